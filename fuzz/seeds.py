@@ -26,6 +26,17 @@ f 1/1/1 2/1/1 \\
   4/1/1
 """
 
+OFF = b"""COFF
+4 2 5 # two faces
+0 0 0 255 0 0 255
+1 0 0 255 0 0 255
+1 1.5e0 0 0 0 0 0
+0 1e-3 +1 0 0 0 0
+
+3 0 1 2
+4 0 1 2 3 0.5 0.5 0.5
+"""
+
 
 def glb(document, binary):
     text = json.dumps(document).encode()
@@ -107,6 +118,7 @@ def main():
             json.dumps(document).encode() + b"\n===\n" + binary, json.dumps(inside).encode(), glb(whole, binary)],
         "ply": [ply("ascii"), ply("ascii").replace(b"\n", b"\r\n"), ply("binary_little_endian"), ply("binary_big_endian")],
         "stl": [*stl("a"), *stl("solid b"), stl("a")[0] + stl("b")[0].upper()],
+        "off": [OFF, OFF.replace(b"\n", b"\r\n"), OFF.replace(b"COFF\n4 2 5", b"OFF4 2"), b"OFF BINARY\n"],
         "number": [b"1", b"-0.5e-10", b"+.1E+308", b"123456789012345678901234567890.5", b"1e-400", b"-2147483648"],
         "stored": [path.read_bytes() for path in trees],
         "lists": [

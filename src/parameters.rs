@@ -7,6 +7,7 @@ use clap::builder::{OsStringValueParser, TypedValueParser};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use self::heading::{CLUSTERS, COMPARISON, HIERARCHIES, OUTPUTS, REMESH};
 pub use self::levels::Levels;
 pub use self::subdivide::Subdivide;
 use crate::cluster::hierarchy::Pairs;
@@ -17,27 +18,49 @@ use crate::device::dual_edge::Ties;
 pub use crate::error::names::{self, Name};
 use crate::error::{Error, Result};
 
+/// Headings of the help, under which flags are grouped.
+pub mod heading {
+    /// What is read.
+    pub const INPUT: &str = "Input";
+    /// What clusters are like.
+    pub const CLUSTERS: &str = "Clusters";
+    /// What is written.
+    pub const OUTPUTS: &str = "Outputs";
+    /// What hierarchies are like.
+    pub const HIERARCHIES: &str = "Hierarchies";
+    /// What a remesh is like.
+    pub const REMESH: &str = "Remesh";
+    /// What is not accepted.
+    pub const LIMITS: &str = "Limits";
+    /// What the paper does otherwise.
+    pub const COMPARISON: &str = "Comparison with the paper";
+}
+
 /// The parameters of a job. Flags, query parameters and JSON members have the same names and meanings.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
-    /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; pml
-    /// (parallel multilevel), ml (multilevel) and hr (hierarchical, one merge a step and no optimisation) make
-    /// hierarchies; acvd (Valette & Chassery 2004) and vc (variational clustering, Cohen-Steiner et al. 2004) make flat
-    /// clusters one face after the other on the cpu, to compare with
-    #[arg(long, value_enum, default_value_t)]
+    /// How to cluster: bb makes flat clusters, pml a hierarchy
+    ///
+    /// bb is boundary-based clustering (Parallel Mesh Clustering, section 3). pml (parallel multilevel), ml
+    /// (multilevel) and hr (hierarchical, one merge a step and no optimisation) make hierarchies. acvd (Valette &
+    /// Chassery 2004) and vc (variational clustering, Cohen-Steiner et al. 2004) make flat clusters one face after the
+    /// other on the cpu, to compare with.
+    #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub algorithm: Algorithm,
 
     /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
-    #[arg(long, short = 'k', value_name = "K", allow_negative_numbers = true)]
+    // the command line has a list of them
+    #[arg(skip)]
     #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
-    /// How much time to take for how low an energy, for bb and pml: fast (bb stops after 3 iterations on the faces and
-    /// does not refine, then swaps clusters as long as that pays), default (where swaps pay, also tries another start,
-    /// and merges and splits that pay later), or best (also optimises its start further, and goes on as long as the
-    /// energy falls)
-    #[arg(long, value_enum, default_value_t)]
+    /// How much time to take for how low an energy, for bb and pml
+    ///
+    /// With fast, bb stops after 3 iterations on the faces and does not refine, then swaps clusters as long as that
+    /// pays. The default also tries another start where swaps pay, and merges and splits that pay later. best also
+    /// optimises its start further, and goes on as long as the energy falls.
+    #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub quality: Quality,
 
     /// Where flat clusters start: coarse (begins with 33 percent more clusters on a coarser mesh, 20 with quality fast
@@ -47,88 +70,92 @@ pub struct Parameters {
         long,
         default_value_t,
         value_name = "coarse|morton|random|file:PATH",
+        help_heading = CLUSTERS,
+        hide_short_help = true,
         value_parser = OsStringValueParser::new().try_map(Seeds::from_argument)
     )]
     #[schema(value_type = String, example = "coarse")]
     pub seeds: Seeds,
 
     /// Number that the random choices of seeds are drawn from
-    #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true, help_heading = CLUSTERS,
+          hide_short_help = true)]
     pub seed: u64,
 
     /// Stop a flat clustering after this many iterations, converged or not, and without moves of whole clusters; when
     /// left out, unlimited, and 3 with quality fast, which moves whole clusters all the same
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = COMPARISON, hide_short_help = true)]
     pub max_iterations: Option<u32>,
 
     /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is; acvd and
     /// vc have nothing to refine, and flat clusterings with quality fast do not
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = COMPARISON, hide_short_help = true)]
     pub refine: Refine,
 
     /// Accept clusters in several pieces, as the optimisation left them
-    #[arg(long)]
+    #[arg(long, help_heading = CLUSTERS, hide_short_help = true)]
     pub allow_disconnected: bool,
 
     /// Join separate parts where they are nearest, as if they shared an edge: one tree over all of them, or fewer
     /// clusters than parts
-    #[arg(long)]
+    #[arg(long, help_heading = CLUSTERS, hide_short_help = true)]
     pub bridge_components: bool,
 
     /// Keep the labels at iterations of a flat clustering: N for every N-th, or a list, 0,6,46 (a single one with a
     /// comma behind it); 0 is the initial growth
-    #[arg(long, value_name = "N|LIST")]
+    #[arg(long, value_name = "N|LIST", help_heading = OUTPUTS, hide_short_help = true)]
     pub snapshots: Option<Snapshots>,
 
     /// Divide every triangle into four so many times before it is clustered, or (auto) until there are 30 faces a
     /// cluster: for the remesh of a coarse mesh by a flat clustering. There are no labels of faces then
-    #[arg(long, value_name = "N|auto")]
+    #[arg(long, value_name = "N|auto", help_heading = REMESH, hide_short_help = true)]
     pub subdivide: Option<Subdivide>,
 
     /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square,
     /// kept within a factor of 100 of it) to this power; from 0, which is nothing, to 10
-    #[arg(long, value_name = "G", allow_negative_numbers = true)]
+    #[arg(long, value_name = "G", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
     #[schema(minimum = 0, maximum = 10)]
     pub curvature_exponent: Option<f64>,
 
     /// glTF: multiply areas by this attribute of the vertices, a number above 0 each; its name begins with an
     /// underscore
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help_heading = CLUSTERS, hide_short_help = true)]
     pub weight_attribute: Option<String>,
 
     /// Hierarchies: optimise after the merges of a round, or not, which gives a strictly nested tree; hr never does.
     /// Rounds of pml do so once clusters have 4 faces on average, with quality best from the first on; levels and the
     /// end always
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = HIERARCHIES, hide_short_help = true)]
     pub optimize: Optimize,
 
     /// Hierarchies: at most this many iterations in a round that is optimised, except at levels and at the end; when
     /// left out, 2 in parallel rounds (1 with quality fast, 16 with best) and as many as it takes in those of ml
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = HIERARCHIES, hide_short_help = true)]
     #[schema(minimum = 1)]
     pub optimize_iterations: Option<u32>,
 
     /// pml: go on as ml, one merge a step, once this many clusters or fewer are left
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = HIERARCHIES, hide_short_help = true)]
     #[schema(minimum = 1)]
     pub switch_to_ml_at: Option<u64>,
 
     /// ml, hr and pml after its switch: merge this percentage of the clusters a step, the cheapest pairs first, instead
     /// of one pair; above 0, at most 50
-    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, help_heading = COMPARISON,
+          hide_short_help = true)]
     #[schema(exclusive_minimum = 0, maximum = 50)]
     pub collapse_fraction: Option<f64>,
 
     /// Hierarchies: which of equally cheap pairs merges first
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = COMPARISON, hide_short_help = true)]
     pub ties: Ties,
 
     /// pml: which of the pairs that chose each other merge in a round
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = COMPARISON, hide_short_help = true)]
     pub pairs: Pairs,
 
     /// Hierarchies: numbers of clusters to stop at on the way and to optimise at until no move is left
-    #[arg(long, value_name = "K1,K2,…")]
+    #[arg(long, value_name = "K1,K2,…", help_heading = HIERARCHIES, hide_short_help = true)]
     pub levels: Option<Levels>,
 }
 

@@ -61,7 +61,7 @@ def cluster(
     levels: Union[Sequence[int], str, None] = None,
     device: Device = "auto",
     adapter: Optional[str] = None,
-    format: Optional[Literal["obj", "glb", "gltf", "ply", "stl"]] = None,
+    format: Optional[Literal["obj", "glb", "gltf", "ply", "stl", "off"]] = None,
     max_faces: Optional[int] = None,
     max_faces_per_byte: Optional[int] = None,
     max_upload_bytes: Optional[int] = None,
@@ -78,7 +78,7 @@ def cluster(
         Positions in any unit of length, float32 or float64; an array that is contiguous and aligned is not copied. Or
         with `faces` left out: a ``pyvista.PolyData``, ``trimesh.Trimesh``, ``trimesh.Scene`` (its meshes in the order
         of ``to_mesh()``, each at its place), ``open3d.geometry.TriangleMesh``, ``meshio.Mesh`` or `tesserae_mesh.Mesh`,
-        or the name of an OBJ, GLB, glTF, PLY or STL file.
+        or the name of an OBJ, GLB, glTF, PLY, STL or OFF file.
     faces : array_like or tuple, optional
         Polygons: integers of shape (F, n), F faces of n corners; VTK's padded array of one dimension; or a tuple of
         offsets (F + 1) and corners. A single integer after a mesh or path is `clusters`.
@@ -134,7 +134,7 @@ def cluster(
         Where to cluster; labels do not depend on it.
     adapter : str, optional
         Which gpu: its number, or a part of its name, as ``tesserae devices`` lists them.
-    format : {"obj", "glb", "gltf", "ply", "stl"}, optional
+    format : {"obj", "glb", "gltf", "ply", "stl", "off"}, optional
         Format of a file; by its name, then by its content when left out.
     max_faces : int, optional
         Largest number of faces that is accepted; 50,000,000 when left out.

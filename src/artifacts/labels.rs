@@ -13,13 +13,13 @@ pub static LABELS: Artifact = Artifact {
     name: "labels",
     about: "The cluster of each face, in upload order.",
     needs: &[Need::Labels, Need::Faces],
-    forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN],
+    forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN, LABELS_TXT, LABELS_CSV],
     choices: &[],
     flags: &[Flag {
         name: "--labels",
         value: "OUT",
-        help: "Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard \
-               output",
+        help: "Where to write the labels: OUT.npy, OUT.txt (a number a line, as METIS writes), OUT.csv, OUT.json, \
+               OUT.bin (u32, little-endian), or - for JSON on standard output",
     }],
     is_served: true,
 };
@@ -41,7 +41,15 @@ pub const LABELS_NPY: Form =
 pub const LABELS_BIN: Form =
     Form { file: "labels.bin", media_type: "application/octet-stream", is_stored: false, schema: None, encode: raw };
 
-/// Labels as JSON; the two other formats hold the same numbers.
+/// A number a line, as METIS writes partitions.
+pub const LABELS_TXT: Form =
+    Form { file: "labels.txt", media_type: "text/plain", is_stored: false, schema: None, encode: text };
+
+/// A table with the columns `face` and `cluster`.
+pub const LABELS_CSV: Form =
+    Form { file: "labels.csv", media_type: "text/csv", is_stored: false, schema: None, encode: csv };
+
+/// Labels as JSON; the other formats hold the same numbers.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 pub struct Labels<'a> {
     /// Number of clusters.
@@ -102,6 +110,19 @@ fn raw<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     Ok(Box::new(move |out| write_u32(out, labels)))
 }
 
+fn text<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let labels = given(content.labels)?.labels;
+    Ok(Box::new(move |out| labels.iter().try_for_each(|label| writeln!(out, "{label}"))))
+}
+
+fn csv<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let labels = given(content.labels)?.labels;
+    Ok(Box::new(move |out| {
+        writeln!(out, "face,cluster")?;
+        labels.iter().enumerate().try_for_each(|(face, label)| writeln!(out, "{face},{label}"))
+    }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,6 +142,13 @@ mod tests {
         assert_eq!(&bytes[bytes.len() - 8..], [7, 0, 0, 0, 0, 0, 0, 128]);
         assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
         assert_eq!(written(&LABELS_BIN, labels), bytes[bytes.len() - 8..]);
+    }
+
+    #[test]
+    fn text_has_a_number_a_line_and_csv_its_face_too() {
+        let labels = Labels::new(3, &[0, 2, 1]);
+        assert_eq!(written(&LABELS_TXT, labels), b"0\n2\n1\n");
+        assert_eq!(written(&LABELS_CSV, labels), b"face,cluster\n0,0\n1,2\n2,1\n");
     }
 
     #[test]

@@ -29,14 +29,15 @@ const MOST_FOR_HIERARCHY: u64 = 1_000_000;
 /// Arguments of `tesserae bench`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Measures flat clusterings and whole hierarchies of samples of growing size, and of the meshes that are named: the time
-of reading, topology, transfers and clustering, the gpu's own times of its passes (timestamp queries), the dispatches of
-each kernel, and a pass over all faces (sums and lists from labels) beside the card's own copies. Labels of a gpu that
-differ from the cpu's are an error. Sizes that do not fit are reported as such. Needs no network and no other file.
+Measures flat clusterings and whole hierarchies of samples of growing size, and of the meshes that are named: the \
+time of reading, topology, transfers and clustering, the gpu's own times of its passes (timestamp queries), the \
+dispatches of each kernel, and a pass over all faces (sums and lists from labels) beside the card's own copies. \
+Labels of a gpu that differ from the cpu's are an error. Sizes that do not fit are reported as such. Needs no \
+network and no other file.
 
 Examples:
   tesserae bench --device gpu --markdown gpu.md --json gpu.json
-  tesserae bench --device gpu --mesh bunny.glb:1000 --mesh armadillo.glb:2000 --faces 1000000
+  tesserae bench --device gpu --mesh bunny.glb:1000 --mesh horse.obj:2000
   tesserae bench --device cpu --faces 100000,1000000")]
 pub struct Arguments {
     #[command(flatten)]
@@ -123,9 +124,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let is_auto = arguments.device.choice().is_auto();
     let faces_for_gpu = if is_auto { arguments.tuning.faces_for_gpu.into() } else { 0 };
     let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to, faces_for_gpu };
-    let progress = Progress::new(None);
+    let mut progress = Progress::new(None, false);
     let work = work(sizes, &arguments.meshes);
-    let (measurements, outcome) = bench::run(&work, device.as_mut(), plan, &cancel, &mut |stage| progress.stage(stage));
+    let (measurements, outcome) =
+        bench::run(&work, device.as_mut(), plan, &cancel, &mut |stage| progress.stage(stage, 0.0..1.0));
     progress.finish();
     if measurements.rows.is_empty() {
         outcome?;

@@ -6,7 +6,8 @@ use serde_json::json;
 
 use super::files::Source;
 use super::results::{OfHierarchy, Outputs, check_places};
-use super::{Failure, print_line, say, signals};
+use super::summary::{Balance, count, number};
+use super::{Failure, Quiet, print_line, say, signals};
 use crate::artifacts::{Content, Labels, Need};
 use crate::hierarchy::Cut;
 use crate::hierarchy::stored::{self, Header, Stored};
@@ -16,14 +17,15 @@ use crate::mesh::Limits;
 /// Arguments of `tesserae cut`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A number of clusters that a round of the run ended with gives the labels that the run had there, as does every number
-that was asked for with --levels. Any other takes the last round before it and applies the next round's cheapest merges.
-One line says which of the two it was, and the energy; --report writes the same as JSON, with where the hierarchy comes
-from.
+A number of clusters that a round of the run ended with gives the labels that the run had there, as does every \
+number of --levels. Any other takes the last round before it and applies the next round's cheapest merges. One line \
+says which of the two it was, and the energy; --report writes the same as JSON, with where the hierarchy comes from. \
+`tesserae export` makes meshes of the clusters.
 
 Examples:
-  tesserae cut horse.tsr --clusters 750 --labels horse-750.npy
-  tesserae cut horse.tsr --hierarchy horse-top.json --max-clusters 100")]
+  tesserae cut horse.tsr -k 750 -o horse-750.npy
+  tesserae cut horse.tsr --hierarchy horse-top.json --max-clusters 100
+  tesserae export horse.obj --hierarchy horse.tsr -k 750 -o horse-750.glb")]
 pub struct Arguments {
     /// The hierarchy, as `tesserae cluster --hierarchy OUT.tsr` wrote it, or - for standard input
     #[arg(value_name = "HIERARCHY.tsr")]
@@ -39,6 +41,9 @@ pub struct Arguments {
     /// Largest number of faces that is accepted
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
     max_faces: u64,
+
+    #[command(flatten)]
+    quiet: Quiet,
 }
 
 /// Reads, cuts, writes, and says in one line what came out.
@@ -75,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             _ => file.write(&content, &input)?,
         }
     }
-    match cut.map(|(_, cut)| summary(&cut)) {
+    match cut.filter(|_| !arguments.quiet.quiet).map(|(_, cut)| summary(&cut)) {
         Some(line) if outputs.use_stdout() => {
             say(&line);
             Ok(())
@@ -93,7 +98,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
     match arguments.clusters {
         None if of_cut.is_some() => return usage("--clusters is missing: say how many clusters you want"),
         None if outputs.files().is_empty() => {
-            return usage("no output is named: give --clusters and --labels, --hierarchy or --linkage");
+            return usage("no output is named: give --clusters and -o OUT.npy, or --hierarchy or --linkage");
         }
         _ => {}
     }
@@ -124,11 +129,12 @@ fn summary(cut: &Cut) -> String {
         (0, more) => format!("the {more} cheapest merges of round 1"),
         (round, more) => format!("the state after round {round} and the {more} cheapest merges of the next"),
     };
+    let balance = Balance::of(&cut.labels, cut.clusters()).map(|balance| format!("{balance}, ")).unwrap_or_default();
     format!(
-        "{} faces, {} clusters, energy {:.9e}, {}: {state}",
-        cut.labels.len(),
-        cut.clusters(),
-        cut.energy,
+        "{} clusters of {} faces, {balance}energy {}, {}: {state}",
+        count(cut.clusters()),
+        count(cut.labels.len() as u64),
+        number(cut.energy),
         cut.kind()
     )
 }

@@ -11,7 +11,7 @@ pub struct DeviceArguments {
     pub device: DeviceChoice,
 
     /// Which gpu: its number, or a part of its name, as `tesserae devices` lists them; no other device will do then
-    #[arg(long, env = "TESSERAE_ADAPTER", value_name = "INDEX|NAME")]
+    #[arg(long, env = "TESSERAE_ADAPTER", value_name = "INDEX|NAME", hide_short_help = true)]
     pub adapter: Option<String>,
 }
 

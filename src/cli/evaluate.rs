@@ -28,7 +28,7 @@ enum What {
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = format!("\
-Meshes are found by name: {} files whose names contain bunny, horse or armadillo. A gpu takes part where
+Meshes are found by name: {} files whose names contain bunny, horse or armadillo. A gpu takes part where \
 there is one; software drivers are none.
 
 Example:
@@ -61,9 +61,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.check()?;
     figure.check()?;
     let cancel = signals::cancel_when_asked();
-    let progress = Progress::new(None);
+    let mut progress = Progress::new(None, false);
     let mut devices = Devices::new(gpu(paper.software_gpu)?);
-    let mut on_stage = |stage: String| progress.stage(stage);
+    let mut on_stage = |stage: String| progress.stage(stage, 0.0..1.0);
     let evaluation = evaluate::paper(&paper.meshes, &mut devices, paper.repeats, &cancel, &mut on_stage)?;
     progress.finish();
     figure.write(|out| out.write_all(evaluation.figure.as_bytes()))?;

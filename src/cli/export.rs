@@ -4,14 +4,15 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use super::files::Source;
-use super::mesh_file::MeshFile;
+use super::inputs::{LimitFlags, MeshFile, OneMesh};
 use super::results::{ChoiceFlags, OfMesh, OutputFiles, check_places, places, use_stdout};
-use super::{Failure, print_line, say, signals};
+use super::summary::count;
+use super::{Failure, Quiet, print_line, say, signals};
 use crate::artifacts::{Choices, Content, Labels};
 use crate::error::Error;
 use crate::hierarchy::stored;
 use crate::job::parse_labels;
-use crate::mesh::{self, Limits, PolygonMesh};
+use crate::mesh::{self, PolygonMesh};
 
 /// Arguments of `tesserae export`.
 #[derive(Debug, clap::Args)]
@@ -19,11 +20,11 @@ use crate::mesh::{self, Limits, PolygonMesh};
 Labels are one whole number a face, in the order of the file; cluster 7 has the faces with label 7.
 
 Examples:
-  tesserae export horse.obj --labels horse.npy --mesh horse.glb
-  tesserae export horse.obj --hierarchy horse.tsr -k 750 --mesh horse-750.ply --submeshes horse-750.zip")]
+  tesserae export horse.obj --labels horse.npy -o horse-clusters.glb
+  tesserae export horse.obj --hierarchy horse.tsr -k 750 -o horse.zip")]
 pub struct Arguments {
     #[command(flatten)]
-    mesh: MeshFile,
+    mesh: OneMesh,
 
     /// The labels: a .npy file with one whole number a face, or - for standard input
     #[arg(long, value_name = "IN.npy", required_unless_present = "hierarchy")]
@@ -43,28 +44,30 @@ pub struct Arguments {
     #[command(flatten)]
     choices: ChoiceFlags,
 
-    /// Largest number of faces that is accepted
-    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
-    max_faces: u64,
+    #[command(flatten)]
+    limits: LimitFlags,
 
-    /// Largest number of bytes that is accepted, the mesh and its buffers together
-    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", default_value_t = Limits::default().max_bytes)]
-    max_upload_bytes: u64,
+    #[command(flatten)]
+    quiet: Quiet,
 }
 
 /// Reads, writes, and says in one line what there was.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let choices = check(arguments)?;
     signals::cancel_when_asked();
-    let input = arguments.mesh.source();
-    let mesh = read_mesh(arguments, &input)?;
+    let file = arguments.mesh.file();
+    let input = &file.source;
+    let mesh = read_mesh(arguments, &file)?;
     let (labels, clusters) = read_labels(arguments, mesh.faces.len())?;
     let labels = Labels::new(clusters, &labels);
     let remesh = OnceLock::new();
     let content =
         Content { labels: Some(labels), mesh: Some(&mesh), choices, remesh: Some(&remesh), ..Content::default() };
-    arguments.outputs.iter().try_for_each(|file| file.write(&content, &input))?;
-    let summary = format!("{} faces, {clusters} clusters", mesh.faces.len());
+    arguments.outputs.iter().try_for_each(|file| file.write(&content, input))?;
+    if arguments.quiet.quiet {
+        return Ok(());
+    }
+    let summary = format!("{} clusters of {} faces", count(clusters), count(mesh.faces.len() as u64));
     if use_stdout(&arguments.outputs) {
         say(&summary);
         Ok(())
@@ -84,11 +87,11 @@ fn labels_source(arguments: &Arguments) -> (&'static str, Source) {
 fn check(arguments: &Arguments) -> Result<Choices, Failure> {
     let usage = |message: &str| Err(Failure::Usage("export", message.to_owned()));
     if arguments.outputs.is_empty() {
-        return usage("no output is named: give --mesh, --submeshes or another output");
+        return usage("no output is named: give -o OUT.glb, --mesh, --submeshes or another output");
     }
     let choices = arguments.choices.choices("export", &arguments.outputs)?;
     let (what, labels) = labels_source(arguments);
-    let input = arguments.mesh.source();
+    let input = arguments.mesh.file().source;
     if input == Source::Stdin && labels == Source::Stdin {
         return usage("mesh and labels cannot both come from standard input");
     }
@@ -96,16 +99,12 @@ fn check(arguments: &Arguments) -> Result<Choices, Failure> {
     Ok(choices)
 }
 
-fn read_mesh(arguments: &Arguments, input: &Source) -> Result<PolygonMesh, Failure> {
-    let limits =
-        Limits { max_bytes: arguments.max_upload_bytes, max_faces: arguments.max_faces, max_faces_per_byte: None };
-    let about_input = || Failure::about(input);
-    let bytes = input.read(limits.max_bytes)?;
-    limits.check_bytes(bytes.len() as u64).map_err(about_input())?;
-    let format = arguments.mesh.format(&bytes)?;
+fn read_mesh(arguments: &Arguments, file: &MeshFile) -> Result<PolygonMesh, Failure> {
+    let limits = arguments.limits.limits();
+    let (bytes, format) = file.read(&limits, &mut |_, _| ())?;
     let outputs = places(&arguments.outputs);
-    let resources = arguments.mesh.resources(&outputs);
-    mesh::read(&bytes, format, &*resources, &limits).map_err(about_input())
+    let resources = file.resources(&outputs);
+    mesh::read(&bytes, format, &*resources, &limits).map_err(Failure::about(&file.source))
 }
 
 /// The labels of the faces, and the number of clusters.
@@ -115,12 +114,12 @@ fn read_labels(arguments: &Arguments, faces: usize) -> Result<(Vec<u32>, u64), F
     match arguments.clusters {
         None => {
             // a header, and eight bytes a label
-            let most = arguments.max_faces.saturating_mul(8).saturating_add(1 << 16);
+            let most = arguments.limits.max_faces.saturating_mul(8).saturating_add(1 << 16);
             parse_labels(&source.read(most)?, faces).map_err(about_labels())
         }
         Some(clusters) => {
             let (file, length) = source.open()?;
-            let (_, cut) = stored::cut(file, length, arguments.max_faces, clusters).map_err(about_labels())?;
+            let (_, cut) = stored::cut(file, length, arguments.limits.max_faces, clusters).map_err(about_labels())?;
             if cut.labels.len() != faces {
                 let message = format!("the mesh has {faces} faces, the hierarchy is of another: {}", cut.labels.len());
                 return Err(about_labels()(Error::parameter(message)));

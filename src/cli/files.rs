@@ -77,11 +77,17 @@ impl Source {
 
     /// The whole content, or as much of it as shows that it is more than `max_bytes`. Errors name the source.
     pub fn read(&self, max_bytes: u64) -> Result<Vec<u8>, Failure> {
+        self.read_with(max_bytes, &mut |_, _| ())
+    }
+
+    /// As [`read`](Self::read). Calls `on_read` with the bytes read so far and the length of the file, 0 where it is
+    /// unknown.
+    pub fn read_with(&self, max_bytes: u64, on_read: &mut dyn FnMut(u64, u64)) -> Result<Vec<u8>, Failure> {
         match self {
-            Source::Stdin => read_all(io::stdin().lock(), 0, max_bytes),
+            Source::Stdin => read_all(io::stdin().lock(), 0, max_bytes, on_read),
             Source::File(path) => File::open(path).and_then(|file| {
                 let length = file.metadata()?.len();
-                read_all(file, length, max_bytes)
+                read_all(file, length, max_bytes, on_read)
             }),
         }
         .map_err(|error| self.cannot_read(error))
@@ -92,14 +98,28 @@ impl Source {
     }
 }
 
+/// Bytes between two calls of `on_read`.
+const STEP: u64 = 1 << 22;
+
 /// At most one byte more than `max_bytes`.
-fn read_all(from: impl Read, expected: u64, max_bytes: u64) -> io::Result<Vec<u8>> {
+fn read_all(
+    mut from: impl Read,
+    expected: u64,
+    max_bytes: u64,
+    on_read: &mut dyn FnMut(u64, u64),
+) -> io::Result<Vec<u8>> {
     let most = max_bytes.saturating_add(1);
     let mut bytes = Vec::new();
     bytes
         .try_reserve_exact(usize::try_from(expected.min(most)).unwrap_or(usize::MAX))
         .map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
-    from.take(most).read_to_end(&mut bytes)?;
+    while (bytes.len() as u64) < most {
+        let step = STEP.min(most - bytes.len() as u64);
+        if from.by_ref().take(step).read_to_end(&mut bytes)? == 0 {
+            break;
+        }
+        on_read(bytes.len() as u64, expected);
+    }
     Ok(bytes)
 }
 
@@ -194,6 +214,13 @@ impl Target {
     }
 
     fn cannot_write(&self, error: io::Error) -> Failure {
+        if let Target::File(path) = self
+            && error.kind() == io::ErrorKind::NotFound
+            && !folder(path).exists()
+        {
+            let message = format_args!("cannot write: the folder {} does not exist", Shown(folder(path)));
+            return Failure::about(self)(Error::new(Kind::Io, message));
+        }
         Failure::about(self)(Error::io("cannot write", error))
     }
 }

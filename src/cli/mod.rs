@@ -1,24 +1,27 @@
 //! The command line.
 //!
-//! One file a command, those of the service in `service`; what they share is in `device`, `files`, `places`, `results`,
-//! `progress` and `signals`. Exit status: 0; 2 for a command line that is wrong in itself, with the parser's form of
-//! message (`error: …`, the usage of the command, a hint at `--help`); 1 for everything else, with one line on standard
-//! error that begins with `tesserae: ` (graphics drivers may add lines of their own). Progress goes to standard error,
-//! and only to a terminal. A reader of standard output that stops reading before the end gives status 1 without a
-//! message.
+//! One file a command, those of the service in `service`; what they share is in `device`, `inputs`, `files`, `places`,
+//! `results` (with `by_extension` and `patterns`), `summary`, `progress` and `signals`. Exit status: 0; 2 for a
+//! command line that is wrong in itself, with the parser's form of message (`error: …`, the usage of the command, a
+//! hint at `--help`); 1 for everything else, with one line on standard error that begins with `tesserae: ` (graphics
+//! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
+//! output that stops reading before the end gives status 1 without a message.
 //!
 //! A message begins with the name of the program and, where it is about an input, with the name of that file
 //! ([`Failure::about`]). Parameters are spelled as flags ([`names::spell_as_flags`]).
 
 mod bench;
+mod by_extension;
 mod cluster;
+mod completions;
 mod cut;
 mod device;
 mod devices;
 mod evaluate;
 mod export;
 mod files;
-mod mesh_file;
+mod inputs;
+mod patterns;
 mod places;
 mod plot;
 mod progress;
@@ -27,6 +30,7 @@ mod sample;
 #[cfg(feature = "service")]
 mod service;
 mod signals;
+mod summary;
 
 use std::error::Error as _;
 use std::ffi::OsString;
@@ -42,26 +46,46 @@ use crate::error::{Error, Kind, what_it_must_be};
 use crate::memory;
 use crate::parameters::names;
 
+/// The first steps.
+macro_rules! examples {
+    () => {
+        "\
+Examples:
+  tesserae sample knot --faces 100000 knot.glb
+  tesserae cluster knot.glb -k 500 -o knot.npy -o knot-500.glb
+  tesserae cluster knot.glb --algorithm pml -o knot.tsr
+  tesserae cut knot.tsr -k 250 -o knot-250.npy
+  tesserae export knot.glb --labels knot-250.npy -o knot-250.ply"
+    };
+}
+
 /// The command line of `tesserae`.
 #[derive(Debug, Parser)]
-#[command(name = "tesserae", version, about, max_term_width = 110, after_help = EXAMPLES)]
+#[command(name = "tesserae", version, about = ABOUT, max_term_width = COLUMNS, after_help = EXAMPLES)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
 }
 
-const EXAMPLES: &str = "\
-Examples:
-  tesserae sample knot --faces 100000 knot.glb
-  tesserae cluster knot.glb --clusters 500 --labels knot.npy --report knot.json
-  tesserae cluster knot.glb --algorithm pml --hierarchy knot.tsr
-  tesserae cut knot.tsr --clusters 250 --labels knot-250.npy
-  tesserae export knot.glb --labels knot-250.npy --mesh knot-250.ply
-  tesserae serve";
+/// What is in this program.
+const ABOUT: &str = match (cfg!(feature = "service"), cfg!(feature = "gpu")) {
+    (true, true) => "Clusters the faces of polygon meshes, on the CPU or GPU: a command line and a service",
+    (true, false) => "Clusters the faces of polygon meshes, on the CPU: a command line and a service",
+    (false, true) => "Clusters the faces of polygon meshes, on the CPU or GPU",
+    (false, false) => "Clusters the faces of polygon meshes, on the CPU",
+};
+
+/// Columns of the help at most.
+const COLUMNS: usize = 98;
+
+#[cfg(feature = "service")]
+const EXAMPLES: &str = concat!(examples!(), "\n  tesserae serve");
+#[cfg(not(feature = "service"))]
+const EXAMPLES: &str = examples!();
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Cluster the faces of a mesh file
+    /// Cluster the faces of mesh files
     Cluster(Box<cluster::Arguments>),
     /// Take labels at any number of clusters from a hierarchy that `cluster` wrote
     Cut(Box<cut::Arguments>),
@@ -80,6 +104,18 @@ enum Command {
     Sample(sample::Arguments),
     /// List every device, usable or why not, and which one `--device auto` takes
     Devices(devices::Arguments),
+    /// Write what makes a shell complete this command line
+    Completions(completions::Completions),
+    /// Write the manual page of this program or of a command
+    Man(completions::Man),
+}
+
+/// Whether a command says what it did.
+#[derive(Debug, Clone, Copy, clap::Args)]
+struct Quiet {
+    /// Say nothing but errors: no progress, no warnings, no summary
+    #[arg(long, short)]
+    quiet: bool,
 }
 
 /// Runs the command that the arguments of this process name.
@@ -106,7 +142,7 @@ pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             complain(&signals::stopped());
             1
         }
-        Err(Failure::BrokenPipe) => 1,
+        Err(Failure::Said | Failure::BrokenPipe) => 1,
     }
 }
 
@@ -131,6 +167,8 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Service(command) => service::run(command),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
+        Command::Completions(arguments) => completions::complete(&arguments),
+        Command::Man(arguments) => completions::man(&arguments),
     }
 }
 
@@ -162,6 +200,8 @@ enum Failure {
     Usage(&'static str, String),
     /// Anything else.
     Failed(Error),
+    /// Some of several inputs failed, and each was complained about.
+    Said,
     /// A signal asked the command to stop.
     Stopped,
     /// The reader of standard output closed it before the end.

@@ -1,6 +1,7 @@
 //! Whether two names on the command line mean one file, however they are spelled: no result may replace another one, or
 //! what it was made from.
 
+use std::collections::HashMap;
 use std::fs::{self, Metadata};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -14,19 +15,48 @@ pub type Output<'a> = (&'static str, &'a Target);
 
 /// Refuses outputs that go to one place, and outputs that go where an input (after what it is) comes from.
 pub fn check(inputs: &[(&str, &Source)], outputs: &[Output<'_>]) -> Result<(), String> {
-    for (nth, (flag, target)) in outputs.iter().enumerate() {
+    let mut read = Names::default();
+    for (what, source) in inputs {
+        read.insert(Place::of_source(source), what);
+    }
+    let mut written = Names::default();
+    for (flag, target) in outputs {
         let Some(place) = Place::of_target(target) else { continue };
-        let is_here = |other: Option<Place>| other.is_some_and(|other| other.is(&place));
-        let earlier = outputs[..nth].iter().find(|(_, earlier)| is_here(Place::of_target(earlier)));
-        if let Some((earlier, _)) = earlier {
-            return Err(format!("{earlier} and {flag} cannot both go to the same place: {target}"));
+        if let Some(earlier) = written.get(&place) {
+            return Err(match earlier == *flag {
+                true => format!("two outputs of {flag} cannot both go to the same place: {target}"),
+                false => format!("{earlier} and {flag} cannot both go to the same place: {target}"),
+            });
         }
-        let input = inputs.iter().find(|(_, source)| is_here(Place::of_source(source)));
-        if let Some((what, _)) = input {
+        if let Some(what) = read.get(&place) {
             return Err(format!("{flag} would replace {what}, choose another place: {target}"));
         }
+        written.insert(Some(place), flag);
     }
     Ok(())
+}
+
+/// What is at each place.
+#[derive(Default)]
+struct Names<'a> {
+    by_path: HashMap<PathBuf, &'a str>,
+    by_file: HashMap<FileId, &'a str>,
+}
+
+impl<'a> Names<'a> {
+    /// Keeps the first name of a place.
+    fn insert(&mut self, place: Option<Place>, name: &'a str) {
+        let Some(Place { path, file }) = place else { return };
+        self.by_path.entry(path).or_insert(name);
+        if let Some(file) = file {
+            self.by_file.entry(file).or_insert(name);
+        }
+    }
+
+    fn get(&self, place: &Place) -> Option<&'a str> {
+        let of_file = || place.file.as_ref().and_then(|file| self.by_file.get(file));
+        self.by_path.get(&place.path).or_else(of_file).copied()
+    }
 }
 
 /// Buffers beside a mesh, as long as no output would replace them: which they are is known only from the mesh.

@@ -10,8 +10,8 @@ use crate::dev::plot::{Curve, draw};
 /// Arguments of `tesserae plot`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Hierarchies are drawn as energy against the number of clusters, flat clusterings as energy per iteration; of both kinds,
-each gets a panel, with the flat ones as points in the first.
+Hierarchies are drawn as energy against the number of clusters, flat clusterings as energy per iteration; of both \
+kinds, each gets a panel, with the flat ones as points in the first.
 
 Example:
   tesserae plot pml.json hr.json bb.json energies.svg")]

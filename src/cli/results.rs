@@ -1,16 +1,19 @@
 //! The files that outputs go to: the flags of the [table](crate::artifacts::ALL), for every command that has outputs.
 
+use std::ffi::OsStr;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::path::PathBuf;
 
-use clap::{Arg, ArgMatches, Command};
+use clap::{Arg, ArgAction, ArgMatches, Command};
 
-use super::Failure;
+use super::by_extension::{self, FLAG, Named};
 use super::files::{Extension, Source, Target, path_parser};
 use super::places::{self, Output};
-use crate::artifacts::{ALL, Artifact, Choice, Choices, Content, Flag, Form, HIERARCHY_JSON, Need};
+use super::{Failure, patterns};
+use crate::artifacts::{ALL, Artifact, Choice, Choices, Content, Flag, Form, HIERARCHY_JSON, LABELS, Need};
 use crate::hierarchy::json::Limits;
+use crate::parameters::heading;
 use crate::remesh::Placement;
 
 /// Where outputs go, of a command whose outputs may be hierarchies.
@@ -20,16 +23,19 @@ pub struct Outputs<W: Writes> {
     files: OutputFiles<W>,
 
     /// JSON hierarchies: leave out what comes after fewer clusters than this are left
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", help_heading = heading::HIERARCHIES, hide_short_help = true)]
     min_clusters: Option<u64>,
 
     /// JSON hierarchies: leave out what comes before as few clusters as this are left
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", help_heading = heading::HIERARCHIES, hide_short_help = true)]
     max_clusters: Option<u64>,
 }
 
 /// Which outputs a command has flags for.
 pub trait Writes: Debug + Send + Sync + 'static {
+    /// Whether `-o` takes folders, for several meshes.
+    const TAKES_FOLDERS: bool = false;
+
     /// Whether it has those of an output.
     fn writes(artifact: &Artifact) -> bool;
 }
@@ -47,6 +53,8 @@ pub struct OfHierarchy;
 pub struct OfMesh;
 
 impl Writes for OfJob {
+    const TAKES_FOLDERS: bool = true;
+
     fn writes(_: &Artifact) -> bool {
         true
     }
@@ -64,24 +72,29 @@ impl Writes for OfMesh {
     }
 }
 
-/// The requested outputs, in the order of the table.
+/// The requested outputs: those of flags in the order of the table, then those of `-o`.
 #[derive(Debug)]
-pub struct OutputFiles<W>(Vec<OutputFile>, PhantomData<W>);
+pub struct OutputFiles<W> {
+    files: Vec<OutputFile>,
+    /// Folders for labels, report and hierarchy.
+    folders: Vec<PathBuf>,
+    of: PhantomData<W>,
+}
 
 /// Flags of what outputs may choose.
 #[derive(Debug, clap::Args)]
 pub struct ChoiceFlags {
     /// Where the vertices of the remesh are placed
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = heading::REMESH, hide_short_help = true)]
     placement: Option<Placement>,
 
     /// Colour the vertices of OUT.ply instead of its faces, for readers that know no colours of faces, such as Blender:
     /// vertices are split where clusters meet
-    #[arg(long)]
+    #[arg(long, help_heading = heading::OUTPUTS, hide_short_help = true)]
     ply_vertex_colours: bool,
 
     /// Write submeshes as OUT.glb although they are more than readers load within seconds
-    #[arg(long)]
+    #[arg(long, help_heading = heading::OUTPUTS, hide_short_help = true)]
     force: bool,
 }
 
@@ -122,7 +135,15 @@ pub struct OutputFile {
 impl<W: Writes> clap::FromArgMatches for OutputFiles<W> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let flags = flags().filter(|(artifact, _)| W::writes(artifact));
-        Ok(Self(flags.filter_map(|(_, flag)| matches.get_one(flag.long()).cloned()).collect(), PhantomData))
+        let mut files: Vec<OutputFile> = flags.filter_map(|(_, flag)| matches.get_one(flag.long()).cloned()).collect();
+        let mut folders = Vec::new();
+        for named in matches.get_many::<Named>(OUTPUT).into_iter().flatten().cloned() {
+            match named {
+                Named::File(file) => files.push(file),
+                Named::Folder(folder) => folders.push(folder),
+            }
+        }
+        Ok(Self { files, folders, of: PhantomData })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -133,9 +154,21 @@ impl<W: Writes> clap::FromArgMatches for OutputFiles<W> {
 
 impl<W: Writes> clap::Args for OutputFiles<W> {
     fn augment_args(command: Command) -> Command {
+        let parser = path_parser(|path| by_extension::parse(path, W::writes, W::TAKES_FOLDERS));
+        let help = match W::TAKES_FOLDERS {
+            true => {
+                "Where to write; the extension says what: labels (.npy, .txt, .csv), the mesh with its clusters in \
+                 colour (.glb, .ply, .obj, .vtp), a hierarchy (.tsr), the report (.json); or a folder, DIR/, for \
+                 labels, report and hierarchy of each mesh"
+            }
+            false => "Where to write; the extension says what, where only one output has it",
+        };
+        let output = Arg::new(OUTPUT).short('o').long(OUTPUT).value_name("OUT").action(ArgAction::Append);
+        let command = command.arg(output.help(help).help_heading(heading::OUTPUTS).value_parser(parser));
         flags().filter(|(artifact, _)| W::writes(artifact)).fold(command, |command, (artifact, flag)| {
             let parser = path_parser(move |path| OutputFile::parse(artifact, flag, path));
             let argument = Arg::new(flag.long()).long(flag.long()).value_name(flag.value).help(flag.help);
+            let argument = argument.help_heading(heading::OUTPUTS).hide_short_help(!SHORT_HELP.contains(&flag.name));
             command.arg(argument.value_parser(parser))
         })
     }
@@ -144,6 +177,12 @@ impl<W: Writes> clap::Args for OutputFiles<W> {
         Self::augment_args(command)
     }
 }
+
+/// The long name of `-o`.
+const OUTPUT: &str = "output";
+
+/// Flags that the short help has.
+const SHORT_HELP: [&str; 3] = ["--remesh", "--hierarchy", "--report"];
 
 /// Every flag, with what it writes.
 fn flags() -> impl Iterator<Item = (&'static Artifact, &'static Flag)> {
@@ -166,11 +205,25 @@ impl OutputFile {
         };
         match form {
             Some(form) => Ok(Self { flag: flag.name, artifact, form, target }),
+            None if matches!(&target, Target::File(path) if path.is_dir()) => {
+                let forms = forms.first().map_or("", |form| form.extension());
+                Err(format!("it is a folder: give the name of a file in it, as {{name}}.{forms}"))
+            }
             None => {
                 let extensions: Vec<String> = forms.iter().map(|form| format!(".{}", form.extension())).collect();
                 Err(format!("the name must end in {}", extensions.join(" or ")))
             }
         }
+    }
+
+    /// The flag, with the place if it is `-o`, which may be there several times.
+    pub fn named(&self) -> String {
+        if self.flag == FLAG { format!("{FLAG} {}", self.target) } else { self.flag.to_owned() }
+    }
+
+    /// Whether labels are written.
+    pub fn is_labels(&self) -> bool {
+        self.artifact.name == LABELS.name
     }
 
     /// Whether this is made of something.
@@ -188,6 +241,21 @@ impl OutputFile {
         Some(Self { flag: "--snapshots", target: Target::File(path.with_file_name(name)), ..self.clone() })
     }
 
+    /// The same for a mesh of this name and this number of clusters, if there is one: with both in place of their
+    /// patterns.
+    pub fn filled(&self, name: &OsStr, clusters: Option<u64>) -> Self {
+        let target = match &self.target {
+            Target::Stdout => Target::Stdout,
+            Target::File(path) => Target::File(patterns::filled(path, name, clusters)),
+        };
+        Self { target, ..self.clone() }
+    }
+
+    /// Whether its name has a pattern.
+    pub fn has_pattern(&self, pattern: &str) -> bool {
+        matches!(&self.target, Target::File(path) if patterns::has(path, pattern))
+    }
+
     /// Flag and place.
     pub fn place(&self) -> Output<'_> {
         (self.flag, &self.target)
@@ -203,7 +271,7 @@ impl<W> std::ops::Deref for OutputFiles<W> {
     type Target = [OutputFile];
 
     fn deref(&self) -> &[OutputFile] {
-        &self.0
+        &self.files
     }
 }
 
@@ -232,6 +300,16 @@ impl<W: Writes> Outputs<W> {
     /// What is written, in the order of the table.
     pub fn files(&self) -> &[OutputFile] {
         &self.files
+    }
+
+    /// Whether nothing is written.
+    pub fn are_none(&self) -> bool {
+        self.files().is_empty() && self.folders().is_empty()
+    }
+
+    /// Folders for labels, report and hierarchy.
+    pub fn folders(&self) -> &[PathBuf] {
+        &self.files.folders
     }
 
     /// Whether something is written in this form.

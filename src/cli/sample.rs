@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use super::files::{Extension, Shown, Target};
-use super::{Failure, print_line, signals};
+use super::summary::count;
+use super::{Failure, Quiet, print_line, signals};
 use crate::dev::sample::{Sample, generate, write_glb, write_obj};
 use crate::mesh::Format;
 
@@ -12,7 +13,7 @@ use crate::mesh::Format;
 #[command(after_help = "\
 Examples:
   tesserae sample knot --faces 100000 knot.glb
-  tesserae sample quads --faces 5000 - | tesserae cluster - -k 50 --labels labels.npy")]
+  tesserae sample quads --faces 5000 - | tesserae cluster - -k 50 -o q.npy")]
 pub struct Arguments {
     /// The shape
     #[arg(value_enum)]
@@ -26,6 +27,9 @@ pub struct Arguments {
     /// or device whose name says no format gets OBJ
     #[arg(value_name = "OUT")]
     out: PathBuf,
+
+    #[command(flatten)]
+    quiet: Quiet,
 }
 
 /// Writes the mesh and says what was written.
@@ -44,14 +48,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mesh = generate(arguments.name, arguments.faces).map_err(|error| Failure::Usage("sample", error.message))?;
     signals::cancel_when_asked();
     target.write(|out| match format {
-        Format::Obj | Format::Gltf | Format::Ply | Format::Stl => write_obj(out, &mesh),
+        Format::Obj | Format::Gltf | Format::Ply | Format::Stl | Format::Off => write_obj(out, &mesh),
         Format::Glb => write_glb(out, &mesh),
     })?;
-    let Target::File(path) = &target else {
+    let Target::File(path) = &target else { return Ok(()) };
+    if arguments.quiet.quiet {
         return Ok(());
-    };
+    }
     let triangles = if format == Format::Glb && mesh.faces.triangles() != mesh.faces.len() as u64 {
-        format!(", written as {} triangles", mesh.faces.triangles())
+        format!(", written as {} triangles", count(mesh.faces.triangles()))
     } else {
         String::new()
     };
@@ -59,7 +64,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         "{}: {}, {} faces{triangles}, {} vertices",
         Shown(path),
         arguments.name.name(),
-        mesh.faces.len(),
-        mesh.positions.len()
+        count(mesh.faces.len() as u64),
+        count(mesh.positions.len() as u64)
     ))
 }

@@ -10,7 +10,7 @@ use crate::parameters::{Name, Parameters, Subdivide};
 /// Where faces may be polygons, they are taken for two triangles each until they are read.
 pub(super) fn faces(faces: u64, format: Format, parameters: &Parameters) -> u64 {
     let triangles = match format {
-        Format::Obj | Format::Ply => faces.saturating_mul(2),
+        Format::Obj | Format::Ply | Format::Off => faces.saturating_mul(2),
         Format::Glb | Format::Gltf | Format::Stl => faces,
     };
     match parameters.subdivide {

@@ -20,7 +20,7 @@ mod weight_list;
 
 pub use finish::{finish, labels_sha256};
 pub use label_list::parse as parse_labels;
-pub use on_device::{DeviceFor, instead_of_gpu, run_on};
+pub use on_device::{Ahead, DeviceFor, OnDevice, instead_of_gpu, run_on};
 pub use plan::{Coarse, Plan};
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
@@ -175,6 +175,17 @@ pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> 
     open(request, |opened| opened.prepare())?
 }
 
+/// What the second half of [`prepare()`] does next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Preparing {
+    /// Builds the mesh of its bytes.
+    Mesh,
+    /// Finds neighbours, components, the lattice.
+    Surface,
+    /// Finds where clusters start.
+    Start,
+}
+
 /// A job whose mesh was opened ([`mesh::open`]).
 pub struct Opened<'a> {
     mesh: mesh::Opened<'a>,
@@ -212,6 +223,12 @@ impl Opened<'_> {
 
     /// Builds the mesh and its surface: the second half of [`prepare()`]. May run on another thread than [`open`].
     pub fn prepare(self) -> Result<Prepared, Refusal> {
+        self.prepare_telling(&mut |_| ())
+    }
+
+    /// As [`prepare`](Self::prepare). Calls `tell` with each step before it begins.
+    pub fn prepare_telling(self, tell: &mut dyn FnMut(Preparing)) -> Result<Prepared, Refusal> {
+        tell(Preparing::Mesh);
         let foreseen = self.faces();
         let Self { mesh, mut checked, limits, keeps_mesh, .. } = self;
         let (mut mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
@@ -219,7 +236,7 @@ impl Opened<'_> {
         let origin = origin.map_err(Refusal::of(InputFile::Mesh))?.map(Arc::new);
         let warnings = std::mem::take(&mut mesh.warnings);
         let about = About { format: Some(mesh.format), adjusted: mesh.adjusted, parts: mesh.parts.clone() };
-        let prepared = checked.prepare((&mesh).into(), weights_of_attribute, about, warnings)?;
+        let prepared = checked.prepare((&mesh).into(), weights_of_attribute, about, warnings, tell)?;
         Ok(Prepared { mesh: keeps_mesh.then(|| Arc::new(mesh)), origin, ..prepared })
     }
 }

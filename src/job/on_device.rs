@@ -54,7 +54,7 @@ impl DeviceFor<'_> {
     }
 }
 
-/// Opens the device and does what [`run`] does. The cpu does what a gpu computed wrongly, and with `auto` what a gpu
+/// Opens the device and does what [`run()`] does. The cpu does what a gpu computed wrongly, and with `auto` what a gpu
 /// cannot.
 pub fn run_on(
     device: DeviceFor<'_>,
@@ -63,13 +63,36 @@ pub fn run_on(
     cancel: &Cancel,
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Outcome> {
-    match run(prepared, device.open(ahead, prepared)?.as_mut(), cancel, on_row) {
-        Err(error) if error.kind == Kind::DeviceWrong || error.kind == Kind::DeviceUnsuitable && device.is_auto() => {
-            let mut outcome = run(prepared, &mut CpuDevice::new(), cancel, on_row)?;
-            outcome.report.warnings.push(instead_of_gpu(&error));
-            Ok(outcome)
+    OnDevice::open(device, ahead, prepared)?.run(prepared, cancel, on_row)
+}
+
+/// A device that was opened for a mesh, for one job on it or several.
+pub struct OnDevice {
+    device: Box<dyn Device>,
+    is_auto: bool,
+}
+
+impl OnDevice {
+    /// Opens the device for this mesh, unless `ahead` is the right one.
+    pub fn open(device: DeviceFor<'_>, ahead: Ahead, prepared: &Prepared) -> Result<Self> {
+        Ok(Self { device: device.open(ahead, prepared)?, is_auto: device.is_auto() })
+    }
+
+    /// As [`run_on`].
+    pub fn run(
+        &mut self,
+        prepared: &Prepared,
+        cancel: &Cancel,
+        on_row: &mut (dyn FnMut(Row) + Send),
+    ) -> Result<Outcome> {
+        match run(prepared, self.device.as_mut(), cancel, on_row) {
+            Err(error) if error.kind == Kind::DeviceWrong || error.kind == Kind::DeviceUnsuitable && self.is_auto => {
+                let mut outcome = run(prepared, &mut CpuDevice::new(), cancel, on_row)?;
+                outcome.report.warnings.push(instead_of_gpu(&error));
+                Ok(outcome)
+            }
+            outcome => outcome,
         }
-        outcome => outcome,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{InputFile, JobSpec, Plan, Prepared, Refusal, milliseconds, weight_list};
+use super::{InputFile, JobSpec, Plan, Prepared, Preparing, Refusal, milliseconds, weight_list};
 use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
 use crate::parameters::{Name, Parameters, Seeds};
@@ -41,7 +41,7 @@ pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
         ))));
     }
     job.limits.check_faces(job.mesh.faces.len() as u64).map_err(Refusal::of(InputFile::Mesh))?;
-    checked.prepare(job.mesh, None, About::default(), Vec::new())
+    checked.prepare(job.mesh, None, About::default(), Vec::new(), &mut |_| ())
 }
 
 /// Prepares a surface that the caller built of a mesh in memory, such as one of its points; without seeds and weights.
@@ -99,7 +99,9 @@ impl Checked {
         weights_of_attribute: Option<Vec<f64>>,
         about: About,
         warnings: Vec<String>,
+        tell: &mut dyn FnMut(Preparing),
     ) -> Result<Prepared, Refusal> {
+        tell(Preparing::Surface);
         let parsed = Instant::now();
         let are_listed = self.weights.is_some();
         let weights = self.weights.take().or(weights_of_attribute);
@@ -109,6 +111,7 @@ impl Checked {
             let of_weights = are_listed && error.kind == Kind::InvalidParameter;
             Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
         })?;
+        tell(Preparing::Start);
         let mut prepared = self.plan(mesh, surface, parsed, about, warnings)?;
         if are_listed && mesh.faces.len() == mesh.positions.len() {
             prepared.warnings.push(format!(
@@ -135,13 +138,7 @@ impl Checked {
         mut warnings: Vec<String>,
     ) -> Result<Prepared, Refusal> {
         let Self { spec, parameters, started, .. } = self;
-        // from within the pool, as in `where_it_works`
-        let of_seeds = parameters.seeds == Seeds::Listed;
-        let plan = rayon::scope(|_| Plan::new(&surface, spec)).map_err(Refusal::of(if of_seeds {
-            InputFile::Seeds
-        } else {
-            InputFile::Mesh
-        }))?;
+        let plan = plan(&surface, spec, parameters.seeds == Seeds::Listed)?;
         let counts = surface.counts;
         if counts.degenerate_faces > 0 {
             warnings.push(format!("degenerate faces, with two corners at one position: {}", counts.degenerate_faces));
@@ -166,6 +163,25 @@ impl Checked {
         let weighted_by = Vec::new();
         Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh: None, origin: None, timings })
     }
+}
+
+impl Prepared {
+    /// Prepares the same mesh for another number of clusters. Its timings are those of this alone.
+    pub fn with_clusters(&mut self, clusters: u64) -> Result<(), Refusal> {
+        let started = Instant::now();
+        let parameters = Parameters { clusters: Some(clusters), ..self.parameters.clone() };
+        let (spec, parameters) = JobSpec::new(&parameters, None)?;
+        self.plan = plan(&self.surface, spec, false)?;
+        self.parameters = parameters;
+        self.timings = Timings { topology: milliseconds(started.elapsed()), ..Timings::default() };
+        Ok(())
+    }
+}
+
+/// Plans a job, from within the pool, as in [`where_it_works`](super::where_it_works).
+fn plan(surface: &Surface, spec: JobSpec, are_seeds_listed: bool) -> Result<Plan, Refusal> {
+    let file = if are_seeds_listed { InputFile::Seeds } else { InputFile::Mesh };
+    rayon::scope(|_| Plan::new(surface, spec)).map_err(Refusal::of(file))
 }
 
 /// What was read, for the report.

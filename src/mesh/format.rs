@@ -8,7 +8,7 @@ mod foreign;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Reader, gltf, obj, ply, stl};
+use super::{Reader, gltf, obj, off, ply, stl};
 use crate::error::{Error, Kind, Result};
 
 /// A mesh format that is read here.
@@ -25,6 +25,8 @@ pub enum Format {
     Ply,
     /// STL, text or binary.
     Stl,
+    /// OFF of Geomview, text.
+    Off,
 }
 
 /// What is known of a format.
@@ -54,7 +56,7 @@ struct Row {
 }
 
 /// Every format, in the order of [`Format`]'s variants.
-static TABLE: [Row; 5] = [
+static TABLE: [Row; 6] = [
     Row {
         format: Format::Obj,
         extensions: &["obj"],
@@ -136,6 +138,21 @@ static TABLE: [Row; 5] = [
         // a triangle of a binary file
         least_bytes_a_face: 50,
         reader: stl::open,
+    },
+    Row {
+        format: Format::Off,
+        extensions: &["off"],
+        media_types: &["model/off", "model/x-off"],
+        noun: "an OFF",
+        begins_like: "an OFF file",
+        is_it: |head, _| off::is_off(head),
+        check_head: |head, _| off::check_head(head),
+        has_buffers: false,
+        has_attributes: false,
+        is_certain: true,
+        // a triangle of four-digit numbers
+        least_bytes_a_face: 16,
+        reader: off::open,
     },
 ];
 
@@ -291,14 +308,14 @@ mod tests {
         }
         assert_eq!(
             (Format::choice(""), Format::choice(".")),
-            ("obj, glb, gltf, ply or stl".into(), ".obj, .glb, .gltf, .ply or .stl".into())
+            ("obj, glb, gltf, ply, stl or off".into(), ".obj, .glb, .gltf, .ply, .stl or .off".into())
         );
         let with_parameters = Format::from_media_type(" Model/OBJ ; charset=utf-8");
         assert_eq!(with_parameters, Some(Format::Obj));
         assert_eq!(Format::from_media_type("application/octet-stream"), None);
         assert_eq!(Format::from_file_name("obj"), None);
         assert_eq!(Format::from_file_name("mesh.obj.gz"), None);
-        let error = Format::from_name("off").expect_err("not read");
+        let error = Format::from_name("3mf").expect_err("not read");
         assert_eq!(error.kind, Kind::InvalidParameter);
     }
 
@@ -317,6 +334,7 @@ mod tests {
             (b"ply\r\nformat", Format::Ply),
             (b"solid x", Format::Stl),
             (b"SOLID\n", Format::Stl),
+            (b"COFF\n3 1 0\n", Format::Off),
         ] {
             assert_eq!(Format::recognise(None, head, None), Ok(format));
             assert_eq!(Format::recognise(Some("mesh.bin"), head, None), Ok(format));
@@ -325,7 +343,6 @@ mod tests {
         assert_eq!(Format::recognise(Some("a.obj"), b"{}", None), Ok(Format::Obj));
         for (head, word) in [
             (&b"\x1f\x8b\x08"[..], "gzip"),
-            (b"OFF\n", "OFF"),
             (b"plywood", "neither name nor content"),
             (b"solidity", "neither name nor content"),
             (b"<html>", "HTML"),
@@ -359,6 +376,9 @@ mod tests {
             (Format::Ply, b"solid x", "STL"),
             (Format::Stl, b"v 1 2 3", "OBJ"),
             (Format::Stl, b"ply\n", "PLY"),
+            (Format::Off, b"v 1 2 3", "OBJ"),
+            (Format::Off, b"OFFSET", "begin with"),
+            (Format::Obj, b"OFF\n3 1 0", "OFF"),
         ] {
             let error = format.check_head(head, None).expect_err("refused");
             assert_eq!(error.kind, Kind::InvalidMesh);

@@ -18,7 +18,9 @@ mod frame;
 mod gltf;
 pub(crate) mod number;
 mod obj;
+mod off;
 mod ply;
+mod polygons;
 mod resources;
 mod stl;
 mod text;
@@ -183,7 +185,7 @@ impl<'b> Opened<'b> {
     }
 
     /// Number of faces that memory is needed for: the lines that begin like a face of an OBJ, the triangles of a glTF
-    /// or an STL, the rows of a PLY. Of triangle strips in a PLY, as many as their bytes can hold.
+    /// or an STL, the rows of a PLY or an OFF. Of triangle strips in a PLY, as many as their bytes can hold.
     pub fn faces(&self) -> u64 {
         self.faces
     }

@@ -51,7 +51,8 @@ fn numbers_in_the_help_are_those_of_the_code() {
     let command = <Parameters as clap::Args>::augment_args(clap::Command::new("cluster"));
     let help = |id: &str| {
         let argument = command.get_arguments().find(|argument| argument.get_id() == id).expect(id);
-        argument.get_help().expect(id).to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+        let help = argument.get_long_help().or(argument.get_help());
+        help.expect(id).to_string().split_whitespace().collect::<Vec<_>>().join(" ")
     };
     let [fast, default, best] = [Quality::Fast, Quality::Default, Quality::Best];
     let iterations = fast.max_iterations().expect("a limit");

@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn the_best_liked_format_is_chosen() {
-        let [json, npy, raw] = LABELS.forms else { panic!("three forms") };
+        let [json, npy, raw, ..] = LABELS.forms else { panic!("three forms") };
         for (accept, expected) in [
             ("*/*", Some(json)),
             ("application/*", Some(json)),

@@ -45,13 +45,13 @@ fn labels_and_report_agree_in_every_format() {
 fn success_is_one_line_on_standard_output_and_nothing_on_standard_error() {
     let folder = Folder::new();
     folder.sample("sphere", 1000, "sphere.glb");
-    let stdout = folder.run(&["cluster", "sphere.glb", "-k", "12"]).expect_success();
+    let stdout = folder.run(&["cluster", "sphere.glb", "-k", "12", "--labels", "l.npy"]).expect_success();
     let line = String::from_utf8(stdout).expect("text");
     assert_eq!(line.lines().count(), 1);
-    for word in ["1000 faces, 12 clusters, energy ", ", hexagon ratio ", " iterations, ", " s on "] {
+    for word in ["12 clusters of 1,000 faces, largest ", ", energy ", ", hexagon ratio ", " s on "] {
         assert!(line.contains(word), "{line}");
     }
-    assert_eq!(folder.files(), ["sphere.glb"]);
+    assert_eq!(folder.files(), ["l.npy", "sphere.glb"]);
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn wrong_command_lines_are_usage_errors() {
         (&["cluster", "s.obj"], &["clusters", "Usage: tesserae cluster"]),
         (&["cluster", "s.obj", "-k", "0"], &["at least 1"]),
         (&["cluster", "s.obj", "-k", "many"], &["many"]),
-        (&["cluster", "s.obj", "-k", "2", "--labels", "l.txt"], &[".json", ".npy", ".bin", "l.txt"]),
+        (&["cluster", "s.obj", "-k", "2", "--labels", "l.xml"], &[".json", ".npy", ".bin", "l.xml"]),
         (&["cluster", "s.obj", "-k", "2", "--labels", "l"], &[".json", ".npy", ".bin"]),
         (&["cluster", "s.obj", "-k", "2", "--labels", "-", "--report", "-"], &["the same place"]),
         (&["cluster", "s.obj", "-k", "2", "--device", "tpu"], &["auto", "cpu", "gpu"]),
@@ -239,7 +239,7 @@ fn other_failures_are_one_line() {
         (&["cluster", "parts.obj", "-k", "2"], &["12", "2"]),
         (&["cluster", "s.obj", "-k", "2", "--max-faces", "99"], &["--max-faces", "100"]),
         (&["cluster", "s.obj", "-k", "2", "--max-upload-bytes", "50"], &["--max-upload-bytes", "50"]),
-        (&["cluster", "s.obj", "-k", "2", "--labels", "gone/l.npy"], &["cannot write", "gone/l.npy"]),
+        (&["cluster", "s.obj", "-k", "2", "--labels", "gone/l.npy"], &["gone/l.npy: cannot write: the folder gone "]),
     ];
     let before = folder.files();
     for (arguments, words) in cases {

@@ -36,7 +36,7 @@ fn exports_are_what_cluster_writes_for_any_number_of_threads() {
             let mut command = folder.tesserae(&["export", "q.obj", "--labels", "l.npy", &flag, &file]);
             let done = command.env("RAYON_NUM_THREADS", threads).output().expect("the binary runs");
             let said = String::from_utf8_lossy(&done.stdout).into_owned();
-            assert!(said.ends_with(" faces, 30 clusters\n"), "{said}");
+            assert!(said.starts_with("30 clusters of "), "{said}");
             let one = file.replacen("two", "one", 1);
             assert!(folder.read(&file) == folder.read(&one), "{file} differs with {threads} threads");
         }

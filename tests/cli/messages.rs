@@ -123,7 +123,7 @@ fn every_usage_error_looks_as_the_parser_says_it() {
         ("cluster s.obj --no-such-flag", "tesserae cluster "),
         ("cluster s.obj -k many", "tesserae cluster"),
         ("cluster s.obj -k 2 --seeds nowhere", "tesserae cluster"),
-        ("cluster s.obj -k 2 --labels l.txt", "tesserae cluster"),
+        ("cluster s.obj -k 2 --labels l.xml", "tesserae cluster"),
         ("cluster s.obj -k 0", "tesserae cluster "),
         ("cluster s.obj -k 2 --labels s.obj.npy --report s.obj.npy", "tesserae cluster "),
         ("cluster s.obj -k 2 --report s.obj", "tesserae cluster "),

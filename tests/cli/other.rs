@@ -6,7 +6,7 @@ use crate::common::command::Folder;
 fn samples_are_written_in_the_format_of_the_name_or_as_obj_to_standard_output() {
     let folder = Folder::new();
     let said = folder.run(&["sample", "quads", "--faces", "600", "q.glb"]).expect_success();
-    assert_eq!(said, b"q.glb: quads, 600 faces, written as 1200 triangles, 602 vertices\n");
+    assert_eq!(said, b"q.glb: quads, 600 faces, written as 1,200 triangles, 602 vertices\n");
     assert!(folder.read("q.glb").starts_with(b"glTF"));
     let said = folder.run(&["sample", "quads", "--faces", "600", "q.OBJ"]).expect_success();
     assert_eq!(said, b"q.OBJ: quads, 600 faces, 602 vertices\n");

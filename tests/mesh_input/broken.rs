@@ -7,7 +7,7 @@ use tesserae_mesh::mesh::{self, Beside, Format, Limits, NoResources};
 
 use crate::make::{check, data_uri, floats, glb, square};
 use crate::ply_make::{self, ENCODINGS};
-use crate::stl_forms;
+use crate::{off, stl_forms};
 
 /// Reads the bytes as what they are not, too, and checks whatever comes of it.
 fn survive(bytes: &[u8], format: Format) {
@@ -88,13 +88,14 @@ fn sound() -> Vec<(Format, Vec<u8>)> {
         (Format::Glb, glb(&rich, &bytes)),
         (Format::Stl, stl_forms::binary(b"made by a test", &triangles)),
         (Format::Stl, stl_forms::text("a", &triangles).into_bytes()),
+        (Format::Off, off::TEXT.as_bytes().to_vec()),
     ];
     sound.extend(ENCODINGS.map(|encoding| (Format::Ply, ply_make::write(encoding, &elements, "\n"))));
     sound
 }
 
 /// Number of [`sound`] files.
-const SOUND: usize = 9;
+const SOUND: usize = 10;
 
 #[test]
 fn the_sound_files_are_sound() {
@@ -281,6 +282,12 @@ fn deep_and_long_inputs_take_linear_time() {
         (Format::Stl, "solid ", "x"),
         (Format::Stl, "solid\n facet\nouter loop vertex 0 0 ", "0"),
         (Format::Stl, "solid\n", "\r"),
+        (Format::Off, "", "#\n"),
+        (Format::Off, "OFF", "1"),
+        (Format::Off, "OFF\n", "C"),
+        (Format::Off, "OFF 1 1 0\n0 0 0\n900000000", " 0"),
+        (Format::Off, "OFF 1 1 0\n", "0 "),
+        (Format::Off, "OFF 900000000 1 0\n", "0 0 0\n"),
     ] {
         let text = start.to_owned() + &unit.repeat(4_000_000 / unit.len());
         assert!(mesh::read(text.as_bytes(), format, &NoResources, &Limits::default()).is_err());

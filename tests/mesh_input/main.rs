@@ -12,6 +12,7 @@ mod joined;
 mod make;
 mod messages;
 mod obj_forms;
+mod off;
 mod ply_forms;
 mod ply_make;
 mod ply_refused;

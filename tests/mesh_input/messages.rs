@@ -65,7 +65,9 @@ fn containers() -> Vec<Input> {
         ("words called PLY", "mesh.ply", b"polygons\n".to_vec()),
         ("words called STL", "mesh.stl", b"polygons\n".to_vec()),
         ("bytes called STL", "mesh.stl", vec![0xff; 200]),
-        ("OFF", "shape.off", b"OFF\n8 6 12\n".to_vec()),
+        ("an empty OFF file", "mesh.off", Vec::new()),
+        ("OBJ called OFF", "mesh.off", b"v 0 0 0\n".to_vec()),
+        ("words called OFF", "mesh.off", b"polygons\n".to_vec()),
         ("FBX", "scene.fbx", b"Kaydara FBX Binary  \0".to_vec()),
         ("3MF", "print.3mf", b"PK\x03\x04\x14\0......3D/3dmodel.model".to_vec()),
         ("ZIP", "mesh.zip", b"PK\x03\x04\x14\0......mesh.obj".to_vec()),
@@ -242,10 +244,30 @@ fn stl_files() -> Vec<Input> {
     ]
 }
 
+/// OFF files.
+fn off_files() -> Vec<Input> {
+    let text = |what, header: &str, rows: &str| (what, "shape.off", format!("{header}\n{rows}").into_bytes());
+    vec![
+        text("OFF without rows", "OFF", "8 6 12\n"),
+        text("binary OFF", "OFF BINARY", "\0\0\0\u{8}"),
+        text("OFF with zero bytes", "OFF 3 1 0", "0 0 \0\n"),
+        text("OFF of four dimensions", "4OFF", "3 1 0\n"),
+        text("OFF without faces", "OFF 1 0 0", "0 0 0\n"),
+        text("OFF without vertices", "OFF 0 1 0", "0\n"),
+        text("OFF with a number of letters", "OFF", "many 1 0\n"),
+        text("OFF with four numbers", "OFF 3 1 0 1", "0 0 0\n"),
+        text("an OFF vertex of two coordinates", "OFF 1 1 0", "0 0\n3 0 0 0\n"),
+        text("an OFF coordinate that is not finite", "OFF 1 1 0", "0 0 inf\n3 0 0 0\n"),
+        text("an OFF face that ends early", "OFF 1 1 0", "0 0 0\n4 0 0 0\n"),
+        text("an OFF face of no vertex", "OFF 1 1 0", "0 0 0\n3 0 0 1\n"),
+        text("an OFF face of letters", "OFF 1 1 0", "0 0 0\n3 0 0 a\n"),
+    ]
+}
+
 #[test]
 fn messages_are_those_of_the_table() {
-    let inputs = [containers(), documents(), texts(), ply_files(), stl_files()].concat();
-    assert!(inputs.len() >= 110, "{}", inputs.len());
+    let inputs = [containers(), documents(), texts(), ply_files(), stl_files(), off_files()].concat();
+    assert!(inputs.len() >= 120, "{}", inputs.len());
     let mut table = String::new();
     for (what, name, bytes) in inputs {
         let read = Format::recognise(Some(name), &bytes, Some(bytes.len() as u64))

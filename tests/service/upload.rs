@@ -55,6 +55,9 @@ fn stl() -> Vec<u8> {
     bytes
 }
 
+/// Two triangles as OFF.
+const OFF: &[u8] = b"OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n";
+
 fn file(bytes: impl Into<Vec<u8>>, name: &str) -> Part {
     Part::bytes(bytes.into()).file_name(name.to_owned())
 }
@@ -78,6 +81,8 @@ async fn a_raw_body_of_every_type_becomes_a_job() {
         (Some("application/sla"), "", stl(), "stl"),
         (Some("application/octet-stream"), "&format=stl", stl(), "stl"),
         (None, "", stl(), "stl"),
+        (Some("model/off"), "", OFF.to_vec(), "off"),
+        (None, "", OFF.to_vec(), "off"),
     ] {
         let mut request = service.post(&format!("/v1/jobs?clusters=2{query}")).header("prefer", "wait=50").body(body);
         if let Some(content_type) = content_type {
@@ -130,6 +135,7 @@ async fn a_part_without_a_mesh_type_is_recognised_by_name_then_content() {
         (file(ply(), "a"), "ply"),
         (file(stl(), "a.STL"), "stl"),
         (file(stl(), "a"), "stl"),
+        (file(OFF, "a.off"), "off"),
         (file(sphere(300), "a.txt").mime_str("text/plain").expect("a type"), "obj"),
         (file(sphere(300), "a.glb").mime_str("model/obj").expect("a type"), "obj"),
     ] {
@@ -137,7 +143,7 @@ async fn a_part_without_a_mesh_type_is_recognised_by_name_then_content() {
         let job = json(service.post("/v1/jobs?clusters=2").multipart(form)).await;
         assert_eq!(job["mesh"]["format"], format);
     }
-    let form = Form::new().part("mesh", file("OFF\n8 6 12", "a.off"));
+    let form = Form::new().part("mesh", file("Kaydara FBX Binary", "a.fbx"));
     refused(service.post("/v1/jobs?clusters=2").multipart(form), 415, "unsupported-media-type").await;
     let form = Form::new().part("mesh", file(sphere(300), "a.glb"));
     let detail = refused(service.post("/v1/jobs?clusters=2").multipart(form), 422, "invalid-mesh").await;

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypedDict
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
-Format = Literal["obj", "glb", "gltf", "ply", "stl"]
+Format = Literal["obj", "glb", "gltf", "ply", "stl", "off"]
 Phase = Literal["boundary", "refine", "repair", "regrow", "swap", "restart", "trial", "breathe"]
 DeviceKind = Literal["cpu", "gpu"]
 WeightedBy = Literal["weights", "attribute", "curvature"]

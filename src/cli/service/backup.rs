@@ -8,8 +8,8 @@ use crate::service;
 /// Arguments of `tesserae backup`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The backup is a data folder: to restore it, start a service on it, or on a copy of it. Ended jobs have their
-results, queued and running ones run. Files of jobs are hard links where the backup is on the same disk: copy it
+The backup is a data folder: to restore it, start a service on it, or on a copy of it. Ended jobs have their \
+results, queued and running ones run. Files of jobs are hard links where the backup is on the same disk: copy it \
 to another disk to outlive this one.
 
 Example:

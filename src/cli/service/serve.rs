@@ -20,12 +20,13 @@ use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings, Swi
 /// Arguments of `tesserae serve`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Every setting is a flag or an environment variable. Ctrl-C and SIGTERM stop the service in order, and again during
+Every setting is a flag or an environment variable. Ctrl-C and SIGTERM stop the service in order, and again during \
 --drain-delay end that delay; SIGHUP makes the service read its tokens again.
 
 Example:
   tesserae serve --listen 127.0.0.1:8080
-  curl --data-binary @mesh.glb -H 'Content-Type: model/gltf-binary' 'http://127.0.0.1:8080/v1/jobs?clusters=1000'")]
+  curl --data-binary @mesh.glb -H 'Content-Type: model/gltf-binary' \\
+    'http://127.0.0.1:8080/v1/jobs?clusters=1000'")]
 pub struct Arguments {
     #[command(flatten)]
     settings: Settings,

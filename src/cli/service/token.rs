@@ -10,10 +10,11 @@ use crate::service::{Quotas, StoreUrl, TokenFile};
 /// Arguments of `tesserae token`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A service that runs with the file takes the change within seconds, and so do all that run with the database. Quotas of
+A service that runs with the file takes the change within seconds, and so do all that run with the database. Quotas of \
 a tenant are set by `token quota`, or in the file, which is JSON:
-  \"quotas\": {\"max_queued_jobs\": 100, \"max_request_rate\": 50, \"max_requests_at_once\": 16, \"max_streams\": 64,
-              \"max_running_jobs\": 4, \"weight\": 2}
+  \"quotas\": {\"max_queued_jobs\": 100, \"max_request_rate\": 50,
+    \"max_requests_at_once\": 16, \"max_streams\": 64, \"max_running_jobs\": 4,
+    \"weight\": 2}
 
 Example:
   tesserae token new acme --tokens tokens.json

@@ -16,17 +16,13 @@ const UNPACK: &str = "unpack it first";
 const NO_MESH: &str = "it holds no mesh; send the file of the mesh itself";
 
 /// First bytes, name, advice. Longer ones come before those that they begin with.
-const KNOWN: [(&[u8], &str, &str); 49] = [
+const KNOWN: [(&[u8], &str, &str); 45] = [
     (b"\x1f\x8b", "a gzip archive", UNPACK),
     (b"\x28\xb5\x2f\xfd", "a Zstandard archive", UNPACK),
     (b"BZh", "a bzip2 archive", UNPACK),
     (b"\xfd7zXZ", "an xz archive", UNPACK),
     (b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
     (b"Rar!", "a RAR archive", UNPACK),
-    (b"OFF", "an OFF file", CONVERT),
-    (b"COFF", "an OFF file", CONVERT),
-    (b"NOFF", "an OFF file", CONVERT),
-    (b"STOFF", "an OFF file", CONVERT),
     (b"Kaydara FBX", "an FBX file", CONVERT),
     (b"; FBX", "an FBX file", CONVERT),
     (b"BLENDER", "a Blender file", "open it in Blender and export glTF 2.0 or OBJ"),

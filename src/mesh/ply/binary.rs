@@ -7,11 +7,11 @@
 use rayon::prelude::*;
 
 use super::header::{Element, Header, Order, Property, shown};
-use super::polygons::Polygons;
 use super::roles::Role;
 use super::value::Integer;
 use super::{Contents, fault};
 use crate::error::{Error, Result};
+use crate::mesh::polygons::Polygons;
 
 /// Vertices that a thread reads at once.
 const PIECE: usize = 1 << 14;

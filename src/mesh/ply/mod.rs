@@ -18,7 +18,6 @@
 mod binary;
 mod header;
 mod lines;
-mod polygons;
 mod roles;
 mod value;
 
@@ -26,8 +25,8 @@ pub use header::is_ply;
 
 use self::header::{Element, Encoding, Header, shown};
 use self::lines::Lines;
-use self::polygons::Polygons;
 use self::roles::Role;
+use super::polygons::Polygons;
 use super::text::with_line_feeds;
 use super::{Adjusted, Format, Limits, Opened, Part, PolygonMesh, Source, WithNumbers};
 use crate::error::{Error, Result};

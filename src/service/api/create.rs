@@ -30,7 +30,7 @@ use crate::service::{idempotency, intake, prefer, query, urls};
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "describes the form for openapi.yaml; the parts are read one by one")]
 pub(in crate::service) struct UploadForm {
-    /// The mesh: OBJ, GLB, glTF, PLY or STL, recognised by media type, file name or content.
+    /// The mesh: OBJ, GLB, glTF, PLY, STL or OFF, recognised by media type, file name or content.
     #[schema(value_type = Binary)]
     mesh: Binary,
     /// What to do; the same names as in the query. A parameter may stand in both with the same value only.

@@ -30,7 +30,7 @@ pub(in crate::service) struct LabelsQuery {
     /// report lists them; 404 for others
     #[param(minimum = 0)]
     iteration: Option<u32>,
-    /// The format, `json`, `npy` or `bin`; by `Accept` when left out
+    /// The format, `json`, `npy`, `bin`, `txt` or `csv`; by `Accept` when left out
     format: Option<String>,
 }
 

@@ -1,6 +1,6 @@
-//! Faces from lists of vertex indices: polygons, and strips of triangles.
+//! Faces from lists of vertex indices, of PLY and OFF: polygons, and strips of triangles.
 
-use crate::mesh::Faces;
+use super::Faces;
 
 /// Corners that all faces together may have: they are counted in 32 bits.
 const MOST_CORNERS: usize = u32::MAX as usize;

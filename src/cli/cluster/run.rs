@@ -1,0 +1,236 @@
+//! A mesh from its file to its outputs.
+
+use std::collections::HashSet;
+use std::sync::OnceLock;
+use std::time::Instant;
+
+use super::Arguments;
+use super::check::inputs;
+use super::files::Files;
+use crate::artifacts::{Artifact, Choices, Content, LINKAGE_NPY, Labels, Need};
+use crate::cli::files::Source;
+use crate::cli::inputs::MeshFile;
+use crate::cli::places::Output;
+use crate::cli::progress::Progress;
+use crate::cli::results::{OutputFile, check_places};
+use crate::cli::summary::{Balance, Row};
+use crate::cli::{Failure, complain, signals};
+use crate::error::{Error, Kind};
+use crate::hierarchy::Cut;
+use crate::hierarchy::linkage::no_single_root;
+use crate::job::{
+    self, Ahead, InputFile, OnDevice, Outcome, Plan, Prepared, Preparing, Refusal, Request, milliseconds,
+};
+use crate::parameters::Seeds;
+use crate::remesh::Remesh;
+
+/// Where the parts of the bar end: a mesh is read, prepared, then clustered and written for each number of clusters.
+const READ: f64 = 0.1;
+const PREPARED: f64 = 0.3;
+/// The part of clustering in what follows.
+const CLUSTERED: f64 = 0.85;
+
+/// The runs of a command.
+pub struct Run<'a> {
+    pub arguments: &'a Arguments,
+    pub choices: Choices,
+    pub progress: Progress,
+    /// What came out so far.
+    pub rows: Vec<Row>,
+}
+
+impl Run<'_> {
+    /// Reads a mesh and makes everything of it. Its name is shown if it is one of `several`.
+    pub fn mesh(&mut self, mesh: &MeshFile, several: bool) -> Result<(), Failure> {
+        let mut begin = Instant::now();
+        let input = mesh.source.to_string();
+        self.progress.mesh(if several { &input } else { "" });
+        let files = Files::new(self.arguments, mesh);
+        let (mut prepared, ahead) = self.prepare(mesh, &files)?;
+        let cancel = signals::cancel_when_asked();
+        cancel.check()?;
+        self.check_target(mesh, &prepared)?;
+        let mut device = OnDevice::open(self.arguments.device.choice(), ahead, &prepared)?;
+        let mut said = HashSet::new();
+        let runs = if self.arguments.is_cut() { 1 } else { files.of_clusters.len() };
+        for nth in 0..runs {
+            let (clusters, of_clusters) = &files.of_clusters[nth];
+            if let (true, Some(clusters)) = (nth > 0, *clusters) {
+                begin = Instant::now();
+                prepared.with_clusters(clusters).map_err(|refusal| about(&mesh.source, None, None, refusal))?;
+            }
+            let share = (1.0 - PREPARED) / runs as f64;
+            let from = PREPARED + share * nth as f64;
+            self.progress.stage("clustering", from..from + CLUSTERED * share);
+            if let Plan::Hierarchy { target, .. } = prepared.plan {
+                self.progress.hierarchy(prepared.input.faces, target);
+            }
+            let mut outcome = device.run(&prepared, &cancel, &mut |row| self.progress.row(&row))?;
+            self.progress.stage("writing", from + CLUSTERED * share..from + share);
+            let of_run = if self.arguments.is_cut() { &files.of_run } else { of_clusters };
+            self.write(mesh, &mut outcome, of_run, begin)?;
+            let warnings: Vec<&String> =
+                outcome.report.warnings.iter().filter(|warning| said.insert((*warning).clone())).collect();
+            if !self.arguments.quiet.quiet {
+                let say = |warning: &&String| complain(&format!("{input}: warning: {warning}"));
+                self.progress.pause(|| warnings.iter().for_each(say));
+            }
+            if self.arguments.is_cut() {
+                self.cuts(mesh, &outcome, &files, begin)?;
+            } else {
+                self.rows.push(Row::new(input.clone(), &outcome.report, outcome.labels.as_deref()));
+            }
+        }
+        Ok(())
+    }
+
+    /// From the file to a mesh that is ready to be clustered, and a device that may have been opened meanwhile.
+    fn prepare(&mut self, mesh: &MeshFile, files: &Files) -> Result<(Prepared, Ahead), Failure> {
+        let Self { arguments, progress, .. } = self;
+        let limits = arguments.limits();
+        progress.stage("reading", 0.0..READ);
+        let reading = Instant::now();
+        let (bytes, format) = mesh.read(&limits, &mut |read, length| {
+            progress.advance(if length > 0 { read as f64 / length as f64 } else { 0.0 });
+        })?;
+        let seeds = match &arguments.parameters.seeds {
+            Seeds::File(path) => Some(Source::from(path.clone())),
+            Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
+        };
+        let weights = arguments.weights.clone().map(Source::from);
+        let content = |source: &Option<Source>| source.as_ref().map(|source| source.read(limits.max_bytes)).transpose();
+        let (seed_bytes, weight_bytes) = (content(&seeds)?, content(&weights)?);
+        let read = milliseconds(reading.elapsed());
+
+        let places: Vec<Output<'_>> = files.all().map(OutputFile::place).collect();
+        let resources = mesh.resources(&places);
+        let parameters = arguments.first();
+        // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
+        signals::cancel_when_asked();
+        let outputs: Vec<&Artifact> = files.all().map(|file| file.artifact).collect();
+        let request = Request {
+            bytes: &bytes,
+            format,
+            resources: &*resources,
+            limits,
+            parameters: &parameters,
+            seeds: seed_bytes.as_deref(),
+            weights: weight_bytes.as_deref(),
+            outputs: &outputs,
+        };
+        progress.stage("reading the mesh", READ..PREPARED);
+        let mut tell = |step: Preparing| {
+            let (what, part) = match step {
+                Preparing::Mesh => ("reading the mesh", 0.0),
+                Preparing::Surface => ("finding neighbours", 0.4),
+                Preparing::Start => ("finding where clusters start", 0.8),
+            };
+            progress.stage(what, READ + part * (PREPARED - READ)..PREPARED);
+        };
+        // ends with its thread joined: a process must not end while a driver is being opened
+        let (prepared, ahead) = std::thread::scope(|scope| {
+            let ahead = scope.spawn(|| arguments.device.choice().open_ahead(bytes.len()));
+            let prepared =
+                job::open(&request, |opened| opened.prepare_telling(&mut tell)).and_then(|prepared| prepared);
+            (prepared, ahead.join().ok().flatten())
+        });
+        let mut prepared =
+            prepared.map_err(|refusal| about(&mesh.source, seeds.as_ref(), weights.as_ref(), refusal))?;
+        prepared.timings.read = read;
+        Ok((prepared, ahead))
+    }
+
+    /// Refuses a linkage matrix of a hierarchy with several roots.
+    fn check_target(&self, mesh: &MeshFile, prepared: &Prepared) -> Result<(), Failure> {
+        match prepared.plan {
+            Plan::Hierarchy { target, .. } if target > 1 && self.arguments.outputs.includes(&LINKAGE_NPY) => {
+                Err(Failure::about(&mesh.source)(Error::new(Kind::Conflict, no_single_root(target))))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes the outputs of a run that began at `begin`, the report last.
+    fn write(
+        &self,
+        mesh: &MeshFile,
+        outcome: &mut Outcome,
+        files: &[OutputFile],
+        begin: Instant,
+    ) -> Result<(), Failure> {
+        let writing = Instant::now();
+        let remesh = OnceLock::new();
+        let (with_report, others): (Vec<&OutputFile>, Vec<&OutputFile>) =
+            files.iter().partition(|file| file.needs(Need::Report));
+        self.write_files(mesh, &others, &outcome.content(), &remesh)?;
+        self.write_iterations(mesh, outcome, files)?;
+        outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
+        outcome.report.timings_ms.write = milliseconds(writing.elapsed());
+        outcome.report.timings_ms.total = milliseconds(begin.elapsed());
+        self.write_files(mesh, &with_report, &outcome.content(), &remesh)
+    }
+
+    fn write_files(
+        &self,
+        mesh: &MeshFile,
+        files: &[&OutputFile],
+        content: &Content<'_>,
+        remesh: &OnceLock<Remesh>,
+    ) -> Result<(), Failure> {
+        let (limits, choices) = (self.arguments.outputs.limits(), self.choices);
+        let content = Content { limits, choices, is_indented: true, remesh: Some(remesh), ..*content };
+        files.iter().enumerate().try_for_each(|(nth, file)| {
+            self.progress.advance(nth as f64 / files.len() as f64);
+            file.write(&content, &mesh.source)
+        })
+    }
+
+    /// Writes the labels of iterations beside those of the end.
+    fn write_iterations(&self, mesh: &MeshFile, outcome: &Outcome, files: &[OutputFile]) -> Result<(), Failure> {
+        let Some(labels) = files.iter().find(|file| file.is_labels()) else { return Ok(()) };
+        outcome.snapshots.replay(|iteration, labels_then| {
+            let Some(file) = labels.of_iteration(iteration) else { return Ok(()) };
+            let places: Vec<Output<'_>> = files.iter().map(OutputFile::place).chain([file.place()]).collect();
+            check_places("cluster", &inputs(self.arguments), &places)?;
+            let labels = Labels::new(outcome.report.clusters, labels_then);
+            file.write(&Content { labels: Some(labels), ..Content::default() }, &mesh.source)
+        })
+    }
+
+    /// Cuts a hierarchy at each number of clusters and writes what is made of the labels.
+    fn cuts(&mut self, mesh: &MeshFile, outcome: &Outcome, files: &Files, mut begin: Instant) -> Result<(), Failure> {
+        let Some(stored) = &outcome.hierarchy else { return Ok(()) };
+        for (clusters, files) in &files.of_clusters {
+            let cut = stored.tree.labels_at(clusters.unwrap_or(1)).map_err(Failure::about(&mesh.source))?;
+            let remesh = OnceLock::new();
+            let content = Content { labels: Some(Labels::from(&cut)), ..outcome.content() };
+            self.write_files(mesh, &files.iter().collect::<Vec<_>>(), &content, &remesh)?;
+            let row = Row::new(mesh.source.to_string(), &outcome.report, None);
+            let remesh = remesh.get().map(|remesh| remesh.summary);
+            self.rows.push(Row { remesh, seconds: begin.elapsed().as_secs_f64(), ..of_cut(row, &cut) });
+            begin = Instant::now();
+        }
+        Ok(())
+    }
+}
+
+/// The row of a cut.
+fn of_cut(row: Row, cut: &Cut) -> Row {
+    let clusters = cut.clusters();
+    let energy = Some(cut.energy).filter(|energy| energy.is_finite());
+    Row { clusters: Some(clusters), balance: Balance::of(&cut.labels, clusters), energy, ..row }
+}
+
+/// The failure of a refusal, with the name of the file that it is about.
+fn about(mesh: &Source, seeds: Option<&Source>, weights: Option<&Source>, refusal: Refusal) -> Failure {
+    let file = match refusal.file {
+        Some(InputFile::Mesh) => Some(mesh),
+        Some(InputFile::Seeds) => seeds,
+        Some(InputFile::Weights) => weights,
+        None => None,
+    };
+    match file {
+        Some(file) => Failure::about(file)(refusal.error),
+        None => refusal.error.into(),
+    }
+}
