@@ -102,7 +102,7 @@ PYACVD := $(abspath $(TARGET))/pyacvd-0.4.0
 
 .PHONY: pyacvd-tests
 pyacvd-tests:
-	@test -d $(PYACVD)/tests || GIT_TERMINAL_PROMPT=0 git -c advice.detachedHead=false clone --quiet --depth 1 \
+	@test -d $(PYACVD)/tests || GIT_TERMINAL_PROMPT=0 timeout 120 git -c advice.detachedHead=false clone --quiet --depth 1 \
 		--branch v0.4.0 https://github.com/pyvista/pyacvd $(PYACVD) || echo "skipped: pyacvd's own tests cannot be fetched"
 
 .PHONY: python
