@@ -130,6 +130,15 @@ fn whole(mut stream: TcpStream) -> String {
     answer
 }
 
+/// Ends the wait when the test fails: the runtime ends with its threads only.
+struct Disarm(Faults);
+
+impl Drop for Disarm {
+    fn drop(&mut self) {
+        self.0.disarm();
+    }
+}
+
 #[test]
 fn liveness_is_answered_while_all_threads_that_answer_requests_are_blocked() {
     const THREADS: usize = 2;
@@ -142,6 +151,7 @@ fn liveness_is_answered_while_all_threads_that_answer_requests_are_blocked() {
         Service::on(data, |_| {}, Box::new(CpuDevice::new()), None, extras).await
     });
     let held = || faults.waiting(FaultPoint::Request);
+    let _disarmed = Disarm(faults.clone());
     faults.hold(FaultPoint::Request);
     let started = Instant::now();
     let mut blocked = Vec::new();
@@ -151,6 +161,12 @@ fn liveness_is_answered_while_all_threads_that_answer_requests_are_blocked() {
         std::thread::sleep(Duration::from_millis(20));
     }
     let all_blocked = Instant::now();
+    let twice = "GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\nGET /v1/version HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    assert_eq!(
+        whole(ask(service.address, &[twice])).matches("HTTP/1.1 ").count(),
+        1,
+        "no other request is served there"
+    );
     let liveness = ["GET /healthz HTTP/1.1\r\n", "Host: 127.0.0.1\r\n\r\n"];
     let in_pieces = ["G", "ET /heal", "thz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"];
     let mut answers = 0;
