@@ -15,6 +15,7 @@ pub(super) mod connections;
 mod guarded;
 pub(super) mod heads;
 pub(super) mod origin;
+pub(super) mod queries;
 mod refusals;
 mod socket;
 
