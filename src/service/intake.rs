@@ -35,7 +35,8 @@ const CHUNKS_BETWEEN_PARTS: u64 = 512;
 
 /// Chunks that may come however small they are,
 const ANY_CHUNKS: u64 = 4096;
-/// and bytes that all chunks must have on average after that: a line of most OBJ files has more. A chunk costs some 2 µs.
+/// and bytes that all chunks must have on average after that: a line of most OBJ files has more. A chunk takes some
+/// 2 µs.
 const BYTES_PER_CHUNK: u64 = 16;
 
 /// Bytes after which a stream gives way to other tasks.
@@ -171,8 +172,8 @@ impl Content {
             return Err(Error::new(
                 Kind::BadRequest,
                 format_args!(
-                    "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} bytes or \
-                     come in more than {CHUNKS_BETWEEN_PARTS} chunks; send larger chunks"
+                    "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} \
+                     bytes or come in more than {CHUNKS_BETWEEN_PARTS} chunks; send larger chunks"
                 ),
             ));
         }

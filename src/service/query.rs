@@ -1,52 +1,13 @@
-//! Query strings: short, every name known, none given twice.
+//! Query strings: every name known, none given twice.
 
 use std::collections::HashSet;
 
-use axum::extract::{Query, Request};
+use axum::extract::Query;
 use axum::http::Uri;
-use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
 use percent_encoding::percent_decode_str;
 use serde::de::DeserializeOwned;
 
-use super::intake;
-use super::problem::Failure;
-use crate::error::{Error, Kind, Quoted, Result, what_it_must_be};
-
-/// Longest query string, in bytes.
-const MAX_BYTES: usize = 8 << 10;
-
-/// Most parameters of a query string.
-const MAX_PARAMETERS: usize = 64;
-
-/// Refuses requests with a longer query string or more parameters, before any of it is parsed.
-pub(super) async fn limit(request: Request, next: Next) -> Response {
-    let Err(error) = check_size(request.uri().query().unwrap_or_default()) else {
-        return next.run(request).await;
-    };
-    intake::refuse(request);
-    Failure::from(error).into_response()
-}
-
-fn check_size(query: &str) -> Result<()> {
-    if query.len() > MAX_BYTES {
-        return Err(Error::new(
-            Kind::UriTooLong,
-            format_args!(
-                "the query string has more bytes than the limit of {MAX_BYTES}; send parameters of a job in the part \
-                 \"parameters\" of a form instead; bytes: {}",
-                query.len()
-            ),
-        ));
-    }
-    let parameters = pairs(query).count();
-    if parameters > MAX_PARAMETERS {
-        return Err(Error::parameter(format_args!(
-            "the query string has more parameters than the limit of {MAX_PARAMETERS}: {parameters}"
-        )));
-    }
-    Ok(())
-}
+use crate::error::{Error, Quoted, Result, what_it_must_be};
 
 /// Reads the query into `T`, which denies unknown fields. What is wrong is named.
 pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {
@@ -81,7 +42,7 @@ pub(super) fn names(query: &str) -> Result<Vec<String>> {
 }
 
 /// The parameters of a query string, as they are written.
-fn pairs(query: &str) -> impl Iterator<Item = &str> {
+pub(super) fn pairs(query: &str) -> impl Iterator<Item = &str> {
     query.split('&').filter(|pair| !pair.is_empty())
 }
 

@@ -24,8 +24,8 @@ use super::api::{
 use super::metrics::Metrics;
 use super::state::Shared;
 use super::traffic::sites::{self, Sites};
-use super::traffic::{self, heads};
-use super::{conditional, openapi, page, problem, query, urls};
+use super::traffic::{self, heads, queries};
+use super::{conditional, openapi, page, problem, urls};
 use crate::artifacts::{self, Need};
 
 /// Bytes from which on an answer is compressed if the client can read that.
@@ -58,7 +58,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
         .layer(from_fn(heads::check))
-        .layer(from_fn(query::limit))
+        .layer(from_fn(queries::limit))
         .layer(from_fn_with_state(Arc::new(Sites::new(&shared.settings.access)), sites::check))
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come

@@ -179,7 +179,8 @@ fn document(vertices: usize, width: usize, indices: usize, mode: u32, nodes: usi
     let nodes = vec!["{\"mesh\":0}"; nodes].join(",");
     format!(
         "{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{nodes}],\"meshes\":[{{\"primitives\":[{{\"attributes\":\
-         {{\"POSITION\":0}},\"indices\":1,\"mode\":{mode}}}]}}],\"accessors\":[{{\"bufferView\":0,\"componentType\":5126,\
+         {{\"POSITION\":0}},\"indices\":1,\"mode\":{mode}}}]}}],\"accessors\":[{{\"bufferView\":0,\
+         \"componentType\":5126,\
          \"count\":{vertices},\"type\":\"VEC3\"}},{{\"bufferView\":1,\"componentType\":{component},\"count\":{indices},\
          \"type\":\"SCALAR\"}}],\"bufferViews\":[{{\"buffer\":0,\"byteLength\":{positions}}},{{\"buffer\":0,\
          \"byteOffset\":{positions},\"byteLength\":{}}}],\"buffers\":[{{\"byteLength\":{length}}}]}}",

@@ -94,11 +94,11 @@ async fn next<R: AsyncBufRead + Unpin>(
 /// Refuses a body that has more frames than one of its encoding may have.
 fn check_frames(frames: u32, coding: Coding) -> io::Result<()> {
     let message = match coding {
-        Coding::Zstd if frames > MAX_FRAMES => format!(
-            "the zstd body has more frames than the limit of {MAX_FRAMES}; compress the upload as a whole, not in pieces"
-        ),
+        Coding::Zstd if frames > MAX_FRAMES => {
+            format!("the zstd body has more frames than the limit of {MAX_FRAMES}; compress the upload as a whole")
+        }
         Coding::Gzip if frames > 1 => "the gzip body has more than one member, or other bytes after the first; \
-                                         compress the upload as a whole, not in pieces"
+                                         compress the upload as a whole"
             .to_owned(),
         _ => return Ok(()),
     };

@@ -16,6 +16,7 @@ pub(super) mod connections;
 mod guarded;
 pub(super) mod heads;
 pub(super) mod origin;
+pub(super) mod queries;
 mod refusals;
 pub(super) mod sites;
 mod socket;
