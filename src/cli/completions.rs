@@ -10,7 +10,8 @@ use super::{Cli, Failure, print};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  tesserae completions bash > ~/.local/share/bash-completion/completions/tesserae
+  tesserae completions bash \\
+    > ~/.local/share/bash-completion/completions/tesserae
   tesserae completions fish > ~/.config/fish/completions/tesserae.fish
   tesserae completions zsh > ~/.zfunc/_tesserae")]
 pub struct Completions {
