@@ -154,5 +154,5 @@ export function overlap(labels: Uint32Array, cluster: number, others: Uint32Arra
     faces += 1;
     if (labels[face] === cluster) common += 1;
   }
-  return `beside it cluster ${other}: ${count(faces)} faces, ${count(common)} in common`;
+  return `cluster ${other}: ${count(faces)} faces, ${count(common)} in common`;
 }

@@ -233,7 +233,9 @@ export class JobPage {
     const menu = make("details", { class: "menu" }, make("summary", { "aria-label": "More" }, "⋯"), button);
     this.actions.replaceChildren(isRunning ? button : menu);
     if (this.job.state === "failed") {
-      this.inspector.replaceChildren(...repairs(this.job, this.files, this.around.onSent));
+      const hint = make("p", {}, "Nothing was kept of this job. Choose the mesh again.");
+      const buttons = repairs(this.job, this.files, this.around.onSent);
+      this.inspector.replaceChildren(...(this.files.length > 0 ? buttons : [hint]));
       this.inspector.classList.add("tools");
     }
     this.showState();

@@ -10,6 +10,7 @@ import { Facts, brief } from "./facts";
 import { Level } from "./level";
 import type { Scene } from "./load";
 import { Picture } from "./picture";
+import type { Places } from "./places";
 import { Selection, factsOf } from "./selection";
 import { type ClusterRow, Cuts, rowsOf } from "./shown";
 import { ClusterTable } from "./table";
@@ -25,15 +26,6 @@ const REST = 80;
 
 /** Clusters that a hierarchy is shown at first. */
 const FIRST_CUT = 100;
-
-/** Where parts of a result are put. */
-export interface Places {
-  /** What the view, and what lies over it, is in. */
-  stage: HTMLElement;
-  words: HTMLElement;
-  inspector: HTMLElement;
-  rest: HTMLElement;
-}
 
 export class Result {
   private readonly abort = new AbortController();

@@ -14,6 +14,8 @@ const FIRST = new Vector3(0.5, 0.34, 1);
 export class Rig {
   /** Called after every move. */
   onMove: () => void = () => {};
+  /** Radius of what is in sight at first, in radii of the mesh. */
+  room = 1.04;
   readonly camera = new PerspectiveCamera(30, 1, 0.01, 100);
   private readonly controls: OrbitControls;
   private bounds: Sphere | null = null;
@@ -51,7 +53,7 @@ export class Rig {
     const direction = isFirst ? FIRST.clone() : this.camera.position.clone().sub(this.controls.target);
     const { center, radius } = bounds;
     const narrow = Math.min(1, this.camera.aspect);
-    const distance = (1.04 * radius || 1) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
+    const distance = (this.room * radius || 1) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
     this.camera.position.copy(center).addScaledVector(direction.normalize(), distance);
     this.camera.near = distance / 200;
     this.camera.far = distance * 20;

@@ -43,6 +43,9 @@ export class Visit {
     coloured.setMesh(mesh);
     const view = new drawing.View(figure, mesh);
     this.view = view;
+    // so that the words are beside it
+    view.rig.room = 1.24;
+    view.setUp("y");
     view.canvas.setAttribute("role", "img");
     view.canvas.setAttribute("aria-label", "A knot in clusters. Arrow keys turn it.");
     let [wanted, pending] = [FIRST, 0];

@@ -308,7 +308,7 @@ export const results = {
     const [mine, theirs] = [await labels(service, idOf(page)), await labels(service, other)];
     for (const place of [0.25, 0.75]) {
       await page.locator("#view canvas").click({ position: { x: place * width, y: height / 2 } });
-      const told = /^beside it cluster (\d+): ([\d,]+) faces, ([\d,]+) in common$/;
+      const told = /^cluster (\d+): ([\d,]+) faces, ([\d,]+) in common$/;
       const number = (text) => Number(text.replace(",", ""));
       const [, b, inB, common] = told.exec(await fact(page, "beside")).map(number);
       const [a, inA] = [await page.getAttribute("#picked", "data-cluster"), await fact(page, "faces")].map(number);
