@@ -44,10 +44,10 @@ export function repairs(job: Job, files: File[], onSent: (job: Job, files: File[
   return explain(job).repairs.map(({ text, change }) => {
     const once = (changed: Parameters, all: File[]): void => void again(job, changed, all, onSent);
     if (typeof change !== "string")
-      return make("button", { type: "button", class: "repair", onclick: () => once(change, files) }, text);
+      return make("button", { type: "button", class: "mend", onclick: () => once(change, files) }, text);
     const input = make("input", { type: "file", multiple: true, class: "hidden-text" });
     input.addEventListener("change", () => once({}, [...files, ...(input.files ?? [])]));
-    return make("label", { class: "repair button" }, text, input);
+    return make("label", { class: "mend button" }, text, input);
   });
 }
 

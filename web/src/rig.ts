@@ -15,7 +15,7 @@ export class Rig {
   /** Called after every move. */
   onMove: () => void = () => {};
   /** Radius of what is in sight at first, in radii of the mesh. */
-  room = 1.04;
+  room = 1.1;
   readonly camera = new PerspectiveCamera(30, 1, 0.01, 100);
   private readonly controls: OrbitControls;
   private bounds: Sphere | null = null;

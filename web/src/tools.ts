@@ -8,7 +8,7 @@ import type { Up } from "./ground";
 const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy" };
 
 export class Tools {
-  readonly element = make("div", { id: "tools", role: "group", "aria-label": "View" });
+  readonly element = make("div", { id: "tools", role: "group", "aria-label": "View", hidden: true });
   readonly legend = make("p", { id: "legend", hidden: true });
   onColours: () => void = () => {};
   onUp: (up: Up) => void = () => {};
@@ -55,7 +55,9 @@ export class Tools {
     return this.remesh.getAttribute("aria-pressed") === "true";
   }
 
+  /** Says which way is up; before there is a mesh, there are no tools. */
   setUp(up: Up): void {
+    this.element.hidden = false;
     this.up.dataset["up"] = up;
     this.up.textContent = `${up.toUpperCase()} up`;
     this.up.setAttribute("aria-label", `${up.toUpperCase()} up, make it ${up === "y" ? "Z" : "Y"} up`);

@@ -249,11 +249,11 @@ export const design = {
     await until("it fails", async () => (await page.getAttribute("#state", "data-state")) === "failed");
     const [, parts] = /has (\d+) separate parts/.exec(await text(page, "#state"));
     await accessible(page, "a failure");
-    await page.click(`.repair:has-text('Cluster with ${parts}')`);
+    await page.click(`.mend:has-text('Cluster with ${parts}')`);
     await succeeded(page);
     await drawn(page, Number(parts));
     await page.goBack();
-    await page.click(".repair:has-text('Join parts')");
+    await page.click(".mend:has-text('Join parts')");
     await succeeded(page);
     await drawn(page, 1);
     const duck = ["Duck.gltf", "Duck0.bin"].map((name) => join(meshes ?? "", "gltf/Duck", name));
@@ -262,8 +262,8 @@ export const design = {
     await page.selectOption("#algorithm", "bb");
     await page.fill("#clusters", "30");
     await page.click("#submit");
-    await page.waitForSelector("label.repair:has-text('Add Duck0.bin')");
-    await page.setInputFiles("label.repair input", duck[1]);
+    await page.waitForSelector("label.mend:has-text('Add Duck0.bin')");
+    await page.setInputFiles("label.mend input", duck[1]);
     await succeeded(page);
     await drawn(page, 30);
     await page.close();

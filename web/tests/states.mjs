@@ -39,7 +39,7 @@ export const states = {
     await submit(page, sample(service, "sphere", 500), { name: "sphere.obj", clusters: 100_000 });
     await until("the job fails", async () => (await text(page, "#state")).startsWith("Failed: "));
     const [, faces] = /The mesh has (\d+) faces/.exec(await text(page, "#state"));
-    assert.equal(await text(page, ".repair"), `Cluster with ${faces}`);
+    assert.equal(await text(page, ".mend"), `Cluster with ${faces}`);
     await page.goto(`${service.url}/#/jobs/00000000-0000-4000-8000-000000000000`);
     await until("the job is not there", async () => /no such job|no job/i.test(await text(page, "#notice")));
     await page.close();
