@@ -1,5 +1,5 @@
-// Bundles the page into a folder: node bundle.mjs [FOLDER]. Five files: document, two scripts,
-// styles, licences. `scene.js` has what draws; `page.js` loads it when the page is there.
+// Bundles the page into a folder: node bundle.mjs [FOLDER]. Six files: document, two scripts,
+// styles, mark, licences. `scene.js` has what draws; `page.js` loads it when the page is there.
 // An error, and not a bundle that is too large, where the bundle leaves its budget.
 import { readFileSync, writeFileSync, mkdirSync, copyFileSync } from "node:fs";
 import { dirname, join, resolve } from "node:path";
@@ -8,7 +8,7 @@ import { gzipSync } from "node:zlib";
 import { build } from "esbuild";
 
 const MOST_BYTES = 1_000_000;
-const MOST_COMPRESSED_BYTES = 300_000;
+const MOST_COMPRESSED_BYTES = 260_000;
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = resolve(process.argv[2] ?? join(here, "../target/web"));
@@ -26,7 +26,7 @@ const result = await build({
   metafile: true,
   logLevel: "warning",
 });
-copyFileSync(join(here, "src/index.html"), join(out, "index.html"));
+for (const name of ["index.html", "mark.svg"]) copyFileSync(join(here, "src", name), join(out, name));
 
 // the licence of every package that a byte of the bundle comes from
 const packages = new Set();
@@ -43,7 +43,7 @@ const licences = [...packages].sort().map((name) => {
 writeFileSync(join(out, "licences.txt"), licences.join(`\n${"-".repeat(80)}\n\n`));
 
 let [bytes, compressed] = [0, 0];
-for (const name of ["index.html", "page.js", "scene.js", "page.css", "licences.txt"]) {
+for (const name of ["index.html", "page.js", "scene.js", "page.css", "mark.svg", "licences.txt"]) {
   const content = readFileSync(join(out, name));
   bytes += content.length;
   compressed += gzipSync(content).length;

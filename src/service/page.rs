@@ -1,8 +1,9 @@
 //! The page at `/`: a client of this interface for people, in one document, one style sheet and two scripts. The first
 //! script is small, so that the page is there at once; it loads the second, which draws.
 //!
-//! Its sources are in `web/`. `make bundle` makes five files of them, and the feature `page` compiles these in. Without
-//! the feature, or with `--no-page`, the paths are a 404 that says so.
+//! Its sources are in `web/`. `make bundle` makes six files of them, and the feature `page` compiles these in; the mesh
+//! of the first visit is made here ([`knot`]). Without the feature, or with `--no-page`, the paths are a 404 that says
+//! so.
 //!
 //! The page needs no token to be read, and holds no data; a token that it is given stays in the browser's session. The
 //! content security policy admits what comes from here and nothing else: no inline script or style, no `eval`, no other
@@ -10,11 +11,14 @@
 
 use axum::Router;
 use axum::http::header;
-use axum::response::IntoResponse;
+use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 
+use super::conditional::Content;
 use super::problem::Failure;
 use crate::error::{Error, Kind};
+
+mod knot;
 
 #[cfg(not(feature = "page"))]
 use absent::FILES;
@@ -44,11 +48,12 @@ mod bundled {
     }
 
     /// The files, by their paths.
-    pub const FILES: [File; 5] = [
+    pub const FILES: [File; 6] = [
         File { path: "/", media_type: "text/html; charset=utf-8", bytes: bundled!("index.html") },
         File { path: "/page.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("page.js") },
         File { path: "/scene.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("scene.js") },
         File { path: "/page.css", media_type: "text/css; charset=utf-8", bytes: bundled!("page.css") },
+        File { path: "/mark.svg", media_type: "image/svg+xml", bytes: bundled!("mark.svg") },
         File { path: "/licences.txt", media_type: "text/plain; charset=utf-8", bytes: bundled!("licences.txt") },
     ];
 }
@@ -67,10 +72,10 @@ pub(super) fn routes<S: Clone + Send + Sync + 'static>(is_off: bool) -> Router<S
         (true, _) => "the page is switched off here: start the service without --no-page",
         (false, true) => "this build has no page: build it with `make run`, or use the interface in /openapi.yaml",
         (false, false) => {
-            return FILES.into_iter().fold(Router::new(), |routes, file| {
+            return FILES.into_iter().fold(knot::routes(), |routes, file| {
                 // the same in every answer of this process, so it is made once
-                let content = super::conditional::Content(digest(file.bytes));
-                routes.route(file.path, get(async move || serve(file, content)))
+                let content = Content(digest(file.bytes));
+                routes.route(file.path, get(async move || serve(file.media_type, file.bytes, content)))
             });
         }
     };
@@ -78,13 +83,14 @@ pub(super) fn routes<S: Clone + Send + Sync + 'static>(is_off: bool) -> Router<S
     Router::new().route("/", get(refusal))
 }
 
-fn serve(file: File, content: super::conditional::Content) -> impl IntoResponse {
+/// A file of the page with the headers that all of them have.
+fn serve(media_type: &'static str, bytes: impl IntoResponse, content: Content) -> Response {
     let headers = [
-        (header::CONTENT_TYPE.as_str(), file.media_type),
+        (header::CONTENT_TYPE.as_str(), media_type),
         (header::CONTENT_SECURITY_POLICY.as_str(), POLICY),
         ("cross-origin-opener-policy", "same-origin"),
     ];
-    let mut response = (headers, file.bytes).into_response();
+    let mut response = (headers, bytes).into_response();
     response.extensions_mut().insert(content);
     response
 }

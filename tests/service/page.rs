@@ -7,12 +7,15 @@ use crate::support::*;
 const HAS_PAGE: bool = cfg!(feature = "page");
 
 /// Paths and media types of the files.
-const FILES: [(&str, &str); 5] = [
+const FILES: [(&str, &str); 8] = [
     ("/", "text/html"),
     ("/page.js", "text/javascript"),
     ("/scene.js", "text/javascript"),
     ("/page.css", "text/css"),
+    ("/mark.svg", "image/svg+xml"),
     ("/licences.txt", "text/plain"),
+    ("/knot.glb", "application/octet-stream"),
+    ("/knot.tsr", "application/octet-stream"),
 ];
 
 #[tokio::test]

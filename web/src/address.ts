@@ -1,27 +1,38 @@
-// States have addresses: `#/jobs/ID?clusters=K&cluster=C&with=OTHER&beside=1`.
+// What the page shows is its address: `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&colours=area`. It is
+// the whole state of the page that is not the service's, so a reload, a bookmark and a copied link show the same.
+
+export const COLOURS = ["area", "roundness", "energy"] as const;
 
 export interface Address {
   job: string | null;
   clusters: number | null;
   cluster: number | null;
+  /** The job that is compared. */
   with: string | null;
-  /** Whether the compared job is shown beside this one; not in its place. */
-  beside: boolean;
+  /** How the two are shown; beside each other where it is null. */
+  parting: "wipe" | null;
+  /** Which way is up; as guessed where it is null. */
+  up: "y" | "z" | null;
+  /** What colours stand for; for clusters where it is null. */
+  colours: (typeof COLOURS)[number] | null;
 }
 
 export function read(): Address {
   const [path = "", query = ""] = location.hash.slice(1).split("?");
-  const job = /^\/jobs\/([0-9a-f-]+)$/.exec(path)?.[1] ?? null;
   const search = new URLSearchParams(query);
   const number = (name: string): number | null =>
     /^\d{1,10}$/.test(search.get(name) ?? "") ? Number(search.get(name)) : null;
+  const one = <T extends string>(name: string, of: readonly T[]): T | null =>
+    of.find((value) => value === search.get(name)) ?? null;
   const other = search.get("with");
   return {
-    job,
+    job: /^\/jobs\/([0-9a-f-]+)$/.exec(path)?.[1] ?? null,
     clusters: number("clusters"),
     cluster: number("cluster"),
     with: /^[0-9a-f-]+$/.test(other ?? "") ? other : null,
-    beside: number("beside") === 1,
+    parting: one("parting", ["wipe"]),
+    up: one("up", ["y", "z"]),
+    colours: one("colours", COLOURS),
   };
 }
 
@@ -29,8 +40,7 @@ export const ofJob = (id: string): string => `#/jobs/${id}`;
 
 /** Changes parts of the address without a step back in the history. */
 export function amend(change: Partial<Address>): void {
-  const { job, beside, ...others } = { ...read(), ...change };
-  const rest = { ...others, beside: beside ? 1 : null };
+  const { job, ...rest } = { ...read(), ...change };
   if (job === null) return;
   const given = Object.entries(rest).filter(([, value]) => value !== null);
   const search = new URLSearchParams(given.map(([key, value]) => [key, String(value)]));

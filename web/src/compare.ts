@@ -1,53 +1,77 @@
-// Another job of the same mesh: the choice of it, its labels in place of this job's or beside them, and both energies.
+// Another job of the same mesh: the choice of it, its labels beside this job's or on the other side of a line that can be
+// moved, and what is to be compared: energies of equally many clusters, or else how compact both are.
 
 import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, labels, nameOf, output } from "./api";
-import { count, digits, make } from "./dom";
+import { count, digits, make, option } from "./dom";
+
+/** What is compared. */
+export interface Measured {
+  clusters: number;
+  energy: number | null;
+  /** Energy of a tiling with hexagons over that of the clusters. */
+  compactness: number | null;
+}
 
 export class Comparison {
-  readonly element = make("div", { class: "tools" });
-  /** Which job is on which side of the view. */
+  readonly element = make("section", { hidden: true, "aria-labelledby": "compare-title" });
+  /** Which job is on which side of the view, and the line between them. */
   readonly captions = make("div", { class: "captions", hidden: true });
   /** Called when another job, or none, is chosen. */
   onChoose: () => void = () => {};
-  /** Called when the labels are to be beside this job's, or in their place. */
+  /** Called when both are to be shown in another way, or the line moves. */
   onArrange: () => void = () => {};
   /** The labels of the other job. */
   labels: Labels | null = null;
-  private other: string | null;
+  /** Whether only the line moved since the last change. */
+  isParted = false;
+  /** Where the line is, as a part of the width. */
+  part = 0.5;
+  private measured: Measured | null = null;
   private jobs: Job[] = [];
-  private readonly told = make("span", { id: "compared" });
+  private readonly told = make("p", { id: "compared" });
   private readonly choice = make("select", {
     id: "other",
     onchange: () => {
-      this.other = this.choice.value === "" ? null : this.choice.value;
-      address.amend({ with: this.other });
+      address.amend({ with: this.choice.value === "" ? null : this.choice.value });
       this.onChoose();
     },
   });
-  private readonly side = make("input", {
-    id: "beside",
+  private readonly wipe = make("input", {
+    id: "wipe",
     type: "checkbox",
     onchange: () => {
-      address.amend({ beside: this.side.checked });
+      address.amend({ parting: this.wipe.checked ? "wipe" : null });
+      this.isParted = false;
+      this.onArrange();
+    },
+  });
+  private readonly line = make("input", {
+    id: "line",
+    type: "range",
+    min: "0",
+    max: "1",
+    step: "0.005",
+    value: "0.5",
+    "aria-label": "Line between the two jobs",
+    oninput: () => {
+      this.isParted = true;
+      this.part = Number(this.line.value);
+      this.captions.style.setProperty("--part", String(this.part));
       this.onArrange();
     },
   });
 
   constructor(private readonly job: Job) {
-    const { with: other, beside } = address.read();
-    this.other = other;
-    this.side.checked = beside;
+    this.wipe.checked = address.read().parting === "wipe";
+    const title = make("h3", { id: "compare-title" }, "Compare");
+    const label = make("label", { for: "other", class: "hidden-text" }, "Compare with");
+    const wipe = make("label", { for: "wipe", class: "check" }, this.wipe, "with a line to move");
+    this.element.append(title, label, this.choice, this.told, wipe);
   }
 
-  /** Whether the labels of the other job are beside this job's. */
-  get isBeside(): boolean {
-    return this.labels !== null && this.side.checked && this.job.keep_mesh;
-  }
-
-  /** Whether the labels of the other job are in place of this job's. */
-  get isReplaced(): boolean {
-    return this.labels !== null && !this.isBeside;
+  get parting(): "beside" | number {
+    return this.wipe.checked ? this.part : "beside";
   }
 
   /** Finds the jobs of equally many faces from a file of the same name, and offers them. */
@@ -57,47 +81,59 @@ export class Comparison {
     this.jobs = jobs.filter(
       (other) => other.id !== job.id && other.result?.faces === job.result?.faces && nameOf(other) === nameOf(job),
     );
-    if (this.jobs.length === 0) return;
-    this.choice.replaceChildren(make("option", { value: "" }, "no other job"));
-    for (const other of this.jobs) this.choice.append(make("option", { value: other.id }, brief(other)));
-    const label = make("label", { for: "other" }, "Compare with");
-    const side = make("label", { for: "beside" }, this.side, " beside each other");
-    this.element.replaceChildren(label, this.choice, side, this.told);
+    this.element.hidden = this.jobs.length === 0 || !job.keep_mesh;
+    this.choice.replaceChildren(
+      option("", "with no other job"),
+      ...this.jobs.map((other) => option(other.id, brief(other))),
+    );
   }
 
   /** Fetches the labels of the job that is chosen, with their energy. A hierarchy is cut at `clusters`. */
   async fetch(clusters: number | null, signal: AbortSignal): Promise<void> {
-    const job = this.jobs.find(({ id }) => id === this.other);
+    const job = this.jobs.find(({ id }) => id === address.read().with);
     this.choice.value = job?.id ?? "";
-    if (!job) {
-      this.labels = null;
-      return;
-    }
+    this.labels = this.measured = null;
+    if (!job) return;
     const cut = isHierarchical(job.parameters.algorithm) ? (clusters ?? this.job.result?.clusters ?? null) : null;
     const shown = await labels(job, cut, signal);
-    const energy = shown.energy ?? (await energyOf(job, signal));
-    this.labels = { ...shown, energy };
-    this.captions.replaceChildren(make("span", {}, `this job: ${brief(this.job)}`), make("span", {}, brief(job)));
+    const { energy } = await json<Report>(output(job, "report"), { signal });
+    this.labels = shown;
+    this.measured = {
+      clusters: cut ?? job.result?.clusters ?? 0,
+      energy: cut === null ? energy.final : shown.energy,
+      compactness: cut === null ? (energy.hexagon_ratio ?? null) : null,
+    };
+    this.captions.replaceChildren(make("span", {}, brief(this.job)), make("span", {}, brief(job)), this.line);
   }
 
-  /** Says both energies. */
-  tell(mine: number | null): void {
-    this.side.disabled = this.labels === null || !this.job.keep_mesh;
-    this.captions.hidden = !this.isBeside;
-    const other = this.labels?.energy ?? null;
-    const change = mine && other ? ` (${other < mine ? "−" : "+"}${digits(Math.abs(100 * (other / mine - 1)))} %)` : "";
-    const own = mine === null ? "" : `this job's energy: ${digits(mine)}, `;
-    this.told.textContent = other === null ? "" : `${own}its energy: ${digits(other)}${change}`;
+  /** Says how this job's clusters compare with the other's. */
+  tell(mine: Measured): void {
+    this.wipe.disabled = this.labels === null;
+    this.captions.hidden = this.labels === null;
+    this.captions.classList.toggle("parted", this.wipe.checked);
+    this.told.textContent = this.measured ? compared(mine, this.measured) : "";
   }
 }
 
-const brief = ({ id, parameters: p }: Job): string =>
-  `${p.algorithm}, ${p.clusters ?? "all"}, ${p.quality ?? "default"} (${id.slice(0, 8)})`;
-
-/** The energy of the labels of a flat job. */
-async function energyOf(job: Job, signal: AbortSignal): Promise<number | null> {
-  return (await json<Report>(output(job, "report"), { signal })).energy.final;
+/** Energies of different numbers of clusters say nothing, so compactness is compared there. */
+function compared(mine: Measured, other: Measured): string {
+  if (mine.clusters === other.clusters && mine.energy && other.energy) {
+    const change = 100 * (other.energy / mine.energy - 1);
+    const how =
+      Math.abs(change) < 5e-4
+        ? "the same energy"
+        : `${digits(Math.abs(change), 3)} % ${change > 0 ? "more" : "less"} energy`;
+    return `The other job has ${how}: ${digits(other.energy)} against ${digits(mine.energy)}.`;
+  }
+  if (mine.compactness === null || other.compactness === null) return "";
+  const percent = (part: number): string => `${(100 * part).toFixed(1)} %`;
+  return `Compactness: ${percent(other.compactness)} of a honeycomb against ${percent(mine.compactness)} here.`;
 }
+
+const brief = ({ parameters: p, result }: Job): string =>
+  isHierarchical(p.algorithm)
+    ? `any number (${p.algorithm.toUpperCase()})`
+    : `${count(result?.clusters ?? 0)} clusters, ${p.algorithm.toUpperCase()}${p.quality ? ` ${p.quality}` : ""}`;
 
 /** The cluster of other labels that has most faces in common with a cluster; of equal ones that with the first face. */
 export function counterpart(labels: Uint32Array, others: Uint32Array, cluster: number): number | null {
@@ -118,5 +154,5 @@ export function overlap(labels: Uint32Array, cluster: number, others: Uint32Arra
     faces += 1;
     if (labels[face] === cluster) common += 1;
   }
-  return `beside it cluster ${other}: ${count(faces)} faces, ${count(common)} in common`;
+  return `cluster ${other}: ${count(faces)} faces, ${count(common)} in common`;
 }

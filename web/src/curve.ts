@@ -8,7 +8,7 @@ import { digits } from "./dom";
 
 const PHASES: Phase[] = ["boundary", "refine", "repair", "regrow"];
 const STROKES = ["#2f7ed8", "#1a9850", "#d95f02", "#8e5bd0"];
-const HEIGHT = 200;
+const HEIGHT = 150;
 
 export class Curve {
   private x: number[] = [];

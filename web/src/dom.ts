@@ -43,8 +43,8 @@ export function count(number: number): string {
 }
 
 /** A number with four digits at most; as a product with a power of ten where it would be long otherwise. */
-export function digits(number: number): string {
-  const [short, size] = [Number(number.toPrecision(4)), Math.abs(number)];
+export function digits(number: number, most = 4): string {
+  const [short, size] = [Number(number.toPrecision(most)), Math.abs(number)];
   return size !== 0 && (size < 1e-3 || size >= 1e7) ? short.toExponential() : String(short);
 }
 
@@ -52,4 +52,16 @@ export function size(bytes: number): string {
   if (bytes < 1000) return `${bytes} B`;
   if (bytes < 1e6) return `${(bytes / 1e3).toPrecision(3)} kB`;
   return `${(bytes / 1e6).toPrecision(3)} MB`;
+}
+
+export const option = (value: string, text: string): HTMLOptionElement => make("option", { value }, text);
+
+/** A duration in seconds, or in milliseconds below a tenth. */
+export const duration = (ms: number): string => (ms < 100 ? `${digits(ms, 2)} ms` : `${digits(ms / 1000, 2)} s`);
+
+/** Hands a file over. */
+export function save(blob: Blob, name: string): void {
+  const url = URL.createObjectURL(blob);
+  make("a", { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }

@@ -1,26 +1,50 @@
-// Every file of a job with its size. Files are fetched with the token and handed over as blobs: a link has no header.
+// Every file of a job by purpose, with its size. Files are fetched with the token and handed over as blobs: a link has no
+// header.
 
 import { type Job, isHierarchical, length, nameOf, output, request } from "./api";
-import { make, notice, size } from "./dom";
+import { make, notice, save, size } from "./dom";
 
-/** Extensions of each output; those of the first group need no mesh. */
-const ALWAYS: Record<string, string[]> = { labels: ["npy", "json", "bin"], report: ["json"] };
-const TREE: Record<string, string[]> = { hierarchy: ["tsr", "json"] };
-const OF_MESH: Record<string, string[]> = {
-  mesh: ["glb", "ply", "vtp", "obj"],
-  submeshes: ["glb", "zip", "stl.zip", "obj.zip", "npz"],
-  remesh: ["ply", "glb", "obj", "stl", "vtp"],
-  "remesh-source": ["npz"],
-  graph: ["json", "npz", "graphml"],
-  boundaries: ["json", "obj", "glb", "vtp"],
-  clusters: ["json", "csv"],
-};
+interface Row {
+  /** What it is for. */
+  word: string;
+  output: string;
+  extensions: string[];
+}
 
-/** Outputs that a cut of a hierarchy changes. */
+const GROUPS: [string, Row[]][] = [
+  ["Look", [{ word: "mesh with colours of clusters", output: "mesh", extensions: ["glb", "ply", "vtp", "obj"] }]],
+  [
+    "Split",
+    [{ word: "a mesh a cluster", output: "submeshes", extensions: ["glb", "zip", "stl.zip", "obj.zip", "npz"] }],
+  ],
+  [
+    "Remesh",
+    [
+      { word: "a vertex a cluster", output: "remesh", extensions: ["ply", "glb", "obj", "stl", "vtp"] },
+      { word: "what vertices come from", output: "remesh-source", extensions: ["npz"] },
+    ],
+  ],
+  [
+    "Data",
+    [
+      { word: "cluster of each face", output: "labels", extensions: ["npy", "json", "bin"] },
+      { word: "table of clusters", output: "clusters", extensions: ["csv", "json"] },
+      { word: "neighbours of clusters", output: "graph", extensions: ["json", "npz", "graphml"] },
+      { word: "lines between clusters", output: "boundaries", extensions: ["json", "obj", "glb", "vtp"] },
+      { word: "all merges", output: "hierarchy", extensions: ["tsr", "json"] },
+      { word: "energies and times", output: "report", extensions: ["json"] },
+    ],
+  ],
+];
+
+/** Outputs that a cut of a hierarchy changes not. */
 const NOT_CUT = ["report", "hierarchy"];
 
+/** Outputs that need no mesh. */
+const ALWAYS = ["labels", "report"];
+
 export function downloads(job: Job, clusters: () => number | null, signal: AbortSignal): HTMLElement {
-  const list = make("ul", { id: "downloads" });
+  const list = make("div", { id: "downloads" });
   const box = make("details", {}, make("summary", {}, "Downloads"), list);
   box.addEventListener("toggle", () => {
     if (box.open) void fill(list, job, clusters(), signal);
@@ -28,44 +52,55 @@ export function downloads(job: Job, clusters: () => number | null, signal: Abort
   return box;
 }
 
+const isMade = (job: Job, name: string): boolean =>
+  ALWAYS.includes(name) || (name === "hierarchy" ? isHierarchical(job.parameters.algorithm) : Boolean(job.urls[name]));
+
 async function fill(list: HTMLElement, job: Job, clusters: number | null, signal: AbortSignal): Promise<void> {
-  const offered = Object.entries(OF_MESH).filter(([name]) => job.urls[name]);
-  const tree = isHierarchical(job.parameters.algorithm) ? Object.entries(TREE) : [];
   const sizes: (() => Promise<void>)[] = [];
-  const rows = [...Object.entries(ALWAYS), ...tree, ...offered].map(([name, extensions]) => {
-    const items = extensions.map((extension) => {
-      const cut = NOT_CUT.includes(name) ? null : clusters;
-      const format = name === "report" ? null : extension;
-      const path = output(job, name, { format, clusters: cut });
-      const told = make("span", { class: "size" });
-      const file = `${stem(job)}-${name}${cut === null ? "" : `-${cut}`}.${extension}`;
-      const button = make("button", { type: "button", onclick: () => void save(path, file, told, signal) }, extension);
-      button.setAttribute("aria-label", `Download ${name} as ${extension}`);
-      sizes.push(async () => {
-        const bytes = await length(path, signal);
-        if (bytes !== null) told.textContent = size(bytes);
-      });
-      return make("span", { class: "file" }, button, told);
+  const item = (name: string, extension: string): HTMLElement => {
+    const cut = NOT_CUT.includes(name) ? null : clusters;
+    const path = output(job, name, { format: name === "report" ? null : extension, clusters: cut });
+    const told = make("span", { class: "size" });
+    const file = `${stem(job)}-${name}${cut === null ? "" : `-${cut}`}.${extension}`;
+    const get = (): void => void fetchFile(path, file, told, signal);
+    const button = make("button", { type: "button", onclick: get }, extension.toUpperCase());
+    button.setAttribute("aria-label", `Download ${name} as ${extension}`);
+    sizes.push(async () => {
+      const bytes = await length(path, signal);
+      if (bytes !== null) told.textContent = size(bytes);
     });
-    return make("li", {}, make("strong", {}, name), ...items);
-  });
-  list.replaceChildren(...rows);
+    return make("span", { class: "file" }, button, told);
+  };
+  const groups = GROUPS.map(([title, rows]): [string, Row[]] => [title, rows.filter((row) => isMade(job, row.output))]);
+  list.replaceChildren(
+    ...groups.flatMap(([title, rows]) => {
+      if (rows.length === 0) return [];
+      const files = rows.map(({ word, output: name, extensions }) =>
+        make(
+          "div",
+          {},
+          make("p", {}, word),
+          make("div", { class: "files" }, ...extensions.map((one) => item(name, one))),
+        ),
+      );
+      return [make("h4", {}, title), ...files];
+    }),
+  );
   // one after the other: the service makes some of them for this
   for (const ask of sizes) await ask().catch(() => {});
 }
 
-const stem = (job: Job): string =>
+/** The name of a job's mesh, for names of files. */
+export const stem = (job: Job): string =>
   nameOf(job)
     .replace(/\.[^.]*$/, "")
     .replace(/[^\w.-]+/g, "_");
 
-async function save(path: string, name: string, told: HTMLElement, signal: AbortSignal): Promise<void> {
+async function fetchFile(path: string, name: string, told: HTMLElement, signal: AbortSignal): Promise<void> {
   try {
     const blob = await (await request(path, { signal })).blob();
     told.textContent = size(blob.size);
-    const url = URL.createObjectURL(blob);
-    make("a", { href: url, download: name }).click();
-    setTimeout(() => URL.revokeObjectURL(url), 60_000);
+    save(blob, name);
   } catch (error) {
     notice(`${name}: ${error instanceof Error ? error.message : String(error)}`);
   }

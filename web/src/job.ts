@@ -14,24 +14,37 @@ import {
   pause,
   request,
 } from "./api";
+import { explain, repairs, withAnother } from "./again";
 import type { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
+import { brief, manner } from "./facts";
 import { type Scene, scene } from "./load";
 import { Result } from "./result";
+import { remove } from "./trash";
 import { uploaded } from "./uploaded";
-import type { Triangles, View } from "./view";
+import type { Triangles } from "./drawable";
+import type { View } from "./view";
 
 /** Time between looks at whether a job that failed is run again, in milliseconds. */
 const LOOK_EVERY = 2000;
 
+/** What the page around a job does. */
+export interface Around {
+  /** Called when the job changes. */
+  onChange: () => void;
+  /** Called with a job of the same mesh, and with what was sent. */
+  onSent: (job: Job, files: File[]) => void;
+}
+
 export class JobPage {
   private readonly abort = new AbortController();
   private readonly state = make("p", { id: "state" });
-  private readonly actions = make("div", { class: "tools" });
+  private readonly actions = make("div", { id: "actions" });
   private readonly energies = make("div", { id: "curve" });
   private readonly history = make("section", { "aria-label": "Energy" });
-  private readonly shape = make("div");
-  private readonly rest = make("div", { id: "result" });
+  private readonly stage = make("div", { id: "stage" });
+  private readonly inspector = make("div", { id: "result" });
+  private readonly rest = make("div", { id: "rest" });
   private readonly curve: Curve;
   private result: Result | null = null;
   private before: View | null = null;
@@ -41,22 +54,17 @@ export class JobPage {
   constructor(
     private readonly box: HTMLElement,
     private job: Job,
-    private readonly onChange: () => void,
+    private readonly around: Around,
     /** What was submitted, mesh first, if it was from here. */
     private readonly files: File[],
     private readonly scene: Scene,
   ) {
-    const { algorithm, clusters, quality } = job.parameters;
-    const facts = [algorithm, clusters ? `${count(clusters)} clusters` : "whole hierarchy", quality ?? ""];
-    box.replaceChildren(
-      make("h2", { id: "job-title" }, nameOf(job)),
-      make("p", { class: "facts" }, facts.filter((fact) => fact !== "").join(" · ")),
-      this.state,
-      this.actions,
-      this.shape,
-      this.history,
-      this.rest,
-    );
+    const head = make("header", { class: "head" }, make("h2", { id: "job-title" }, nameOf(job)), this.state);
+    const manners = make("p", { class: "manner" }, manner(job));
+    const inspector = make("aside", { id: "inspector", "aria-label": "Inspector" });
+    inspector.append(make("div", { class: "bar" }, manners, this.actions), this.inspector, this.history, this.rest);
+    box.replaceChildren(make("section", { id: "scene", "aria-label": "Mesh" }, this.stage, head), inspector);
+    const { algorithm } = job.parameters;
     this.history.append(make("h3", {}, "Energy"), this.energies, make("p", { class: "key" }, ...keyOf(algorithm)));
     this.curve = new scene.Curve(this.energies, isHierarchical(algorithm));
     this.show();
@@ -69,7 +77,7 @@ export class JobPage {
   async run(): Promise<void> {
     const { signal } = this.abort;
     try {
-      this.onChange();
+      this.around.onChange();
       if (!isLive(this.job)) await Promise.all([this.whenThere(() => this.showResult()), this.followEvents()]);
       while (!signal.aborted) {
         if (!isLive(this.job) && !(await this.isRunAgain())) return;
@@ -151,7 +159,7 @@ export class JobPage {
 
   private enter(state: State): void {
     this.job.state = state;
-    this.onChange();
+    this.around.onChange();
     if (state === "queued") void this.reload().catch(() => {});
   }
 
@@ -162,7 +170,7 @@ export class JobPage {
   private update(job: Job): void {
     this.job = job;
     this.show();
-    this.onChange();
+    this.around.onChange();
   }
 
   /** Does what takes the service, and does it again when the service went away meanwhile. */
@@ -186,7 +194,9 @@ export class JobPage {
     this.before?.dispose();
     this.before = null;
     this.result?.close();
-    this.result = new Result(this.shape, this.rest, this.job, this.scene);
+    const places = { stage: this.stage, words: this.state, inspector: this.inspector, rest: this.rest };
+    this.result = new Result(places, this.job, this.scene);
+    if (this.job.keep_mesh) this.rest.prepend(withAnother(this.job, this.files, this.around.onSent));
     await this.result.load();
   }
 
@@ -194,7 +204,7 @@ export class JobPage {
   private async showMesh(): Promise<void> {
     if (this.before) return;
     const figure = make("div", { class: "view", id: "preview" }, "Reading the mesh");
-    this.shape.replaceChildren(figure);
+    this.stage.replaceChildren(figure);
     const mesh = await this.readMesh().catch((error: unknown) => {
       const why = error instanceof Error ? error.message : String(error);
       figure.textContent = `The mesh is shown when it is clustered, not before: ${why}.`;
@@ -218,25 +228,37 @@ export class JobPage {
 
   private show(): void {
     const isRunning = isLive(this.job);
-    const label = isRunning ? "Cancel" : "Delete";
-    this.actions.replaceChildren(
-      make("button", { type: "button", id: "remove", onclick: () => void this.remove() }, label),
-    );
+    const button = make("button", { type: "button", id: "remove" }, isRunning ? "Cancel" : "Delete");
+    button.addEventListener("click", () => (isRunning ? void this.cancel() : this.remove()));
+    const menu = make("details", { class: "menu" }, make("summary", { "aria-label": "More" }, "⋯"), button);
+    this.actions.replaceChildren(isRunning ? button : menu);
+    if (this.job.state === "failed") {
+      const hint = make("p", {}, "Nothing was kept of this job. Choose the mesh again.");
+      const buttons = repairs(this.job, this.files, this.around.onSent);
+      this.inspector.replaceChildren(...(this.files.length > 0 ? buttons : [hint]));
+      this.inspector.classList.add("tools");
+    }
     this.showState();
   }
 
   private showState(): void {
-    this.state.textContent = describe(this.job);
+    // the result says more of a job that has succeeded
+    if (!this.result) this.state.textContent = describe(this.job);
     this.state.dataset["state"] = this.job.state;
   }
 
-  private async remove(): Promise<void> {
-    const wasLive = isLive(this.job);
+  private remove(): void {
+    const { hash } = location;
+    remove(this.job.id, nameOf(this.job), this.around.onChange, () => (location.hash = hash));
+    location.hash = "#/";
+    this.around.onChange();
+  }
+
+  private async cancel(): Promise<void> {
     try {
       await request(`/v1/jobs/${this.job.id}`, { method: "DELETE" });
-      if (!wasLive) location.hash = "#/";
-      announce(wasLive ? "The job is being cancelled" : "The job is deleted");
-      this.onChange();
+      announce("The job is being cancelled");
+      this.around.onChange();
     } catch (error) {
       notice(error instanceof Error ? error.message : String(error));
     }
@@ -248,42 +270,31 @@ export function describe(job: Job): string {
   const { iterations, phase, clusters_left: left, energy } = job.progress;
   switch (job.state) {
     case "queued":
-      return job.queue_position === null ? "waiting" : `waiting, number ${job.queue_position} in the queue`;
+      return job.queue_position === null ? "Waiting" : `Waiting, number ${job.queue_position} in the queue`;
     case "running": {
-      if (energy === null) return "running";
+      if (energy === null) return "Running";
       const step = left !== null ? `${count(left)} clusters left` : `iteration ${iterations}, ${phase ?? ""}`;
-      return `running: ${step}, energy ${digits(energy)}`;
+      return `Running: ${step}, energy ${digits(energy)}`;
     }
     case "succeeded":
-      return job.result
-        ? `succeeded: ${count(job.result.faces)} faces, ${clustersOf(job, job.result.clusters)}`
-        : "succeeded";
+      return brief(job);
     case "failed":
-      return `failed: ${job.problem?.detail ?? job.problem?.title ?? "no reason is known"}`;
+      return `Failed: ${explain(job).words}`;
     case "cancelled":
-      return "cancelled";
+      return "Cancelled";
   }
 }
 
-function clustersOf(job: Job, clusters: number): string {
-  const text = clusters === 1 ? "1 cluster" : `${count(clusters)} clusters`;
-  return isHierarchical(job.parameters.algorithm) ? `a hierarchy down to ${text}` : text;
-}
-
 function keyOf(algorithm: string): HTMLElement[] {
-  if (isHierarchical(algorithm)) return [make("span", {}, "energy against the number of clusters, both logarithmic")];
+  if (isHierarchical(algorithm)) return [make("span", {}, "against the number of clusters, both logarithmic")];
   const phases = ["boundary", "refine", "repair", "regrow"];
   return phases.map((phase) => make("span", { class: `phase ${phase}` }, phase));
 }
 
 /** Opens the job that the address names; a job that is not there is an error. */
-export async function open(
-  box: HTMLElement,
-  onChange: () => void,
-  filesOf: (id: string) => File[],
-): Promise<JobPage | null> {
+export async function open(box: HTMLElement, around: Around, filesOf: (id: string) => File[]): Promise<JobPage | null> {
   const { job: id } = address.read();
   if (id === null) return null;
   const [job, loaded] = await Promise.all([json<Job>(`/v1/jobs/${id}`), scene()]);
-  return new JobPage(box, job, onChange, filesOf(id), loaded);
+  return new JobPage(box, job, around, filesOf(id), loaded);
 }

@@ -20,8 +20,6 @@ export class Level {
     type: "number",
     onchange: () => this.move(Number(this.number.value) || this.least),
   });
-  private readonly energy = make("span", { id: "cut-energy" });
-
   constructor(
     private readonly least: number,
     private readonly most: number,
@@ -32,7 +30,7 @@ export class Level {
     this.number.max = String(most);
     this.number.setAttribute("aria-label", "Number of clusters");
     const label = make("label", { for: "level" }, "Clusters");
-    this.element = make("div", { class: "tools level" }, label, this.range, this.number, this.energy);
+    this.element = make("div", { class: "level" }, label, this.range, this.number);
   }
 
   /** The nearest number of clusters that the hierarchy can be cut at. */
@@ -46,10 +44,6 @@ export class Level {
     this.range.value = String(whole > 0 ? (PLACES * Math.log(clusters / this.least)) / whole : 0);
     this.range.setAttribute("aria-valuetext", `${clusters} clusters`);
     this.number.value = String(clusters);
-  }
-
-  tell(text: string): void {
-    this.energy.textContent = text;
   }
 
   private clustersAt(place: number): number {

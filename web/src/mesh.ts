@@ -3,21 +3,21 @@
 import { type BufferGeometry, type Mesh, Vector3, WireframeGeometry } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
-import type { Triangles } from "./view";
+import type { Triangles } from "./drawable";
 
 /** The mesh of a job: `mesh?format=glb&colours=none`. */
 export async function triangles(bytes: ArrayBuffer): Promise<Triangles> {
   const { geometry, centre, view } = await load(bytes);
   const indexed = geometry.getAttribute("position").array;
   const index = geometry.getIndex();
-  if (!index) return { positions: indexed as Float32Array, centre, faces: null };
-  const corners = index.array;
+  if (!index) return { positions: indexed as Float32Array, centre, faces: null, corners: null };
+  const corners = new Uint32Array(index.array);
   const positions = new Float32Array(3 * corners.length);
   for (let i = 0; i < corners.length; i++) {
     const from = 3 * (corners[i] ?? 0);
     for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = indexed[from + axis] ?? 0;
   }
-  return { positions, centre, faces: view && new Uint32Array(view) };
+  return { positions, centre, faces: view && new Uint32Array(view), corners };
 }
 
 /** The edges of a remesh as segments. */

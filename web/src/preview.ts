@@ -8,7 +8,7 @@ import { STLLoader } from "three/addons/loaders/STLLoader.js";
 import { count } from "./dom";
 import { geometry } from "./gltf";
 import { obj } from "./obj";
-import type { Triangles } from "./view";
+import type { Triangles } from "./drawable";
 
 /** Triangles above which nothing is shown before the mesh is clustered. */
 const MOST_TRIANGLES = 5_000_000;
@@ -22,7 +22,7 @@ export async function preview(files: File[]): Promise<Triangles> {
   try {
     const positions = await read(file, files);
     if (positions.length === 0) throw new Error("it has no triangles");
-    return { positions, centre: new Vector3(), faces: null };
+    return { positions, centre: new Vector3(), faces: null, corners: null };
   } catch (error) {
     // what arrays say that are too large
     if (error instanceof RangeError) throw new Error(`it has more than ${count(MOST_TRIANGLES)} triangles`);

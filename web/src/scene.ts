@@ -1,5 +1,6 @@
 // Everything that draws, and with it three.js and uPlot: a script of its own, so that the page is there before them.
 
+export { Colouring } from "./colouring";
 export { Curve } from "./curve";
 export { edges, triangles } from "./mesh";
 export { preview } from "./preview";

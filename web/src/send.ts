@@ -21,6 +21,8 @@ export async function send(
   signal: AbortSignal,
   onProgress: (progress: Progress) => void,
   onBreak: () => void,
+  /** The format of the mesh, where it is not that of its name. */
+  format: string | null = null,
 ): Promise<Job> {
   const form = new FormData();
   const [mesh, ...buffers] = files;
@@ -31,7 +33,7 @@ export async function send(
   const key = Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(16)).join("-");
   for (let breaks = 0; ;) {
     try {
-      return await post(form, key, signal, onProgress);
+      return await post(form, format, key, signal, onProgress);
     } catch (error) {
       if (!(error instanceof TypeError)) {
         await untilLater(error, signal);
@@ -53,6 +55,7 @@ export async function send(
 /** A request for a job; a connection that breaks is a `TypeError`, as with `fetch`. */
 function post(
   form: FormData,
+  format: string | null,
   key: string,
   signal: AbortSignal,
   onProgress: (progress: Progress) => void,
@@ -70,7 +73,7 @@ function post(
     request.addEventListener("abort", () => reject(new DOMException("stopped", "AbortError")));
   });
   signal.addEventListener("abort", abort, { once: true });
-  request.open("POST", "/v1/jobs");
+  request.open("POST", `/v1/jobs${format === null ? "" : `?format=${format}`}`);
   request.responseType = "json";
   request.setRequestHeader("idempotency-key", key);
   const mine = token.get();

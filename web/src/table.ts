@@ -1,8 +1,8 @@
 // The clusters as a table: what the 3D view shows, for readers of screens and keyboards. A page of rows at a time.
 
-import { css } from "./colour";
 import { count, digits, make } from "./dom";
-import type { Triangles } from "./view";
+import { swatch } from "./selection";
+import type { Triangles } from "./drawable";
 
 /** Rows on a page. */
 const ROWS = 20;
@@ -62,7 +62,10 @@ export class ClusterTable {
   private readonly body = make("tbody");
   private readonly where = make("span");
 
-  constructor(box: HTMLElement) {
+  constructor(
+    box: HTMLElement,
+    private readonly colour: (cluster: number) => string,
+  ) {
     const order = make("select", { id: "order", onchange: () => this.sort(order.value as Order) });
     for (const name of ["cluster", "faces", "area"]) order.append(make("option", { value: name }, name));
     const turn = (by: number): void => this.turn(by);
@@ -123,13 +126,11 @@ export class ClusterTable {
     this.where.textContent = `${count(first + 1)} to ${count(first + shown.length)} of ${count(this.rows.length)}`;
     this.body.replaceChildren(
       ...shown.map((cluster) => {
-        const swatch = make("span", { class: "swatch" });
-        swatch.style.background = css(cluster);
         const pressed = String(cluster === this.selected);
         const button = make(
           "button",
           { type: "button", "aria-pressed": pressed, onclick: () => this.onSelect(cluster) },
-          swatch,
+          swatch(this.colour(cluster)),
           `cluster ${cluster}`,
         );
         return make(

@@ -15,7 +15,7 @@ const FLAGS = [
   "--enable-unsafe-swiftshader",
 ];
 
-const FILES = ["page.js", "scene.js", "page.css", "licences.txt"];
+const FILES = ["page.js", "scene.js", "page.css", "mark.svg", "licences.txt"];
 
 export class Browser {
   /** `files`: a folder whose bundle is served in place of that of the binary, while it is worked on. */
@@ -32,7 +32,7 @@ export class Browser {
   /** A new session: an own store of tokens, an own size. `prepare` gets the page before it is loaded. */
   async open(origin, options = {}, prepare = async () => {}, path = "/") {
     const context = await this.chromium.newContext({ viewport: { width: 1000, height: 720 }, ...options });
-    context.setDefaultTimeout(60_000);
+    context.setDefaultTimeout(180_000);
     const page = await context.newPage();
     const complain = (text) => this.complaints.push(text);
     page.on("request", (request) => {

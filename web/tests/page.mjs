@@ -4,12 +4,13 @@ import assert from "node:assert/strict";
 import { Browser } from "./browser.mjs";
 import { reach } from "./reach.mjs";
 import { results } from "./results.mjs";
+import { design } from "./design.mjs";
 import { sending } from "./sending.mjs";
 import { Service, until } from "./service.mjs";
 import { states } from "./states.mjs";
 import { binary, values } from "./steps.mjs";
 
-const tests = { ...results, ...reach, ...sending, ...states };
+const tests = { ...results, ...design, ...reach, ...sending, ...states };
 
 const browser = await new Browser(values.files).launch();
 const service = await new Service(binary).start();

@@ -25,7 +25,10 @@ export const reach = {
     const page = await browser.open(service.url);
     const { keyboard } = page;
     await tabTo(page, "#algorithm");
-    await keyboard.type("PML");
+    await keyboard.type("A given");
+    await tabTo(page, "#clusters");
+    await tabTo(page, "#algorithm", "Shift+Tab");
+    await keyboard.type("Any");
     await tabTo(page, "[data-sample=parts]", "Shift+Tab");
     await keyboard.press("Enter");
     await until("the job is open", async () => (await page.locator("#state").count()) > 0);
@@ -39,7 +42,10 @@ export const reach = {
       await keyboard.press(key);
       await until(`${key} moves the mesh`, async () => (await frames()) > before);
     }
-    await tabTo(page, "#level", "Shift+Tab");
+    await tabTo(page, "#up-axis");
+    await keyboard.press("Enter");
+    await until("another axis is up", () => shown().get("up") !== null);
+    await tabTo(page, "#level");
     await keyboard.press("ArrowRight");
     await until("the slider cuts", () => Number(shown().get("clusters")) > 100);
     await drawn(page, Number(shown().get("clusters")));
@@ -59,12 +65,14 @@ export const reach = {
     await keyboard.press("ArrowDown");
     await keyboard.press("Enter");
     await until("a node is a cluster", () => Number(shown().get("clusters")) <= 64);
-    await tabTo(page, "details:has(#downloads) summary");
+    await tabTo(page, "details:has(#downloads) summary", "Shift+Tab");
     await keyboard.press("Enter");
     await tabTo(page, "[aria-label='Download labels as npy']");
     const [download] = await Promise.all([page.waitForEvent("download"), keyboard.press("Enter")]);
     assert.match(download.suggestedFilename(), /^parts-labels-\d+\.npy$/);
-    await tabTo(page, "#remove", "Shift+Tab");
+    await tabTo(page, ".menu summary", "Shift+Tab");
+    await keyboard.press("Enter");
+    await tabTo(page, "#remove");
     await keyboard.press("Enter");
     await until("the job is deleted", async () => !page.url().includes("/jobs/"));
     await page.close();
@@ -78,9 +86,8 @@ export const reach = {
     const page = await browser.open(service.url, options);
     await page.click("#jobs a:has-text('quads')");
     await page.waitForSelector("#view canvas[data-frames]");
-    assert.ok(Math.abs((await page.locator("#main").boundingBox()).y) < 2, "the job is in sight, below form and list");
+    assert.ok(Math.abs((await page.locator("#main").boundingBox()).y) < 2, "the job is in sight, above form and list");
     await page.selectOption("#other", { index: 1 });
-    await page.check("#beside");
     await page.waitForSelector("#view [data-panes='2']");
     for (const details of await page.locator("details").all()) await details.evaluate((box) => (box.open = true));
     await page.locator("[aria-label='Download labels as npy']").waitFor();
@@ -90,7 +97,7 @@ export const reach = {
       await until(`it fits into ${width} pixels`, fits, 5000);
     }
     const duration = () =>
-      page.locator("#remove").evaluate((button) => {
+      page.locator("#picture").evaluate((button) => {
         button.style.transition = "opacity 1s";
         return getComputedStyle(button).transitionDuration;
       });
@@ -138,15 +145,16 @@ export const reach = {
         positions.set([x, y, 0, right, y, 0, right, top, 0, x, y, 0, right, top, 0, x, top, 0], 18 * cell);
       }
       const { View } = await import("/scene.js");
-      const box = document.querySelector("#first-visit");
-      box.className = "view";
-      const view = new View(box, { positions, centre: undefined, faces: null });
+      const box = Object.assign(document.createElement("section"), { className: "view", id: "large" });
+      box.style.cssText = "position: relative; height: 500px";
+      document.querySelector("main").replaceChildren(box);
+      const view = new View(box, { positions, centre: undefined, faces: null, corners: null });
       const { canvas } = view;
       const drawn = async (isThere) => {
         while (!isThere()) await new Promise((resolve) => setTimeout(resolve, 20));
         return Number(canvas.dataset.drawn);
       };
-      view.setLabels(new Uint32Array(view.triangles));
+      view.show({ labels: new Uint32Array(view.triangles), colours: new Uint8Array(4) });
       const whole = await drawn(() => view.frames > 0);
       await new Promise((resolve) => setTimeout(resolve, 300));
       const atRest = view.frames;
@@ -158,11 +166,11 @@ export const reach = {
       turn();
       const coarse = await drawn(() => Number(canvas.dataset.drawn) < whole);
       const rested = await drawn(() => Number(canvas.dataset.drawn) === whole);
-      view.onPick = (triangle) => (window.picked = Math.floor(triangle / 2));
+      view.onPick = ({ triangle }) => (window.picked = Math.floor(triangle / 2));
       return { whole, atRest, coarse, rested, cells };
     });
-    const { width, height } = await page.locator(".view canvas").boundingBox();
-    await page.locator(".view canvas").click({ position: { x: width / 2, y: height / 2 } });
+    const { width, height } = await page.locator("#large canvas").boundingBox();
+    await page.locator("#large canvas").click({ position: { x: width / 2, y: height / 2 } });
     const cell = await until("a triangle is found", () => page.evaluate(() => window.picked));
     const place = [cell % found.cells, Math.floor(cell / found.cells)].map((i) => i / found.cells);
     assert.equal(found.atRest, 1, "it is drawn once, until it turns");

@@ -66,6 +66,7 @@ export const sending = {
   async "a mesh whose sending breaks is sent again, and becomes one job"({ service, browser }) {
     const page = await browser.open(service.url);
     await page.setInputFiles("#file", sample(service, "sphere", 700));
+    await page.selectOption("#algorithm", "bb");
     await page.fill("#clusters", "7");
     await service.kill();
     await page.click("#submit");
@@ -99,7 +100,7 @@ export const sending = {
         await page.click("#submit");
         await page.waitForSelector("#preview canvas[data-frames]");
         await until(`${paths[0]} waits`, async () =>
-          /^waiting, number \d+ in the queue$/.test(await text(page, "#state")),
+          /^Waiting, number \d+ in the queue$/.test(await text(page, "#state")),
         );
         assert.ok(await drawsSomething(page), `${paths[0]} is in the middle`);
       }
@@ -136,8 +137,8 @@ export const sending = {
       const others = [["quads.glb", [sample(service, "quads", 3000, "glb")]]];
       const duck = ["Duck.gltf", "Duck0.bin"].map((name) => join(meshes ?? "", "gltf/Duck", name));
       if (meshes && duck.every(existsSync)) others.push(["Duck.gltf", duck]);
-      const opened = [["knot.obj", first, /^running/]];
-      for (const [name, paths] of others) opened.push([name, await send("clusters=5", paths), /^waiting, number \d/]);
+      const opened = [["knot.obj", first, /^Running/]];
+      for (const [name, paths] of others) opened.push([name, await send("clusters=5", paths), /^Waiting, number \d/]);
       const page = await browser.open(service.url);
       for (const [name, id, state] of opened) {
         await page.goto(`${service.url}/#/jobs/${id}`);

@@ -6,7 +6,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { setTimeout as pause } from "node:timers/promises";
 
-const PATIENCE_MS = 60_000;
+const PATIENCE_MS = 300_000;
 
 /** Repeats a check until it gives something true; the page refuses the eval that Playwright's own waiting needs. */
 export async function until(what, check, patience = PATIENCE_MS) {

@@ -5,7 +5,19 @@ import { readFileSync, statfsSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { Service, until } from "./service.mjs";
-import { accessible, binary, drawn, idOf, recordStates, sample, statesOf, submit, succeeded, text } from "./steps.mjs";
+import {
+  accessible,
+  binary,
+  drawn,
+  idOf,
+  recordStates,
+  remove,
+  sample,
+  statesOf,
+  submit,
+  succeeded,
+  text,
+} from "./steps.mjs";
 
 export const states = {
   async "names are text"({ service, browser }) {
@@ -15,9 +27,9 @@ export const states = {
     await succeeded(page);
     await drawn(page, 5);
     assert.equal(await text(page, "#job-title"), name);
-    assert.equal(await page.locator("img").count(), 0);
+    assert.equal(await page.locator("img[src=x]").count(), 0);
     assert.equal(await page.evaluate(() => window.hit), undefined);
-    await page.click("#remove");
+    await remove(page);
     await until("the job is gone", async () => !(await text(page, "#jobs")).includes("onerror"));
     await page.close();
   },
@@ -25,8 +37,9 @@ export const states = {
   async "what cannot be done is said"({ service, browser }) {
     const page = await browser.open(service.url);
     await submit(page, sample(service, "sphere", 500), { name: "sphere.obj", clusters: 100_000 });
-    await until("the job fails", async () => (await text(page, "#state")).startsWith("failed: "));
-    assert.match(await text(page, "#state"), /clusters/);
+    await until("the job fails", async () => (await text(page, "#state")).startsWith("Failed: "));
+    const [, faces] = /The mesh has (\d+) faces/.exec(await text(page, "#state"));
+    assert.equal(await text(page, ".mend"), `Cluster with ${faces}`);
     await page.goto(`${service.url}/#/jobs/00000000-0000-4000-8000-000000000000`);
     await until("the job is not there", async () => /no such job|no job/i.test(await text(page, "#notice")));
     await page.close();
@@ -67,6 +80,7 @@ export const states = {
       for (let answer = await post(); answer.status !== 429; answer = await post()) inTheWay.push(await answer.json());
       const page = await browser.open(service.url);
       await page.setInputFiles("#file", sample(service, "sphere", 500));
+      await page.selectOption("#algorithm", "bb");
       await page.fill("#clusters", "5");
       await page.click("#submit");
       await until("the page says when", async () => /The page tries again in \d+ s/.test(await text(page, "#notice")));
@@ -96,7 +110,7 @@ export const states = {
     const service = await new Service(binary).start("--meshes-in-memory", "1");
     try {
       const open = async () => {
-        const page = await browser.open(service.url);
+        const page = await browser.open(service.url, { reducedMotion: "reduce" });
         await page.evaluate(() => (window.marker = 1));
         return page;
       };
@@ -105,11 +119,11 @@ export const states = {
       await succeeded(result);
       await drawn(result, 100);
       const slow = { name: "slow.obj", clusters: 3000, quality: "best" };
-      await submit(running, sample(service, "knot", 150_000), slow);
-      await until("it runs", async () => (await text(running, "#state")).startsWith("running"));
+      await submit(running, sample(service, "knot", 220_000), slow);
+      await until("it runs", async () => (await text(running, "#state")).startsWith("Running"));
       await running.waitForSelector("#preview canvas[data-frames]");
       await submit(waiting, sample(service, "sphere", 500), { name: "next.obj", clusters: 5 });
-      await until("it waits", async () => (await text(waiting, "#state")) === "waiting, number 1 in the queue");
+      await until("it waits", async () => (await text(waiting, "#state")) === "Waiting, number 1 in the queue");
       await service.kill();
       for (const page of [result, running, waiting])
         await until("the page says so", async () => /does not answer/.test(await text(page, "#notice")));
@@ -142,9 +156,9 @@ export const states = {
       await until("energies come", async () => (await points(page)) > 0);
       await service.kill();
       await service.again();
-      await until("it is given up", async () => (await text(page, "#state")).startsWith("failed: "));
+      await until("it is given up", async () => (await text(page, "#state")).startsWith("Failed: "));
       const late = await browser.open(service.url, {}, undefined, `/${new URL(page.url()).hash}`);
-      await until("it is given up", async () => (await text(late, "#state")).startsWith("failed: "));
+      await until("it is given up", async () => (await text(late, "#state")).startsWith("Failed: "));
       for (const one of [page, late]) await recordStates(one);
       // the retried job waits while another one runs, which lasts until it is deleted
       const body = readFileSync(sample(service, "knot", 300_000));
@@ -155,12 +169,12 @@ export const states = {
       const answer = await fetch(`${service.url}/v1/jobs/${idOf(page)}/retry`, { method: "POST" });
       assert.equal(answer.status, 202);
       for (const one of [page, late])
-        await until("it waits", async () => (await text(one, "#state")).startsWith("waiting"));
+        await until("it waits", async () => (await text(one, "#state")).startsWith("Waiting"));
       await fetch(job, { method: "DELETE" });
       for (const one of [page, late]) {
         await succeeded(one);
         await drawn(one, 1000);
-        assert.ok((await statesOf(one)).some((state) => state.startsWith("running")));
+        assert.ok((await statesOf(one)).some((state) => state.startsWith("Running")));
       }
       const reloaded = await browser.open(service.url, {}, undefined, `/${new URL(page.url()).hash}`);
       await drawn(reloaded, 1000);
@@ -232,7 +246,7 @@ export const states = {
       await succeeded(page);
       await page.reload();
       await succeeded(page);
-      await drawn(page, 400);
+      await drawn(page, 100);
       assert.ok(!page.url().includes(token));
       assert.deepEqual(await page.evaluate(() => [localStorage.length, document.cookie, sessionStorage.length]), [
         0,

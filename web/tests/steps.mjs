@@ -15,7 +15,7 @@ export const [binary, meshes] = positionals;
 const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 export const text = (page, selector) => page.locator(selector).textContent();
 export const succeeded = (page) =>
-  until("the job succeeds", async () => (await text(page, "#state")).startsWith("succeeded"));
+  until("the job succeeds", async () => (await page.getAttribute("#state", "data-state")) === "succeeded");
 export const drawn = async (page, clusters) =>
   await until(`${clusters} clusters are drawn`, () =>
     page.evaluate((k) => {
@@ -25,12 +25,10 @@ export const drawn = async (page, clusters) =>
   );
 export const idOf = (page) => /jobs\/([0-9a-f-]+)/.exec(page.url())[1];
 
-/** A picture of what is in sight, or of one element. */
-export async function picture(page, name, selector) {
+/** A picture of what is in sight. */
+export async function picture(page, name) {
   if (!values.pictures) return;
   mkdirSync(values.pictures, { recursive: true });
-  if (selector) return await page.locator(selector).screenshot({ path: join(values.pictures, name) });
-  await page.evaluate(() => document.querySelector(innerWidth < 500 ? "#job" : "header").scrollIntoView());
   await page.screenshot({ path: join(values.pictures, name) });
 }
 
@@ -56,8 +54,8 @@ export async function drop(page, path, name) {
 
 export async function submit(page, path, { name, clusters, algorithm, quality }) {
   await drop(page, path, name);
+  await page.selectOption("#algorithm", algorithm ?? "bb");
   if (clusters) await page.fill("#clusters", String(clusters));
-  if (algorithm) await page.selectOption("#algorithm", algorithm);
   if (quality) await page.selectOption("#quality", quality);
   const before = page.url();
   await page.click("#submit");
@@ -81,6 +79,15 @@ export async function accessible(page, where) {
   }
   await page.emulateMedia({ colorScheme: "light" });
 }
+
+/** Deletes the job that is open, by its menu. */
+export async function remove(page) {
+  await page.click(".menu summary");
+  await page.click("#remove");
+}
+
+/** The numbers of the selected cluster: `fact(page, "faces")`. */
+export const fact = async (page, name) => await page.locator(`#picked [data-fact=${name}]`).textContent();
 
 /** Keeps every text that the state of a job has from now on, without a reload in between. */
 export const recordStates = (page) =>

@@ -36,8 +36,20 @@ use crate::error::{Error, Kind, Result};
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
-const OPEN: [&str; 9] =
-    ["/healthz", "/readyz", "/v1/version", "/openapi.yaml", "/", "/page.js", "/scene.js", "/page.css", "/licences.txt"];
+const OPEN: [&str; 12] = [
+    "/healthz",
+    "/readyz",
+    "/v1/version",
+    "/openapi.yaml",
+    "/",
+    "/page.js",
+    "/scene.js",
+    "/page.css",
+    "/mark.svg",
+    "/licences.txt",
+    "/knot.glb",
+    "/knot.tsr",
+];
 
 /// The path with data of all tenants.
 const METRICS: &str = "/metrics";

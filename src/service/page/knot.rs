@@ -1,0 +1,62 @@
+//! What the page shows before there is a job: a knot and its hierarchy, made once, at the first request for either.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::response::Response;
+use axum::routing::get;
+use tokio::sync::OnceCell;
+
+use super::{digest, serve};
+use crate::dev::sample::{Sample, generate, write_glb};
+use crate::device::Cancel;
+use crate::device::cpu::CpuDevice;
+use crate::error::{Error, Kind, Result};
+use crate::job;
+use crate::mesh::Format;
+use crate::parameters::{Algorithm, Parameters};
+use crate::service::blocking::blocking;
+use crate::service::conditional::Content;
+use crate::service::problem::Failure;
+
+const FACES: u64 = 20_000;
+
+/// The knot in its files.
+#[derive(Debug)]
+struct Knot {
+    glb: Bytes,
+    tsr: Bytes,
+}
+
+type Shared = Arc<OnceCell<Knot>>;
+
+/// The routes of the files.
+pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
+    let knot = Shared::default();
+    Router::new()
+        .route("/knot.glb", get(async |State(knot): State<Shared>| answer(&knot, |knot| &knot.glb).await))
+        .route("/knot.tsr", get(async |State(knot): State<Shared>| answer(&knot, |knot| &knot.tsr).await))
+        .with_state(knot)
+}
+
+async fn answer(knot: &OnceCell<Knot>, file: fn(&Knot) -> &Bytes) -> Result<Response, Failure> {
+    let knot = knot.get_or_try_init(async || blocking(make).await?).await?;
+    let bytes = file(knot).clone();
+    let content = Content(digest(&bytes));
+    Ok(serve("application/octet-stream", bytes, content))
+}
+
+fn make() -> Result<Knot> {
+    let failed = |error| Error::new(Kind::Internal, format_args!("the knot of the page: {error}"));
+    let (mut glb, mut tsr) = (Vec::new(), Vec::new());
+    write_glb(&mut glb, &generate(Sample::Knot, FACES)?).map_err(failed)?;
+    let parameters = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };
+    let prepared = job::prepare(&job::Request::new(&glb, Format::Glb, &parameters))?;
+    let outcome = job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})?;
+    if let Some(hierarchy) = outcome.hierarchy {
+        hierarchy.write(&mut tsr).map_err(failed)?;
+    }
+    Ok(Knot { glb: glb.into(), tsr: tsr.into() })
+}

@@ -1,0 +1,144 @@
+// The file of a hierarchy (src/hierarchy/stored.rs), and cuts made of it here: the merges and moves of the run done
+// again, as far as it takes. Labels are the same as those of the service.
+
+import { type Job, type Labels, output, request } from "./api";
+
+/** Bytes of content in a block of the file, and of the checksum after each. */
+const [BLOCK, SUM] = [1 << 16, 32];
+
+/** Bytes of the first numbers, of a round, a merge, a move, a label and of what a merge made. */
+const [FIXED, ROUND, MERGE, MOVE, LABEL] = [40, 32, 16, 8, 4];
+
+const VERSION = 2;
+
+/** Where the file is. */
+export interface Source {
+  /** Bytes from the beginning of the file on; it may end with more. */
+  bytes(length: number): Promise<ArrayBuffer>;
+}
+
+interface Round {
+  clusters: number;
+  mergesEnd: number;
+  movesEnd: number;
+  energy: number;
+}
+
+export const ofJob = (job: Job, signal: AbortSignal): Source => ({
+  async bytes(length) {
+    const headers = { range: `bytes=0-${length - 1}` };
+    return await (await request(output(job, "hierarchy", { format: "tsr" }), { signal, headers })).arrayBuffer();
+  },
+});
+
+/** Length of the file up to some content. */
+const framed = (content: number): number => content + Math.ceil(content / BLOCK) * SUM;
+
+export class Hierarchy {
+  private readonly rounds: Round[] = [];
+  private readonly into: Uint32Array;
+  private readonly from: Uint32Array;
+  private readonly costs: Float64Array;
+  private readonly moved: Uint32Array;
+  private readonly to: Uint32Array;
+
+  private constructor(
+    content: DataView,
+    readonly faces: number,
+    header: number,
+    merges: number,
+    rounds: number,
+    moves: number,
+  ) {
+    this.into = new Uint32Array(merges);
+    this.from = new Uint32Array(merges);
+    this.costs = new Float64Array(merges);
+    this.moved = new Uint32Array(moves);
+    this.to = new Uint32Array(moves);
+    let at = FIXED + header;
+    const checkpoints: boolean[] = [];
+    for (let round = 0; round < rounds; round++, at += ROUND) {
+      const [clusters, mergesEnd] = [content.getUint32(at, true), content.getUint32(at + 4, true)];
+      const movesEnd = Number(content.getBigUint64(at + 8, true));
+      this.rounds.push({ clusters, mergesEnd, movesEnd, energy: content.getFloat64(at + 16, true) });
+      checkpoints.push(content.getUint32(at + 24, true) === 1);
+    }
+    let [merge, move] = [0, 0];
+    for (const [round, { mergesEnd, movesEnd }] of this.rounds.entries()) {
+      for (; merge < mergesEnd; merge++, at += MERGE) {
+        this.into[merge] = content.getUint32(at, true);
+        this.from[merge] = content.getUint32(at + 4, true);
+        this.costs[merge] = content.getFloat64(at + 8, true);
+      }
+      for (; move < movesEnd; move++, at += MOVE) {
+        this.moved[move] = content.getUint32(at, true);
+        this.to[move] = content.getUint32(at + 4, true);
+      }
+      if (checkpoints[round]) at += LABEL * faces;
+    }
+  }
+
+  /** Reads what cuts need, which is less than half of the file. */
+  static async read(source: Source): Promise<Hierarchy> {
+    const first = new DataView(await source.bytes(FIXED));
+    const number = (at: number): number => first.getUint32(at, true);
+    if (number(8) !== VERSION)
+      throw new Error(`the file of the hierarchy has a version that is not known: ${number(8)}`);
+    const [header, faces, merges, rounds, checkpoints] = [12, 16, 20, 24, 28].map(number) as [
+      number,
+      number,
+      number,
+      number,
+      number,
+    ];
+    const moves = Number(first.getBigUint64(32, true));
+    const length = FIXED + header + rounds * ROUND + merges * MERGE + moves * MOVE + checkpoints * faces * LABEL;
+    const file = new Uint8Array(await source.bytes(framed(length)));
+    const content = new Uint8Array(length);
+    for (let at = 0, from = 0; at < length; at += BLOCK, from += BLOCK + SUM) {
+      content.set(file.subarray(from, from + Math.min(BLOCK, length - at)), at);
+    }
+    return new Hierarchy(new DataView(content.buffer), faces, header, merges, rounds, moves);
+  }
+
+  /** Clusters that are left at the end. */
+  get least(): number {
+    return this.rounds.at(-1)?.clusters ?? this.faces;
+  }
+
+  /** Labels at a number of clusters, numbered by the first face that has them. */
+  cut(clusters: number): Labels {
+    const { rounds, faces, into, from, moved, to } = this;
+    const parent = new Uint32Array(faces);
+    const labels = new Uint32Array(faces);
+    for (let face = 0; face < faces; face++) parent[face] = labels[face] = face;
+    const root = (cluster: number): number => {
+      for (let above = parent[cluster] ?? 0; above !== cluster; above = parent[cluster] ?? 0) {
+        parent[cluster] = parent[above] ?? 0;
+        cluster = above;
+      }
+      return cluster;
+    };
+    let [merge, move, left] = [0, 0, faces];
+    let energy = 0;
+    for (const round of rounds) {
+      if (round.clusters < clusters) break;
+      for (; merge < round.mergesEnd; merge++) parent[from[merge] ?? 0] = into[merge] ?? 0;
+      for (; move < round.movesEnd; move++) labels[moved[move] ?? 0] = to[move] ?? 0;
+      ({ clusters: left, energy } = round);
+    }
+    // the cheapest of the next round, which come first
+    for (; left > clusters; left--, merge++) {
+      parent[from[merge] ?? 0] = into[merge] ?? 0;
+      energy += this.costs[merge] ?? 0;
+    }
+    const numbers = new Uint32Array(faces);
+    let seen = 0;
+    for (let face = 0; face < faces; face++) {
+      const cluster = root(labels[face] ?? 0);
+      numbers[cluster] ||= ++seen;
+      labels[face] = (numbers[cluster] ?? 0) - 1;
+    }
+    return { numbers: labels, energy };
+  }
+}

@@ -1,0 +1,133 @@
+// The picture of a result: the mesh once it is there, the labels of one or two jobs on it, the cluster under the pointer.
+
+import * as address from "./address";
+import { type Job, output, request } from "./api";
+import type { Place, Triangles } from "./drawable";
+import { count, make, save } from "./dom";
+import { stem } from "./downloads";
+import type { Scene } from "./load";
+import type { Parting } from "./panes";
+import { part } from "./part";
+import type { Selection } from "./selection";
+import { Coloured } from "./shown";
+import { keepThumbnail } from "./thumbnails";
+import type { Tools } from "./tools";
+import type { View } from "./view";
+
+export class Picture {
+  readonly element = make("div", { id: "view", class: "view" });
+  readonly mine = new Coloured();
+  readonly other = new Coloured();
+  /** Called with a cluster that is clicked, of which job it is, and whether Shift was held. */
+  onPick: (cluster: number | null, isOther: boolean, withShift: boolean) => void = () => {};
+  mesh: Triangles | null = null;
+  private view: View | null = null;
+
+  constructor(
+    private readonly job: Job,
+    private readonly scene: Scene,
+    private readonly tools: Tools,
+    private readonly selection: Selection,
+    private readonly signal: AbortSignal,
+  ) {
+    tools.onUp = (up) => this.view?.setUp(up);
+  }
+
+  /** Offers to draw a mesh that takes much memory. */
+  offer(triangles: number, onTake: () => void): void {
+    const text = `Show ${count(triangles)} triangles in 3D`;
+    this.element.replaceChildren(make("button", { type: "button", onclick: onTake }, text));
+  }
+
+  /** The bytes of the mesh. */
+  async fetch(clusters: number | null): Promise<ArrayBuffer> {
+    return await this.bytes(output(this.job, "mesh", { format: "glb", colours: "none", clusters }));
+  }
+
+  /** Makes the view of a mesh; `show` draws it. */
+  async open(bytes: Promise<ArrayBuffer>): Promise<void> {
+    this.element.setAttribute("aria-busy", "true");
+    const mesh = await this.scene.triangles(await bytes);
+    this.signal.throwIfAborted();
+    this.mesh = mesh;
+    const { up } = address.read();
+    const format = /[^.]*$/.exec(this.job.mesh.file_name ?? "")?.[0].toLowerCase() ?? this.job.mesh.format;
+    const view = new this.scene.View(this.element, mesh, format, up);
+    this.view = view;
+    this.tools.setUp(up ?? view.guessedUp);
+    view.canvas.setAttribute("role", "img");
+    view.canvas.setAttribute(
+      "aria-label",
+      "The mesh with its clusters. Arrow keys turn it, plus and minus zoom, 0 resets. The table has the same clusters.",
+    );
+    view.onPick = (place, withShift) => this.onPick(this.clusterAt(place), place.pane === 1, withShift);
+    view.onHover = (place) => this.hover(place);
+    this.element.removeAttribute("aria-busy");
+    for (const coloured of [this.mine, this.other]) {
+      coloured.setMesh(mesh);
+      coloured.set(coloured.labels);
+    }
+  }
+
+  /** Draws the labels of one or two jobs; `numbers` colour the clusters of the first in place of hues. */
+  show(numbers: Float64Array | null, hasOther: boolean, parting: Parting): void {
+    this.view?.show(this.mine.shown(numbers), hasOther ? this.other.shown(null) : null, parting);
+    this.element.dataset["clusters"] = String(this.mine.hues.length);
+  }
+
+  part(parting: number): void {
+    this.view?.part(parting);
+  }
+
+  select(cluster: number | null, other: number | null): void {
+    this.view?.select(cluster, other);
+  }
+
+  async showRemesh(clusters: number | null): Promise<void> {
+    const path = output(this.job, "remesh", { format: "glb", clusters });
+    const { segments, centre } = await this.scene.edges(await this.bytes(path));
+    this.view?.setEdges(segments, centre);
+    this.element.dataset["edges"] = String(segments.length / 6);
+  }
+
+  hideRemesh(): void {
+    this.view?.setEdges(null);
+  }
+
+  /** Hands over one cluster as a file. */
+  saveOne(cluster: number): void {
+    if (this.mesh) save(part(this.mesh, this.mine.labels, cluster), `${stem(this.job)}-cluster-${cluster}.obj`);
+  }
+
+  async save(): Promise<void> {
+    if (this.view) save(await this.view.picture(), `${stem(this.job)}-${this.mine.hues.length}.png`);
+  }
+
+  keepThumbnail(): void {
+    if (this.view) keepThumbnail(this.job.id, this.view.drawn());
+  }
+
+  close(): void {
+    this.view?.dispose();
+  }
+
+  private clusterAt({ triangle, pane }: Place): number | null {
+    const face = triangle === null ? null : (this.mesh?.faces?.[triangle] ?? triangle);
+    return face === null ? null : ((pane === 1 ? this.other : this.mine).labels[face] ?? null);
+  }
+
+  private hover(place: Place | null): void {
+    const cluster = place && this.clusterAt(place);
+    const isOther = place?.pane === 1;
+    this.view?.hover(isOther ? null : cluster, isOther ? cluster : null);
+    this.element.style.cursor = cluster === null ? "" : "pointer";
+    if (!place || cluster === null) return this.selection.pointAway();
+    const coloured = isOther ? this.other : this.mine;
+    const faces = `${count(coloured.clusters.faces[cluster] ?? 0)} faces`;
+    this.selection.pointAt(place.x, place.y, coloured.css(cluster), `Cluster ${cluster}`, faces);
+  }
+
+  private async bytes(path: string): Promise<ArrayBuffer> {
+    return await (await request(path, { signal: this.signal })).arrayBuffer();
+  }
+}

@@ -1,0 +1,82 @@
+// The selected cluster: a card at the pointer, and its numbers in the inspector.
+
+import { count, digits, make } from "./dom";
+import type { ClusterRow } from "./shown";
+import type { Clusters } from "./table";
+
+/** What is known of a cluster; the service's numbers come later than the page's own. */
+export interface Picked {
+  cluster: number;
+  colour: string;
+  facts: [string, string][];
+}
+
+export class Selection {
+  readonly element = make("section", { id: "picked", "aria-label": "Selected cluster" });
+  /** Follows the pointer over the view. */
+  readonly card = make("div", { id: "card", hidden: true });
+  private readonly numbers = make("div");
+
+  constructor(buttons: HTMLElement[]) {
+    this.element.append(this.numbers, make("div", { class: "tools" }, ...buttons));
+    this.show(null, false);
+  }
+
+  /** Writes the numbers of the selected cluster, or how to select one. */
+  show(picked: Picked | null, isTree: boolean): void {
+    this.element.dataset["cluster"] = picked === null ? "" : String(picked.cluster);
+    if (!picked) {
+      const tree = isTree ? " A second click splits it, one with Shift merges it." : "";
+      this.numbers.replaceChildren(make("p", {}, `Click a cluster to see its numbers.${tree}`));
+      return;
+    }
+    const rows = picked.facts.map(([name, value]) => {
+      const told = make("dd", {}, value);
+      told.dataset["fact"] = name.toLowerCase();
+      return make("div", {}, make("dt", {}, name), told);
+    });
+    this.numbers.replaceChildren(
+      make("h3", {}, swatch(picked.colour), `Cluster ${picked.cluster}`),
+      make("dl", { class: "facts" }, ...rows),
+    );
+  }
+
+  /** Shows the card at a place of the view. */
+  pointAt(x: number, y: number, colour: string, title: string, text: string): void {
+    this.card.replaceChildren(make("strong", {}, swatch(colour), title), make("span", {}, text));
+    this.card.hidden = false;
+    const [width, height] = [this.card.parentElement?.clientWidth ?? 0, this.card.parentElement?.clientHeight ?? 0];
+    const { offsetWidth, offsetHeight } = this.card;
+    const left = x + 16 + offsetWidth > width ? x - 12 - offsetWidth : x + 16;
+    const top = y + 16 + offsetHeight > height ? y - 12 - offsetHeight : y + 16;
+    this.card.style.transform = `translate(${Math.max(0, left)}px, ${Math.max(0, top)}px)`;
+  }
+
+  pointAway(): void {
+    this.card.hidden = true;
+  }
+}
+
+/** The numbers of a cluster, as far as they are known. */
+export function factsOf(
+  cluster: number,
+  { faces, area, centres }: Clusters,
+  hasMesh: boolean,
+  row: ClusterRow | null,
+): [string, string][] {
+  const facts: [string, string][] = [["Faces", count(faces[cluster] ?? 0)]];
+  if (hasMesh) facts.push(["Area", digits(area[cluster] ?? 0)]);
+  if (row) {
+    facts.push(["Neighbours", count(row.neighbours)], ["Roundness", digits(row.roundness ?? NaN, 3)]);
+    facts.push(["Perimeter", digits(row.perimeter ?? NaN)], ["Energy", digits(row.energy ?? NaN)]);
+  }
+  const centre = Array.from(centres.slice(3 * cluster, 3 * cluster + 3), (x) => digits(x, 3)).join(", ");
+  if (hasMesh) facts.push(["Centre", centre]);
+  return facts;
+}
+
+export function swatch(colour: string): HTMLElement {
+  const element = make("span", { class: "swatch" });
+  element.style.background = colour;
+  return element;
+}

@@ -1,0 +1,84 @@
+// What is shown of a job: its labels at a cut, the clusters that they make, the hue of each, and the selected one. Cuts
+// of a hierarchy are made here, once its merges are loaded; those of large meshes by the service.
+
+import { type Job, type Labels, isHierarchical, json, labels, output } from "./api";
+import { Colouring } from "./colouring";
+import { Hierarchy, ofJob } from "./hierarchy";
+import { HUES, css, ofHues, ofNumbers } from "./palette";
+import { type Clusters, measure } from "./table";
+import type { Shown, Triangles } from "./drawable";
+
+/** Faces up to which cuts are made here. */
+const MOST_FACES = 600_000;
+
+/** What the service's table has of a cluster. */
+export interface ClusterRow {
+  perimeter: number | null;
+  roundness: number | null;
+  neighbours: number;
+  energy: number | null;
+}
+
+export class Cuts {
+  private hierarchy: Hierarchy | null = null;
+
+  constructor(
+    private readonly job: Job,
+    private readonly signal: AbortSignal,
+  ) {}
+
+  /** Loads the merges, of a hierarchy that is not too large. */
+  async load(): Promise<void> {
+    const isSmall = (this.job.result?.faces ?? 0) <= MOST_FACES;
+    if (!isHierarchical(this.job.parameters.algorithm) || !isSmall) return;
+    this.hierarchy = await Hierarchy.read(ofJob(this.job, this.signal));
+  }
+
+  /** Labels at a cut that takes no request; null where it takes one. */
+  now(clusters: number | null): Labels | null {
+    return clusters === null ? null : (this.hierarchy?.cut(clusters) ?? null);
+  }
+
+  async at(clusters: number | null, signal: AbortSignal): Promise<Labels> {
+    return this.now(clusters) ?? (await labels(this.job, clusters, signal));
+  }
+}
+
+/** Labels in colours. */
+export class Coloured {
+  labels: Uint32Array = new Uint32Array();
+  hues: Uint8Array = new Uint8Array();
+  clusters: Clusters = { faces: new Uint32Array(), area: new Float64Array(), centres: new Float64Array() };
+  private colouring = new Colouring();
+  private mesh: Triangles | null = null;
+
+  /** With the mesh, hues are such that neighbours differ. */
+  setMesh(mesh: Triangles): void {
+    this.mesh = mesh;
+    this.colouring = new Colouring(mesh.corners, mesh.faces);
+  }
+
+  set(labels: Uint32Array): void {
+    this.labels = labels;
+    let clusters = 0;
+    for (const label of labels) if (label >= clusters) clusters = label + 1;
+    this.hues = this.colouring.hues(labels, clusters);
+  }
+
+  /** Adds up faces, areas and centres; for a large mesh it takes longer than to draw it. */
+  measure(): void {
+    this.clusters = measure(this.labels, this.mesh);
+  }
+
+  css(cluster: number): string {
+    return css(HUES[this.hues[cluster] ?? 0] ?? [0, 0, 0]);
+  }
+
+  /** Labels and colours: of hues, or of a number a cluster. */
+  shown(numbers: Float64Array | null): Shown {
+    return { labels: this.labels, colours: numbers ? ofNumbers(numbers) : ofHues(this.hues) };
+  }
+}
+
+export const rowsOf = async (job: Job, clusters: number | null, signal: AbortSignal): Promise<ClusterRow[]> =>
+  (await json<{ clusters: ClusterRow[] }>(output(job, "clusters", { format: "json", clusters }), { signal })).clusters;

@@ -1,0 +1,66 @@
+// What leads on from a job: its link, and the same request for curl, the command line and Python.
+
+import { type Job, isHierarchical, nameOf } from "./api";
+import { announce, make } from "./dom";
+
+export function take(job: Job, clusters: () => number | null): HTMLElement {
+  const kinds: [string, () => string][] = [
+    ["Link", () => location.href],
+    ["curl", () => curl(job)],
+    ["Command", () => command(job, clusters())],
+    ["Python", () => python(job, clusters())],
+  ];
+  const buttons = kinds.map(([name, text]) => {
+    const button = make("button", { type: "button", id: `copy-${name.toLowerCase()}` }, name);
+    button.addEventListener("click", () => void copy(button, name, text()));
+    return button;
+  });
+  return make("section", { id: "take" }, make("h3", {}, "Copy as"), make("div", { class: "tools" }, ...buttons));
+}
+
+async function copy(button: HTMLButtonElement, name: string, text: string): Promise<void> {
+  // a page that is not from a secure place has no clipboard
+  const done = await navigator.clipboard?.writeText(text).then(
+    () => true,
+    () => false,
+  );
+  if (!done) {
+    const field = make("textarea", { readonly: true, "aria-label": name }, text);
+    button.parentElement?.after(field);
+    field.select();
+    return;
+  }
+  button.textContent = "Copied";
+  announce(`${name} is copied`);
+  setTimeout(() => (button.textContent = name), 2000);
+}
+
+/** A word of a shell. */
+const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
+
+function curl(job: Job): string {
+  const { algorithm, clusters, quality } = job.parameters;
+  const search = new URLSearchParams({ algorithm, keep_mesh: "true", format: job.mesh.format });
+  if (clusters) search.set("clusters", String(clusters));
+  if (quality) search.set("quality", quality);
+  return `curl -sS --data-binary @${quoted(nameOf(job))} '${location.origin}/v1/jobs?${search}'`;
+}
+
+function command(job: Job, cut: number | null): string {
+  const { algorithm, clusters, quality } = job.parameters;
+  const name = quoted(nameOf(job));
+  const options = `--algorithm ${algorithm}${clusters ? ` --clusters ${clusters}` : ""}${quality ? ` --quality ${quality}` : ""}`;
+  if (!isHierarchical(algorithm)) return `tesserae cluster ${name} ${options} --labels labels.npy --mesh clusters.glb`;
+  const run = `tesserae cluster ${name} ${options} --hierarchy hierarchy.tsr`;
+  return `${run}\ntesserae cut hierarchy.tsr --clusters ${cut ?? 1} --labels labels.npy`;
+}
+
+function python(job: Job, cut: number | null): string {
+  const { algorithm, clusters, quality } = job.parameters;
+  const given = [`algorithm="${algorithm}"`];
+  if (clusters) given.push(`clusters=${clusters}`);
+  if (quality) given.push(`quality="${quality}"`);
+  const labels = isHierarchical(algorithm) ? `result.hierarchy.cut(${cut ?? 1}).labels` : "result.labels";
+  const call = `tesserae_mesh.cluster(${JSON.stringify(nameOf(job))}, ${given.join(", ")})`;
+  return `import tesserae_mesh\n\nresult = ${call}\nlabels = ${labels}`;
+}

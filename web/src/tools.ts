@@ -1,0 +1,74 @@
+// The tools over the view: what colours stand for, which way is up, edges of the remesh, a picture.
+
+import * as address from "./address";
+import { make, option } from "./dom";
+import { scale, css } from "./palette";
+import type { Up } from "./ground";
+
+const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy" };
+
+export class Tools {
+  readonly element = make("div", { id: "tools", role: "group", "aria-label": "View", hidden: true });
+  readonly legend = make("p", { id: "legend", hidden: true });
+  onColours: () => void = () => {};
+  onUp: (up: Up) => void = () => {};
+  onRemesh: (isOn: boolean) => void = () => {};
+  onPicture: () => void = () => {};
+  readonly remesh = make("button", { type: "button", id: "remesh", "aria-pressed": "false" }, "Remesh");
+  private readonly colours = make(
+    "select",
+    { id: "colours", "aria-label": "Colour by" },
+    option("", "Clusters"),
+    ...address.COLOURS.map((name) => option(name, NAMES[name])),
+  );
+  private readonly up = make("button", { type: "button", id: "up-axis" });
+
+  constructor(hasRemesh: boolean, hasRows: boolean) {
+    this.colours.value = address.read().colours ?? "";
+    for (const { value } of [...this.colours.options].slice(2)) {
+      const item = this.colours.querySelector<HTMLOptionElement>(`[value="${value}"]`);
+      if (item) item.disabled = !hasRows;
+    }
+    this.colours.addEventListener("change", () => {
+      address.amend({ colours: address.COLOURS.find((name) => name === this.colours.value) ?? null });
+      this.tellLegend();
+      this.onColours();
+    });
+    this.up.addEventListener("click", () => {
+      const up = this.up.dataset["up"] === "y" ? "z" : "y";
+      address.amend({ up });
+      this.setUp(up);
+      this.onUp(up);
+    });
+    this.remesh.addEventListener("click", () => {
+      const isOn = this.remesh.getAttribute("aria-pressed") !== "true";
+      this.remesh.setAttribute("aria-pressed", String(isOn));
+      this.onRemesh(isOn);
+    });
+    const picture = make("button", { type: "button", id: "picture", onclick: () => this.onPicture() }, "PNG");
+    picture.setAttribute("aria-label", "Save a picture of this view as PNG");
+    this.element.append(this.colours, this.up, ...(hasRemesh ? [this.remesh] : []), picture);
+    this.tellLegend();
+  }
+
+  get isRemeshed(): boolean {
+    return this.remesh.getAttribute("aria-pressed") === "true";
+  }
+
+  /** Says which way is up; before there is a mesh, there are no tools. */
+  setUp(up: Up): void {
+    this.element.hidden = false;
+    this.up.dataset["up"] = up;
+    this.up.textContent = `${up.toUpperCase()} up`;
+    this.up.setAttribute("aria-label", `${up.toUpperCase()} up, make it ${up === "y" ? "Z" : "Y"} up`);
+  }
+
+  private tellLegend(): void {
+    const { colours } = address.read();
+    this.legend.hidden = colours === null;
+    if (colours === null) return;
+    const bar = make("span", { class: "scale" });
+    bar.style.background = `linear-gradient(90deg, ${[0, 0.25, 0.5, 0.75, 1].map((at) => css(scale(at))).join(", ")})`;
+    this.legend.replaceChildren(`${NAMES[colours]}, by rank: low `, bar, " high");
+  }
+}

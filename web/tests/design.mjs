@@ -1,0 +1,317 @@
+// What the page shows at first sight, and what every control changes.
+import assert from "node:assert/strict";
+import { existsSync, readFileSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { look } from "./browser.mjs";
+import { until } from "./service.mjs";
+import { accessible, drawn, fact, idOf, labels, meshes, remove, sample, submit, succeeded, text } from "./steps.mjs";
+
+const address = (page) => new URLSearchParams(page.url().split("?")[1] ?? "");
+const middle = async (page, selector) => {
+  const { width, height } = await page.locator(selector).boundingBox();
+  return { x: width / 2, y: height / 2 };
+};
+
+export const design = {
+  async "the first visit shows a knot in clusters that turns, and the slider cuts it"({ service, browser }) {
+    // the service makes it at the first request
+    for (const name of ["knot.glb", "knot.tsr"]) await fetch(`${service.url}/${name}`);
+    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } });
+    const since = () =>
+      page.evaluate(() => performance.now() - performance.getEntriesByType("navigation")[0].responseStart);
+    await page.waitForSelector("#knot canvas[data-frames]");
+    console.log(`  clusters are there ${Math.round(await since())} ms after the first byte`);
+    assert.ok((await look(page, "#knot")).hues > 6, "it has the hues of clusters");
+    const frames = async () => Number(await page.getAttribute("#knot canvas", "data-frames"));
+    const before = await frames();
+    await until("it turns", async () => (await frames()) > before + 3);
+    await page.locator("#level").focus();
+    for (const [key, clusters] of [
+      ["Home", "1"],
+      ["End", "5000"],
+    ]) {
+      await page.keyboard.press(key);
+      await until(`${clusters} clusters`, async () => (await page.getAttribute("#knot", "data-clusters")) === clusters);
+      assert.match(
+        await text(page, ".cut"),
+        new RegExp(`^${Number(clusters).toLocaleString("en")} clusters? of 19,992 faces$`),
+      );
+    }
+    await page.locator("#knot canvas").focus();
+    await page.keyboard.press("ArrowLeft");
+    await until("it rests where someone moved it", async () => {
+      const stopped = await frames();
+      await page.waitForTimeout(1000);
+      return (await frames()) === stopped;
+    });
+    await accessible(page, "the first visit");
+    await page.close();
+    const still = await browser.open(service.url, { reducedMotion: "reduce" });
+    await still.waitForSelector("#knot canvas[data-frames]");
+    const framesThere = () => still.getAttribute("#knot canvas", "data-frames");
+    const at = await framesThere();
+    await still.waitForTimeout(1000);
+    assert.equal(await framesThere(), at, "nothing moves for those who want no motion");
+    await still.close();
+  },
+
+  async "neighbours never have one hue, and a cluster keeps its hue while the slider moves"({ service, browser }) {
+    const page = await browser.open(service.url);
+    const found = await page.evaluate(async () => {
+      const { Colouring } = await import("/scene.js");
+      // a grid of squares of two triangles, cut into blocks, then each block into four
+      const side = 48;
+      const [corners, coarse, fine] = [[], [], []];
+      for (let cell = 0; cell < side * side; cell++) {
+        const [x, y] = [cell % side, Math.floor(cell / side)];
+        const at = y * (side + 1) + x;
+        corners.push(at, at + 1, at + side + 2, at, at + side + 2, at + side + 1);
+        const block = (size) => Math.floor(y / size) * (side / size) + Math.floor(x / size);
+        coarse.push(block(8), block(8));
+        fine.push(block(4), block(4));
+      }
+      const number = (labels) => {
+        const seen = new Map();
+        return Uint32Array.from(labels, (label) => {
+          if (!seen.has(label)) seen.set(label, seen.size);
+          return seen.get(label);
+        });
+      };
+      const alike = (labels, hues) => {
+        let count = 0;
+        for (let i = 0; i < corners.length; i++)
+          for (const other of [i - 6, i - 6 * side].filter((j) => j >= 0 && corners[j] !== undefined)) {
+            const [a, b] = [labels[Math.floor(i / 3)], labels[Math.floor(other / 3)]];
+            const touch = i % (6 * side) >= 6 || other === i - 6 * side;
+            if (touch && a !== b && hues[a] === hues[b]) count++;
+          }
+        return count;
+      };
+      const colouring = new Colouring(Uint32Array.from(corners));
+      const [first, second] = [number(coarse), number(fine)];
+      const before = colouring.hues(first, 36).slice();
+      const after = colouring.hues(second, 144);
+      // the quarter that has the first face of a block
+      const keeps = before.filter((hue, block) => after[second[first.indexOf(block)]] === hue).length;
+      const plain = Uint8Array.from(after, (_, cluster) => cluster % 2);
+      return { alike: alike(first, before) + alike(second, after), keeps, control: alike(second, plain) };
+    });
+    assert.ok(found.control > 0, "neighbours of one hue are noticed");
+    assert.deepEqual([found.alike, found.keeps], [0, 36]);
+    await page.close();
+  },
+
+  async "which way is up is guessed, can be switched, and is in the address"({ service, browser }) {
+    const path = meshes && join(meshes, "nefertiti.obj");
+    if (!path || !existsSync(path)) return console.log("  left out: there is no folder of meshes");
+    const page = await browser.open(service.url);
+    await submit(page, path, { name: "nefertiti.obj", clusters: 50, quality: "fast" });
+    await succeeded(page);
+    await drawn(page, 50);
+    const up = () => page.getAttribute("#view canvas", "data-up");
+    assert.equal(await up(), "z", "it has a flat base across z");
+    const before = (await look(page, "#view")).digest;
+    await page.click("#up-axis");
+    await until("it is turned", async () => (await look(page, "#view")).digest !== before);
+    assert.equal(address(page).get("up"), "y");
+    await page.reload();
+    await drawn(page, 50);
+    assert.deepEqual([await up(), await text(page, "#up-axis")], ["y", "Y up"]);
+    await page.close();
+  },
+
+  async "colours stand for size, roundness and energy too"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "terrain", 6000), { name: "hills.obj", clusters: 60 });
+    await succeeded(page);
+    await drawn(page, 60);
+    const seen = [(await look(page, "#view")).digest];
+    for (const name of ["area", "roundness", "energy"]) {
+      await page.selectOption("#colours", name);
+      await until(`colours are of ${name}`, async () => !seen.includes((await look(page, "#view")).digest));
+      seen.push((await look(page, "#view")).digest);
+      assert.equal(address(page).get("colours"), name);
+      assert.ok(await page.isVisible("#legend"));
+    }
+    await accessible(page, "a scale");
+    await page.selectOption("#colours", "");
+    await until("colours are of clusters again", async () => (await look(page, "#view")).digest === seen[0]);
+    await page.close();
+  },
+
+  async "the pointer names the cluster under it, Escape lets go, and one cluster can be taken along"({
+    service,
+    browser,
+  }) {
+    const page = await browser.open(service.url);
+    await page.click("#jobs a:has-text('hills')");
+    await drawn(page, 60);
+    const shown = await labels(service, idOf(page));
+    const position = await middle(page, "#view canvas");
+    const { digest } = await look(page, "#view");
+    await page.hover("#view canvas", { position });
+    await until("a card is at the pointer", () => page.isVisible("#card"));
+    const named = await text(page, "#card strong");
+    await page.mouse.move(0, 0);
+    await until("the card is gone", () => page.isHidden("#card"));
+    await page.click("#view canvas", { position });
+    await until("it is selected", async () => (await page.getAttribute("#picked", "data-cluster")) !== "");
+    const selected = Number(await page.getAttribute("#picked", "data-cluster"));
+    assert.equal(named, `Cluster ${selected}`);
+    const [download] = await Promise.all([page.waitForEvent("download"), page.click("#only")]);
+    assert.equal(download.suggestedFilename(), `hills-cluster-${selected}.obj`);
+    const obj = readFileSync(await download.path(), "utf8");
+    const count = shown.filter((label) => label === selected).length;
+    assert.equal(obj.match(/^f /gm).length, count);
+    assert.equal(await fact(page, "faces"), String(count));
+    await page.keyboard.press("Escape");
+    await until("it is let go", async () => (await page.getAttribute("#picked", "data-cluster")) === "");
+    await page.mouse.move(0, 0);
+    await until("as before", async () => (await look(page, "#view")).digest === digest);
+    const [png] = await Promise.all([page.waitForEvent("download"), page.click("#picture")]);
+    assert.equal(
+      readFileSync(await png.path())
+        .subarray(1, 4)
+        .toString(),
+      "PNG",
+    );
+    await page.close();
+  },
+
+  async "a job is clustered again from the mesh that the service kept, with the same labels"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await page.click("#jobs a:has-text('hills')");
+    await drawn(page, 60);
+    const before = idOf(page);
+    await page.fill("#again-clusters", "25");
+    await page.locator("#again button").click();
+    await until("another job is open", () => idOf(page) !== before);
+    await succeeded(page);
+    await drawn(page, 25);
+    const body = readFileSync(sample(service, "terrain", 6000));
+    const query = "format=obj&clusters=25&algorithm=bb";
+    const answer = await fetch(`${service.url}/v1/jobs?${query}`, {
+      method: "POST",
+      body,
+      headers: { prefer: "wait=60" },
+    });
+    const { id } = await answer.json();
+    await until(
+      "it is made",
+      async () => (await (await fetch(`${service.url}/v1/jobs/${id}`)).json()).state === "succeeded",
+    );
+    assert.deepEqual(await labels(service, idOf(page)), await labels(service, id));
+    await page.close();
+  },
+
+  async "a deletion can be undone for ten seconds"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "sphere", 500), { name: "regret.obj", clusters: 5 });
+    await succeeded(page);
+    const id = idOf(page);
+    const isThere = async () => (await fetch(`${service.url}/v1/jobs/${id}`)).ok;
+    await remove(page);
+    await until("it is not in the list", async () => !(await text(page, "#jobs")).includes("regret"));
+    assert.ok(await isThere());
+    await accessible(page, "a deletion");
+    await page.click("#undo");
+    await drawn(page, 5);
+    await until("it is in the list", async () => (await text(page, "#jobs")).includes("regret"));
+    await remove(page);
+    await until("it is deleted", async () => !(await isThere()));
+    await page.close();
+  },
+
+  async "several meshes become several jobs, and what is no mesh is not sent"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await page.setInputFiles(
+      "#file",
+      ["one", "two"].map((name, i) => {
+        const path = join(service.folder, `${name}.obj`);
+        writeFileSync(path, readFileSync(sample(service, "sphere", 500 + 100 * i)));
+        return path;
+      }),
+    );
+    assert.equal(await text(page, "#submit"), "Cluster 2 meshes");
+    await page.click("#submit");
+    await until("both are jobs", async () => /two.*one|one.*two/.test(await text(page, "#jobs")));
+    const note = join(service.folder, "note.txt");
+    writeFileSync(note, "no mesh");
+    await page.setInputFiles("#file", note);
+    assert.match(await text(page, "#notice"), /note\.txt is no mesh/);
+    assert.ok(await page.isDisabled("#submit"));
+    await page.close();
+  },
+
+  async "a failure is said in the page's words, with the button that repairs it"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "parts", 1000), { name: "apart.obj", clusters: 1 });
+    await until("it fails", async () => (await page.getAttribute("#state", "data-state")) === "failed");
+    const [, parts] = /has (\d+) separate parts/.exec(await text(page, "#state"));
+    await accessible(page, "a failure");
+    await page.click(`.mend:has-text('Cluster with ${parts}')`);
+    await succeeded(page);
+    await drawn(page, Number(parts));
+    await page.goBack();
+    await page.click(".mend:has-text('Join parts')");
+    await succeeded(page);
+    await drawn(page, 1);
+    const duck = ["Duck.gltf", "Duck0.bin"].map((name) => join(meshes ?? "", "gltf/Duck", name));
+    if (!meshes || !duck.every(existsSync)) return await page.close();
+    await page.setInputFiles("#file", duck[0]);
+    await page.selectOption("#algorithm", "bb");
+    await page.fill("#clusters", "30");
+    await page.click("#submit");
+    await page.waitForSelector("label.mend:has-text('Add Duck0.bin')");
+    await page.setInputFiles("label.mend input", duck[1]);
+    await succeeded(page);
+    await drawn(page, 30);
+    await page.close();
+  },
+
+  async "a job can be taken along as link, curl, command and Python"({ service, browser }) {
+    const page = await browser.open(service.url, { permissions: ["clipboard-read", "clipboard-write"] });
+    await page.click("#jobs a:has-text('hills')");
+    await drawn(page, 25);
+    const begins = { link: service.url, curl: "curl ", command: "tesserae ", python: "import " };
+    const copied = async (name) => {
+      await page.click(`#copy-${name}`);
+      return await until(`${name} is copied`, async () => {
+        const text = await page.evaluate(() => navigator.clipboard.readText());
+        return text.startsWith(begins[name]) && text;
+      });
+    };
+    assert.equal(await copied("link"), page.url());
+    assert.match(await copied("curl"), /^curl .*@hills\.obj 'http.*\/v1\/jobs\?algorithm=bb&.*clusters=25/);
+    assert.match(await copied("command"), /^tesserae cluster hills\.obj --algorithm bb --clusters 25/);
+    assert.match(await copied("python"), /tesserae_mesh\.cluster\("hills\.obj", algorithm="bb", clusters=25/);
+    await page.close();
+  },
+
+  async "every frame of a moving slider has another cut, also of 200,000 faces"({ service, browser }) {
+    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } });
+    await submit(page, sample(service, "knot", 200_000, "glb"), { name: "fast.glb", algorithm: "pml" });
+    await succeeded(page);
+    await drawn(page, 100);
+    await page.waitForTimeout(1500);
+    const { rate, cuts } = await page.evaluate(async () => {
+      const [range, view] = [document.querySelector("#level"), document.querySelector("#view")];
+      const canvas = view.querySelector("canvas");
+      const first = Number(canvas.dataset.frames);
+      const cuts = new Set();
+      const began = performance.now();
+      for (let place = 200; place < 800; place += 5) {
+        range.value = String(place);
+        range.dispatchEvent(new Event("input"));
+        await new Promise(requestAnimationFrame);
+        cuts.add(view.dataset.clusters);
+      }
+      // until what was drawn is there
+      canvas.getContext("webgl2").readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4));
+      return { rate: (1000 * (Number(canvas.dataset.frames) - first)) / (performance.now() - began), cuts: cuts.size };
+    });
+    console.log(`  ${rate.toFixed(0)} frames a second, ${cuts} cuts`);
+    assert.ok(cuts > 50, "every frame has another cut");
+    await page.close();
+  },
+};
