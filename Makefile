@@ -237,13 +237,15 @@ pages: debug-binary $(VENV)/ready  ## write settings and output of commands into
 	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae --update
 
 .PHONY: picture
-picture: debug-binary $(VENV)/ready  ## draw docs/knot.png and docs/remesh.png anew, and take the pictures of the page
+picture: debug-binary $(VENV)/ready  ## draw docs/knot.png, remesh.png and chunks.png anew, and take the pictures of the page
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures docs
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 400 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 1500 --labels $(TARGET)/knot.npy --remesh $(TARGET)/remesh.obj
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/remesh.png $(TARGET)/remesh.obj
+	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 40 --labels $(TARGET)/knot.npy
+	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/chunks.png apart=0.35
 
 # The program that is tried from outside: with checks and named faults, and some optimisation, which three minutes of
 # compiling take and the service under load gives back (`memory` alone takes 43 s in place of 4.6 minutes).

@@ -1,7 +1,8 @@
 """Draws a clustered mesh as a PNG, with numpy alone: `python render.py MESH.obj LABELS.npy OUT.png [REMESH.obj]`.
 
-Every cluster has a colour of its own, its outline is dark, and light comes from the upper left. A remesh is drawn to the
-right of the mesh, with the outlines of its triangles.
+Neighbouring clusters have different hues, outlines are dark, and light comes from the upper left. A remesh is drawn to the
+right of the mesh, with the outlines of its triangles. With `apart=0.3` in place of a remesh, clusters move away from the
+middle of the mesh by that part of their distance to it.
 """
 
 import pathlib
@@ -26,12 +27,38 @@ def look(vertices, tilt=-0.62, turn=0.35):
     return (vertices - vertices.mean(0)) @ (np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ around).T
 
 
-def palette(count):
-    """Soft colours, neighbours in number far apart in hue."""
-    hue = (np.arange(count) * 0.618034) % 1
-    value = 0.86 + 0.14 * ((np.arange(count) * 0.7548777) % 1)
-    ramp = np.abs((hue[:, None] * 6 + np.array([0, 4, 2])) % 6 - 3) - 1
-    return (1 - 0.55 * (1 - np.clip(ramp, 0, 1))) * value[:, None]
+# Those of the page (web/src/palette.ts): near-equal lightness and chroma.
+HUES = np.array([
+    [241, 138, 142], [97, 185, 222], [222, 199, 112], [207, 142, 211],
+    [150, 204, 131], [136, 153, 230], [240, 166, 108], [100, 195, 178],
+]) / 255
+
+
+def palette(triangles, labels):
+    """A hue a cluster, other than those of the clusters before it that share an edge with it."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    label = np.repeat(labels, 3)
+    order = np.lexsort(edges.T)
+    edges, label = edges[order], label[order]
+    beside = (edges[1:] == edges[:-1]).all(1) & (label[1:] != label[:-1])
+    neighbours = [set() for _ in range(labels.max() + 1)]
+    for a, b in np.unique(np.sort(np.stack([label[:-1], label[1:]], 1)[beside], axis=1), axis=0):
+        neighbours[b].add(a)
+    hues = []
+    for cluster, of_cluster in enumerate(neighbours):
+        taken = {hues[other] for other in of_cluster}
+        wanted = [(cluster * 3 + step) % len(HUES) for step in range(len(HUES))]
+        hues.append(next((hue for hue in wanted if hue not in taken), wanted[0]))
+    return HUES[hues]
+
+
+def pulled_apart(vertices, triangles, labels, apart):
+    """Vertices and triangles of their own for each triangle, moved with its cluster."""
+    corners = vertices[triangles]
+    count = np.bincount(labels)
+    middle = np.stack([np.bincount(labels, corners.mean(1)[:, axis]) for axis in range(3)], 1) / count[:, None]
+    moved = corners + apart * (middle - vertices.mean(0))[labels][:, None]
+    return moved.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 def draw(vertices, triangles, face, labels, colours):
@@ -92,7 +119,7 @@ def png(picture):
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(data, 9)) + chunk(b"IEND", b""))
 
 
-def drawn(mesh, labels=None):
+def drawn(mesh, labels=None, apart=0.0):
     """The picture of a mesh; without labels that of its triangles in one colour."""
     vertices, corners, first = score.load(mesh)
     triangles, face = score.fans(corners, first)
@@ -100,12 +127,17 @@ def drawn(mesh, labels=None):
         labels = np.arange(len(triangles))
         colours = np.full((len(labels), 3), [0.93, 0.87, 0.76])
     else:
-        colours = palette(labels.max() + 1)
+        _, welded = np.unique(vertices, axis=0, return_inverse=True)
+        colours = palette(welded.ravel()[triangles], labels[face])
+    if apart:
+        vertices, triangles = pulled_apart(vertices, triangles, labels[face], apart)
     large = draw(look(vertices), triangles, face, labels, colours)
     return large.reshape(HEIGHT, FINER, WIDTH, FINER, 3).mean((1, 3))
 
 
 if __name__ == "__main__":
-    mesh, labels, out, *remesh = sys.argv[1:]
-    pictures = [drawn(mesh, np.load(labels).astype(np.int64)), *(drawn(path) for path in remesh)]
+    mesh, labels, out, *more = sys.argv[1:]
+    apart = sum(float(word[6:]) for word in more if word.startswith("apart="))
+    remesh = [path for path in more if not path.startswith("apart=")]
+    pictures = [drawn(mesh, np.load(labels).astype(np.int64), apart), *(drawn(path) for path in remesh)]
     pathlib.Path(out).write_bytes(png(np.concatenate(pictures, axis=1)))
