@@ -95,7 +95,7 @@ pub use access::{change_tokens, read_tokens};
 pub use backup::{Backup, back_up};
 pub use blobs::place::BlobPlace;
 pub use faults::{FaultPoint, Faults};
-pub use logging::{LogFormat, LogSettings, Logging};
+pub use logging::{LogFormat, LogSettings};
 pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use preflight::preflight;

@@ -126,10 +126,10 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
         }
     }
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
-    let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
+    let parent = request.extensions().get::<TraceParent>().map(TraceParent::to_string);
     let mut upload =
         upload::receive(request, &shared.files, shared.store.as_ref(), &tenant.name, key.is_some(), rules).await?;
-    upload.spec.trace_parent = parent.map(|parent| parent.to_string());
+    upload.spec.trace_parent = parent;
     if let Some(webhook) = &upload.spec.webhook {
         shared.webhooks.check(webhook)?;
     }

@@ -106,7 +106,6 @@ metrics! {
             "Attempts at a job that failed in a way that another may not, by kind of problem";
         poison: Family<ByReason, Counter>, "poison",
             "Jobs that were given up after as many attempts as may be made, by the kind of the last problem";
-        spans_lost: Counter, "spans_lost", "Spans that the collector did not take";
         jobs: Family<ByState, Gauge>, "jobs", "Jobs that the service knows, by state";
         queue_wait: Histogram = LONG.new_metric(), "queue_wait" [Seconds],
             "Time between acceptance and claim of a job";

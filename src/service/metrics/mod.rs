@@ -26,7 +26,6 @@ use self::families::{
 use self::process::Process;
 use self::tenants::Tenants;
 use super::health::{Health, Part, Severity};
-use super::logging;
 use super::settings::Settings;
 use super::store::{Job, State, Statistics};
 use crate::device::MemoryMeter;
@@ -312,7 +311,6 @@ impl Metrics {
             families.disk_free.set(signed(free));
         }
         families.queue_oldest.set(now.room.oldest_queued.unwrap_or_default().as_secs_f64());
-        families.spans_lost.inner().store(logging::lost_spans(), Ordering::Relaxed);
         families.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
         if let Some(bytes) = process::resident_bytes() {
             families.resident.set(bytes);
