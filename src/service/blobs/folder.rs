@@ -85,17 +85,13 @@ impl Blobs for FolderBlobs {
         blocking(move || size(&folder)).await
     }
 
-    async fn times(&self, below: &BlobPath) -> Result<Vec<(BlobPath, SystemTime)>> {
-        let (root, folder) = (self.root.clone(), self.at(below));
+    async fn newest(&self, below: &BlobPath) -> Result<Option<SystemTime>> {
+        let folder = self.at(below);
         blocking(move || {
-            let mut times = Vec::new();
+            let mut newest = None;
             // one that is being written counts too
-            each_below(&folder, |path, found| {
-                let path = path.strip_prefix(&root).unwrap_or(path).to_string_lossy();
-                let time = found.modified().ok().filter(|_| found.is_file());
-                times.extend(time.map(|time| (BlobPath::from(path.as_ref()), time)));
-            });
-            times
+            each_below(&folder, |_, found| newest = newest.max(found.modified().ok().filter(|_| found.is_file())));
+            newest
         })
         .await
     }

@@ -9,7 +9,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use object_store::path::Path as BlobPath;
-use uuid::Uuid;
 
 use super::ballast::Ballast;
 use super::disk::{self, Disk, DiskLimits};
@@ -133,11 +132,6 @@ impl Files {
     /// Removes the upload of a job.
     pub async fn remove_upload(&self, id: JobId) {
         self.remove_below(&Folder::Upload(id).path()).await;
-    }
-
-    /// Removes what came with a request for the job of an upload by URL.
-    pub async fn remove_parts(&self, id: JobId, request: Uuid) {
-        self.remove_below(&Folder::Parts(id, request).path()).await;
     }
 
     /// Removes what an attempt at a job left.

@@ -4,7 +4,6 @@
 //! DIR/lock                          held by the one process that works here
 //! DIR/jobs.sqlite3…                 the store of jobs
 //! DIR/uploads/{job}/…               from the request until the job ends
-//! DIR/uploads/{job}/{request}/…     what a request brought with an upload by URL
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/scratch/…                     what an answer is made of while it is sent
 //! DIR/aside/{time}/…                what the store did not know when the service started, for a while

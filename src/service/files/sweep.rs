@@ -2,7 +2,7 @@
 //!
 //! A place that is shared holds uploads that come in at another process, which the store does not know yet, and which
 //! this process cannot tell from those that a killed process left. There, what belongs to no job goes when its newest
-//! blob is a day old by the clock of the place. Uploads by URL that were given up go at once (`referred`).
+//! blob is a day old by the clock of the place.
 
 use std::time::{Duration, SystemTime};
 
@@ -11,7 +11,7 @@ use object_store::path::Path as BlobPath;
 use super::folder::Files;
 use super::names::{Folder, RESULTS, UPLOADS};
 use crate::error::Result;
-use crate::service::store::{Job, JobId, Reservations, State};
+use crate::service::store::{Job, JobId, Queue, State};
 
 /// Age at which blobs without a job go from a place that is shared. An upload that takes longer is lost.
 const OLD: Duration = Duration::from_secs(86_400);
@@ -20,20 +20,20 @@ impl Files {
     /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a
     /// retry, and results of attempts that did not make it. Uploads that are coming in stay. Returns how many folders
     /// went.
-    pub async fn sweep(&self, store: &dyn Reservations) -> Result<usize> {
+    pub async fn sweep(&self, store: &dyn Queue) -> Result<usize> {
         self.sweep_all(store, false).await
     }
 
     /// The same when the service starts: what belongs to no job of the store is moved aside, because the store may be
     /// an older copy. A place that is shared is not swept then.
-    pub async fn sweep_at_start(&self, store: &dyn Reservations) -> Result<usize> {
+    pub async fn sweep_at_start(&self, store: &dyn Queue) -> Result<usize> {
         match self.is_shared() {
             true => Ok(0),
             false => self.sweep_all(store, true).await,
         }
     }
 
-    async fn sweep_all(&self, store: &dyn Reservations, moves_aside: bool) -> Result<usize> {
+    async fn sweep_all(&self, store: &dyn Queue, moves_aside: bool) -> Result<usize> {
         let mut removed = 0;
         let old = match self.is_shared() {
             true => self.blobs.probe().await?.checked_sub(OLD),
@@ -46,7 +46,7 @@ impl Files {
                 _ if is_coming_in => continue,
                 Some(job) if !job.state.is_ended() || job.keeps_upload() => continue,
                 None if moves_aside => self.move_upload_aside(id).await?,
-                None if self.is_expected(id, old, store).await? => continue,
+                None if self.is_young(Folder::Upload(id), old).await? => continue,
                 _ => self.remove_upload(id).await,
             }
             removed += 1;

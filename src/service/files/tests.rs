@@ -1,5 +1,3 @@
-mod by_url;
-
 use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
@@ -242,19 +240,25 @@ async fn a_sweep_leaves_what_jobs_know_of() {
 }
 
 #[tokio::test]
-async fn a_request_that_names_a_job_leaves_the_room_promised_to_it() {
+async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
-    let limits = DiskLimits { max_bytes: Some(2 << 20), min_free_bytes: 0 };
-    let files = open(folder.path(), limits, Faults::default());
-    let (job, large) = (JobId::random(), 3 << 19);
-    files.promise(job, 0, large).expect("there is room");
-    drop(files.incoming_reserved(job).expect("no other request"));
-    assert!(files.promise(JobId::random(), 0, large).is_err(), "the room is taken");
+    let place = folder.path().to_str().expect("a name").parse().expect("a place");
+    let files = Files::open(None, Some(&place), DiskLimits::default(), Faults::default()).expect("it opens");
+    let url = "s3://bucket/meshes/x.glb";
+    let refused = async || {
+        let forbidden = Error::new(Kind::Forbidden, "403");
+        files.explain_forbidden(Err::<(), _>(forbidden), url).await.expect_err("forbidden")
+    };
+    let error = refused().await;
+    assert_eq!(error.kind, Kind::InvalidParameter);
+    assert!(error.message.contains("s3:GetObject") && error.message.contains(url), "{error}");
+    drop(folder);
+    assert_eq!(refused().await.kind, Kind::Unavailable, "as with a wrong key");
 }
 
 #[tokio::test]
 async fn a_service_that_is_started_again_promises_the_same_room() {
-    let mesh_url = Referred { url: Some("s3://bucket/x.obj".to_owned()), tag: None, parts: None };
+    let mesh_url = Referred { url: "s3://bucket/x.obj".to_owned(), tag: None };
     for referred in [None, Some(mesh_url)] {
         let folder = tempfile::tempdir().expect("a folder");
         let (limits, mesh, seeds) = (Limits::default(), content(SMALL_BLOBS as usize), content(1000));

@@ -8,8 +8,8 @@ use tokio::sync::watch;
 use super::super::fairness::{VirtualTimes, Waiting, first_tenants};
 use super::super::pulses::Signal;
 use super::super::{
-    Claiming, End, Event, Idempotency, Job, JobId, Notice, Pulse, Release, Reservation, Rules, SmallBlob, State,
-    Statistics, Ticket, What, given_up, no_such_job, not_yours,
+    Claiming, End, Event, Idempotency, Job, JobId, Notice, Pulse, Release, Rules, SmallBlob, State, Statistics, Ticket,
+    What, given_up, no_such_job, not_yours,
 };
 use crate::error::{Kind, Result};
 
@@ -27,8 +27,6 @@ pub(super) struct Jobs {
     pub ended: BTreeSet<(SystemTime, JobId)>,
     /// Jobs by tenant and key.
     pub keys: HashMap<(String, String), JobId>,
-    /// Reservations, and until when each is valid.
-    pub reservations: HashMap<JobId, (Reservation, SystemTime)>,
     pub created: u64,
     /// Ends whose webhook was not settled, in their order.
     pub untold: Vec<Notice>,
@@ -75,7 +73,6 @@ impl Jobs {
             virtual_times: VirtualTimes::default(),
             ended: BTreeSet::new(),
             keys: HashMap::new(),
-            reservations: HashMap::new(),
             created: 0,
             untold: Vec::new(),
             blob_bytes: 0,

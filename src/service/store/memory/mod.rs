@@ -3,7 +3,6 @@
 //! One lock around everything, held for look-ups only and never across an await.
 
 mod jobs;
-mod reservations;
 
 use std::time::{Duration, SystemTime};
 
@@ -18,7 +17,7 @@ use super::workers::{OneProcess, OnlyWorker};
 use super::{
     Claiming, Created, Deletion, End, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice,
     Notices, Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
-    lease_is_over, no_such_upload, reused_key,
+    lease_is_over, reused_key,
 };
 use crate::error::Result;
 
@@ -72,9 +71,6 @@ impl Queue for MemoryStore {
             };
         }
         jobs.rules.check_room(jobs.waiting())?;
-        if spec.is_of_upload_by_url() && jobs.reservations.remove(&id).is_none() {
-            return Err(no_such_upload(id));
-        }
         jobs.created += 1;
         let number = jobs.created;
         let created_at = SystemTime::now();
@@ -270,6 +266,10 @@ impl Queue for MemoryStore {
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
         let jobs = self.jobs.lock();
         Ok(State::ALL.map(|state| jobs.by_id.values().filter(|entry| entry.job.state == state).count() as u64))
+    }
+
+    async fn waiting_of(&self, tenant: &str) -> Result<u64> {
+        Ok(self.jobs.lock().queues.get(tenant).map_or(0, |queue| queue.waiting.len()) as u64)
     }
 
     async fn oldest_queued(&self) -> Result<Option<SystemTime>> {

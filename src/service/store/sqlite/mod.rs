@@ -15,7 +15,6 @@ mod commands;
 mod connections;
 mod live;
 mod opening;
-mod reservations;
 mod rows;
 mod schema;
 mod uploads;
@@ -253,6 +252,11 @@ impl Queue for SqliteStore {
             Ok(counts)
         };
         self.readers.read(|reader| one(reader, sql, [], read)).await
+    }
+
+    async fn waiting_of(&self, tenant: &str) -> Result<u64> {
+        let sql = "SELECT coalesce((SELECT queued FROM tenants WHERE name = ?1), 0) AS waiting";
+        self.readers.read(|reader| one(reader, sql, [tenant], |row| count(row, "waiting"))).await
     }
 
     async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
