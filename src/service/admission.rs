@@ -105,13 +105,13 @@ impl Drop for Place {
 mod tests {
     use super::*;
     use crate::report::{DeviceInfo, DeviceKind};
-    use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::{NewJob, Spec};
 
     #[tokio::test]
     async fn jobs_that_are_created_at_once_are_not_more_than_may_wait() {
-        let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Arc::new(store_in(folder.path()).await);
         let spec = Spec { tenant: "acme".to_owned(), ..new_job().spec };
         store.create(NewJob { spec, ..new_job() }).await.expect("created");
         let [name, backend, driver] = [(); 3].map(|()| "x".to_owned());

@@ -136,8 +136,7 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::DiskLimits;
-    use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::{End, Queue};
 
     #[tokio::test]
@@ -148,7 +147,7 @@ mod tests {
             Arc::new(opened.expect("it opens"))
         };
         let week = Duration::from_secs(7 * 86_400);
-        let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
+        let store = Arc::new(store_in(folder.path()).await);
         store.create(new_job()).await.expect("created");
         let claimed = store.claim(1, week).await.expect("claimable");
         store.finish(claimed[0].0, End::Cancelled).await.expect("ended");

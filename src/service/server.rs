@@ -25,7 +25,6 @@ use super::retention::Retention;
 use super::router::router;
 use super::state::{DeviceDescription, Shared};
 use super::storage::{self, Storage};
-use super::store::memory::MemoryStore;
 #[cfg(feature = "postgres")]
 use super::store::postgres::PostgresStore;
 use super::store::sqlite::SqliteStore;
@@ -122,17 +121,17 @@ impl Server {
         let access = Arc::new(Access::open(&settings.access, tokens).await?);
         files.take_place(shared.as_ref().map(|shared| shared.name.as_str())).await?;
         let files = Arc::new(files);
-        let store: Arc<dyn JobStore> = match (shared, files.database()) {
+        let store: Arc<dyn JobStore> = match (shared, &settings.data_dir) {
             (Some(shared), _) => shared.jobs,
-            (None, Some(path)) => {
+            (None, Some(_)) => {
                 files.check_store(forgets).await?;
-                let store = SqliteStore::open(&path, rules, faults).await?;
+                let store = SqliteStore::open(&files.database(), rules, faults).await?;
                 if !store.was_used().await? {
                     files.check_unused_store(forgets).await?;
                 }
                 Arc::new(store)
             }
-            (None, None) => Arc::new(MemoryStore::new(rules)?),
+            (None, None) => Arc::new(SqliteStore::temporary(&files.database(), rules, faults).await?),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
         metrics.limits(&settings);

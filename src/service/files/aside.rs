@@ -22,8 +22,7 @@ impl Files {
     /// files of jobs or, where all jobs were small, its clock or its ballast. With `forget` the files of a store that
     /// is missing or empty are moved aside instead.
     pub async fn check_store(&self, forget: bool) -> Result<()> {
-        let Some(database) = self.database() else { return Ok(()) };
-        if database.metadata().is_ok_and(|found| found.len() > 0) {
+        if self.database().metadata().is_ok_and(|found| found.len() > 0) {
             return Ok(());
         }
         let jobs = match self.is_shared() {

@@ -92,14 +92,14 @@ impl Files {
         let room = Room::default();
         let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
         let references = References::default();
-        let (elsewhere, has_store) = (elsewhere.cloned(), root.is_kept());
+        let elsewhere = elsewhere.cloned();
         let files = Self {
             root,
             blobs,
             references,
             elsewhere,
             owner: None,
-            has_store,
+            has_store: true,
             disk,
             ballast,
             room,
@@ -114,9 +114,9 @@ impl Files {
         Ok(files)
     }
 
-    /// Where the store of jobs is to be; none in a temporary folder, which nothing outlasts.
-    pub fn database(&self) -> Option<PathBuf> {
-        self.root.is_kept().then(|| self.root.path().join(root::STORE[0]))
+    /// Where the store of jobs is to be.
+    pub fn database(&self) -> PathBuf {
+        self.root.path().join(root::STORE[0])
     }
 
     /// Where the time by which jobs grow old is kept; none in a temporary folder.

@@ -196,8 +196,7 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::{DiskLimits, Folder, MESH};
-    use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::{JobId, Queue as _};
 
     fn place(path: &Path) -> BlobPlace {
@@ -269,7 +268,8 @@ mod tests {
         let blobs = tempfile::tempdir().expect("a folder");
         let place = place(blobs.path());
         let [one, other] = [(); 2].map(|()| open(None, Some(&place), DiskLimits::default()));
-        let store = MemoryStore::new(RULES).expect("a store");
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = store_in(folder.path()).await;
         let known = new_job();
         store.create(known.clone()).await.expect("created");
 

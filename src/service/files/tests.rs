@@ -9,8 +9,7 @@ use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 use crate::service::blobs::folder::size;
 use crate::service::faults::{FaultPoint, Faults};
-use crate::service::store::memory::MemoryStore;
-use crate::service::store::tests::{RULES, new_job};
+use crate::service::store::tests::{new_job, store_in};
 use crate::service::store::{Created, End, Job, JobId, NewJob, Queue, Referred, SMALL_BLOBS, Spec, Summary};
 
 fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
@@ -194,7 +193,7 @@ async fn a_disk_that_fails_says_how() {
 async fn a_sweep_leaves_what_jobs_know_of() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = open(folder.path(), DiskLimits::default(), Faults::default());
-    let store = MemoryStore::new(RULES).expect("made");
+    let store = store_in(folder.path()).await;
     let accepted = async || {
         let incoming = files.incoming();
         let job = NewJob { id: incoming.id(), ..new_job() };

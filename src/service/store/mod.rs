@@ -2,8 +2,8 @@
 //!
 //! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`],
 //! [`Notices`], [`Workers`] or [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of
-//! HTTP, of files or of devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services
-//! share; [`memory`] loses them when the process ends.
+//! HTTP, of files or of devices. [`sqlite`] keeps jobs in a file, [`postgres`] in a database that several services
+//! share.
 //!
 //! # The life of a job
 //!
@@ -52,7 +52,6 @@ mod events;
 pub(super) mod fairness;
 mod job;
 mod maintenance;
-pub(super) mod memory;
 mod notices;
 #[cfg(feature = "postgres")]
 pub(super) mod postgres;
@@ -85,15 +84,23 @@ impl<S: Queue + Events + Notices + Workers + Maintenance> JobStore for S {}
 
 #[cfg(test)]
 pub(super) mod tests {
+    use std::path::Path;
     use std::time::Duration;
 
+    use super::sqlite::SqliteStore;
     use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec};
     use crate::mesh::Format;
     use crate::parameters::Parameters;
+    use crate::service::faults::Faults;
     use crate::service::kept::Kept;
 
     /// Rules of a store in a test.
     pub const RULES: Rules = Rules { max_queued: 100, max_attempts: 3, crash_pause: Duration::ZERO };
+
+    /// An empty store in a folder, which goes with the test.
+    pub async fn store_in(folder: &Path) -> SqliteStore {
+        SqliteStore::temporary(&folder.join("jobs.sqlite3"), RULES, Faults::default()).await.expect("a store")
+    }
 
     /// A job of the tenant `local` like any other.
     pub fn new_job() -> NewJob {

@@ -112,6 +112,8 @@ pub(super) fn lacks_room(error: &rusqlite::Error) -> bool {
 #[derive(Debug)]
 pub(super) struct Place {
     pub path: PathBuf,
+    /// Whether the process outlasts the file: then no commit waits for the disk.
+    pub is_temporary: bool,
     is_private: AtomicBool,
 }
 
@@ -121,7 +123,12 @@ impl Place {
 
     /// The file at `path`, shared.
     pub fn shared(path: PathBuf) -> Self {
-        Self { path, is_private: AtomicBool::new(false) }
+        Self { path, is_temporary: false, is_private: AtomicBool::new(false) }
+    }
+
+    /// The same in a temporary folder.
+    pub fn temporary(path: PathBuf) -> Self {
+        Self { is_temporary: true, ..Self::shared(path) }
     }
 
     /// Whether the file is private.
@@ -144,7 +151,7 @@ impl Place {
         flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
         let connection = self.open(flags)?;
         connection.pragma_update(None, "journal_mode", "WAL")?;
-        connection.pragma_update(None, "synchronous", "FULL")?;
+        connection.pragma_update(None, "synchronous", if self.is_temporary { "OFF" } else { "FULL" })?;
         connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
         Ok(connection)
     }
