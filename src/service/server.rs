@@ -13,7 +13,6 @@ use tokio_util::sync::CancellationToken;
 
 use super::access::Access;
 use super::admission::Admission;
-use super::aging::Reading;
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
@@ -208,7 +207,7 @@ impl Server {
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
         let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-        let retention = Retention::new(files, store, kept, Reading::now()).await?;
+        let retention = Retention::new(files, store, kept).await?;
         let mut work = match shared.settings.work.work {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),

@@ -88,10 +88,9 @@ async fn a_store_of_small_jobs_that_was_lost_is_missed() {
     let mut service = service;
     service.stopped().await;
     let folder = service.folder();
-    for name in ["jobs.sqlite3", "ballast", "clock"] {
+    for name in ["jobs.sqlite3", "ballast"] {
         let why = match std::fs::remove_file(folder.path().join(name)) {
-            // neither of the two is left that a service leaves beside its store
-            Ok(()) if name == "clock" => break,
+            Ok(()) if name == "ballast" => break,
             _ => refusal(&folder).await,
         };
         assert!(why.contains("--forget-lost-jobs") && why.contains("empty store"), "{why}");
@@ -221,7 +220,7 @@ async fn nobody_else_can_read_what_is_in_the_data_folder() {
         for name in ["", "uploads", "results", "scratch"] {
             assert_eq!(mode(&data.join(name)), 0o700, "{name}");
         }
-        for name in ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm", "lock", "ballast", "clock"] {
+        for name in ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm", "lock", "ballast"] {
             assert_eq!(mode(&data.join(name)), 0o600, "{name}");
         }
     };
@@ -241,7 +240,6 @@ async fn nobody_else_can_read_what_is_in_the_data_folder() {
         ("jobs.sqlite3", 0o644),
         ("lock", 0o644),
         ("ballast", 0o644),
-        ("clock", 0o644),
     ] {
         std::fs::set_permissions(data.join(name), std::fs::Permissions::from_mode(mode)).expect("changed");
     }

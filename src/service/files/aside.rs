@@ -19,7 +19,7 @@ const KEPT: Duration = Duration::from_secs(7 * 86_400);
 
 impl Files {
     /// Checks, before the store of jobs is opened, that it is there if a service worked in the folder before: it left
-    /// files of jobs or, where all jobs were small, its clock or its ballast. With `forget` the files of a store that
+    /// files of jobs or, where all jobs were small, its ballast. With `forget` the files of a store that
     /// is missing or empty are moved aside instead.
     pub async fn check_store(&self, forget: bool) -> Result<()> {
         if self.database().metadata().is_ok_and(|found| found.len() > 0) {
@@ -30,7 +30,7 @@ impl Files {
             true => 0,
             false => self.jobs_in(UPLOADS).await?.len() + self.jobs_in(RESULTS).await?.len(),
         };
-        let was_used = jobs > 0 || [root::CLOCK, BALLAST].iter().any(|name| self.root.path().join(name).exists());
+        let was_used = jobs > 0 || self.root.path().join(BALLAST).exists();
         match (was_used, forget) {
             (false, _) => Ok(()),
             (true, false) => Err(self.lost("is missing or empty", jobs)),

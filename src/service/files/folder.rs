@@ -119,11 +119,6 @@ impl Files {
         self.root.path().join(root::STORE[0])
     }
 
-    /// Where the time by which jobs grow old is kept; none in a temporary folder.
-    pub fn clock(&self) -> Option<PathBuf> {
-        self.root.is_kept().then(|| self.root.path().join(root::CLOCK))
-    }
-
     /// A folder for files without a name.
     pub fn scratch(&self) -> PathBuf {
         self.root.path().join("scratch")

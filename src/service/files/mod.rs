@@ -7,7 +7,6 @@
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/scratch/…                     what an answer is made of while it is sent
 //! DIR/aside/{time}/…                what the store did not know when the service started, for a while
-//! DIR/clock                         the time by which jobs grow old
 //! DIR/ballast                       room that deletions get on a full disk
 //! DIR/blobs                         where uploads and results lie, if elsewhere
 //! ```
