@@ -26,6 +26,9 @@ const SWEEP: Duration = Duration::from_secs(3600);
 /// Time from the start to the first sweep: a service that is started again every hour would never sweep otherwise.
 const FIRST_SWEEP: Duration = Duration::from_secs(5);
 
+/// Least time for which files stay of jobs that the store does not know.
+const UNKNOWN: Duration = Duration::from_secs(7 * 86_400);
+
 /// The clock jumped when it is ahead of the time that passed by more than this.
 const JUMP: Duration = Duration::from_secs(3600);
 
@@ -92,12 +95,10 @@ impl Retention {
             let is_over = self.look(Reading::now()).await && swept.elapsed() >= pause;
             if is_over {
                 (swept, pause) = (Instant::now(), SWEEP);
-                match self.files.sweep(self.store.as_ref()).await {
+                let old = kept.and_then(|kept| SystemTime::now().checked_sub(kept.max(UNKNOWN)));
+                match self.files.sweep(self.store.as_ref(), old).await {
                     Ok(removed) => tracing::debug!(removed, "swept"),
                     Err(error) => tracing::warn!(%error, "the data folder cannot be swept now"),
-                }
-                if let Err(error) = self.files.empty_aside(SystemTime::now()).await {
-                    tracing::warn!(%error, "what was moved aside cannot be removed now");
                 }
             }
         }

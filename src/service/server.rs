@@ -109,7 +109,6 @@ impl Server {
         let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
         let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
         files.allow_references(&settings.storage.mesh_prefixes)?;
-        let forgets = settings.storage.forget_lost_jobs;
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
             max_attempts: settings.work.max_attempts,
@@ -123,10 +122,10 @@ impl Server {
         let store: Arc<dyn JobStore> = match (shared, &settings.data_dir) {
             (Some(shared), _) => shared.jobs,
             (None, Some(_)) => {
-                files.check_store(forgets).await?;
+                files.check_store().await?;
                 let store = SqliteStore::open(&files.database(), rules, faults).await?;
                 if !store.was_used().await? {
-                    files.check_unused_store(forgets).await?;
+                    files.check_unused_store().await?;
                 }
                 Arc::new(store)
             }
@@ -135,12 +134,13 @@ impl Server {
         let metrics = Arc::new(Metrics::new(&description.info));
         metrics.limits(&settings);
         let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
-        let swept = files.sweep_at_start(store.as_ref()).await?;
-        if swept > 0 {
-            tracing::info!(
-                folders = swept,
-                "files that belong to no job were removed or, if a lost job may need them, moved aside"
-            );
+        // a place that is shared is swept by the one service that cleans up
+        if !files.is_shared() {
+            let (swept, unknown) = (files.sweep(store.as_ref(), None).await?, files.unknown());
+            if swept + unknown as usize > 0 {
+                let why = "files that belong to no job were removed; those of jobs that the store does not know stay";
+                tracing::info!(swept, unknown, "{why}");
+            }
         }
         storage::promise_again(&files, store.as_ref(), &settings.limits()).await?;
         let health = Arc::<Health>::default();

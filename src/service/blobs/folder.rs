@@ -1,7 +1,7 @@
 //! Blobs as files of a folder.
 //!
-//! `object_store` writes and reads them, and makes them appear by a rename. Listing, moving and removing goes by
-//! folders: an upload that a killed process left unfinished is a file too, which `object_store` does not list.
+//! `object_store` writes and reads them, and makes them appear by a rename. Listing and removing goes by folders: an
+//! upload that a killed process left unfinished is a file too, which `object_store` does not list.
 
 use std::fs::{File, Metadata};
 use std::io;
@@ -94,16 +94,6 @@ impl Blobs for FolderBlobs {
             newest
         })
         .await
-    }
-
-    async fn rename(&self, from: &BlobPath, to: &BlobPath) -> Result<()> {
-        let (from, to) = (self.at(from), self.at(to));
-        blocking(move || {
-            let made = to.parent().map_or(Ok(()), private::make_folder);
-            made.and_then(|()| std::fs::rename(&from, &to))
-                .map_err(|error| Error::io(format_args!("a folder cannot be moved: {}", from.display()), error))
-        })
-        .await?
     }
 
     async fn remove(&self, below: &BlobPath) -> Result<u64> {

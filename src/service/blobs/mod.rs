@@ -25,7 +25,7 @@ use futures_util::{StreamExt as _, TryStreamExt as _, future, stream};
 use object_store::path::Path;
 use object_store::{
     GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt as _,
-    PutMultipartOptions, PutOptions, RenameOptions,
+    PutMultipartOptions, PutOptions,
 };
 use tokio::io::AsyncReadExt as _;
 use tokio::runtime::Handle;
@@ -72,9 +72,6 @@ pub(super) trait Blobs: Debug + Send + Sync {
 
     /// When the newest blob below a path was stored, by the clock of the place; none without blobs.
     async fn newest(&self, below: &Path) -> Result<Option<SystemTime>>;
-
-    /// Moves all blobs below a path: they lie below another one then.
-    async fn rename(&self, from: &Path, to: &Path) -> Result<()>;
 
     /// Removes all blobs below a path, and returns the number of their bytes.
     async fn remove(&self, below: &Path) -> Result<u64>;
@@ -148,15 +145,6 @@ impl<S: ObjectStore> Blobs for S {
     async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
         let times = self.list(Some(below)).map_ok(|blob| blob.last_modified.into());
         times.try_fold(None, |newest, time| future::ready(Ok(newest.max(Some(time))))).await.map_err(cannot_read)
-    }
-
-    async fn rename(&self, from: &Path, to: &Path) -> Result<()> {
-        let found: Vec<ObjectMeta> = self.list(Some(from)).try_collect().await.map_err(cannot_read)?;
-        for ObjectMeta { location, .. } in found {
-            let target: Path = to.parts().chain(location.prefix_match(from).into_iter().flatten()).collect();
-            self.rename_opts(&location, &target, RenameOptions::default()).await.map_err(cannot_store)?;
-        }
-        Ok(())
     }
 
     async fn remove(&self, below: &Path) -> Result<u64> {

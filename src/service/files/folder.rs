@@ -55,6 +55,8 @@ pub(in crate::service) struct Files {
     /// Uploads in progress; the store has no row for them.
     pub(super) incoming: Mutex<HashSet<JobId>>,
     pub(super) failures: AtomicU64,
+    /// Folders of jobs that the store does not know, as the last sweep found them.
+    pub(super) unknown: AtomicU64,
     pub(super) faults: Faults,
 }
 
@@ -105,6 +107,7 @@ impl Files {
             room,
             incoming,
             failures,
+            unknown: AtomicU64::new(0),
             faults,
         };
         // the store needs some room to be opened
@@ -281,6 +284,11 @@ impl Files {
     /// How often a blob could not be written or read for reasons of the disk.
     pub fn failures(&self) -> u64 {
         self.failures.load(Ordering::Relaxed)
+    }
+
+    /// Folders of jobs that the store does not know, as of the last sweep.
+    pub fn unknown(&self) -> u64 {
+        self.unknown.load(Ordering::Relaxed)
     }
 
     /// Bytes in the folder: uploads, results and the store of jobs.

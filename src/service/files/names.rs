@@ -10,9 +10,6 @@ pub(in crate::service) const UPLOADS: &str = "uploads";
 /// Name of the folder of all results.
 pub(in crate::service) const RESULTS: &str = "results";
 
-/// Name of the folder of what was moved aside.
-pub(super) const ASIDE: &str = "aside";
-
 /// Name of the mesh among a job's uploads.
 pub(in crate::service) const MESH: &str = "mesh";
 /// Name of the list of seeds among a job's uploads.

@@ -221,7 +221,8 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     std::fs::write(never_accepted.join("mesh#1"), b"me").expect("written");
     std::fs::create_dir(folder.path().join("uploads/not ours")).expect("made");
 
-    assert_eq!(files.sweep(&store).await, Ok(5));
+    assert_eq!(files.sweep(&store, None).await, Ok(4));
+    assert_eq!(files.unknown(), 1);
     assert!(!never_accepted.exists());
     assert!(folder.path().join("uploads/not ours").exists());
     for (folder, name, is_there) in [
@@ -231,11 +232,15 @@ async fn a_sweep_leaves_what_jobs_know_of() {
         (Folder::Result(succeeded, 1), REPORT_JSON.file, true),
         (Folder::Result(succeeded, 7), REPORT_JSON.file, false),
         (Folder::Result(waiting, 1), REPORT_JSON.file, false),
-        (Folder::Result(unknown, 1), REPORT_JSON.file, false),
+        (Folder::Result(unknown, 1), REPORT_JSON.file, true),
     ] {
         assert_eq!(files.read(folder, name, None).await.is_ok(), is_there, "{folder:?}");
     }
-    assert_eq!(files.sweep(&store).await, Ok(0));
+    let before = SystemTime::now() - Duration::from_secs(60);
+    assert_eq!(files.sweep(&store, Some(before)).await, Ok(0), "it is not old");
+    assert_eq!(files.sweep(&store, Some(SystemTime::now() + Duration::from_secs(60))).await, Ok(1));
+    assert!(files.read(Folder::Result(unknown, 1), REPORT_JSON.file, None).await.is_err());
+    assert_eq!(files.unknown(), 0);
 }
 
 #[tokio::test]

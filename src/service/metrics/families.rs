@@ -131,6 +131,8 @@ metrics! {
         store_commands: Counter, "store_commands", "Changes in committed transactions";
         store_failed_commits: Counter, "store_failed_commits", "Transactions of the store that failed";
         file_errors: Counter, "file_errors", "Files that could not be written or read for reasons of their place";
+        unknown_jobs: Gauge, "unknown_jobs",
+            "Folders in the data folder of jobs that the store does not know, as of the last sweep";
         store_commit_seconds: Seconds, "store_commit" [Seconds], "Time that the store spent in transactions";
         rejections: Family<ByReason, Counter>, "rejections", "Requests answered with an error, by kind of problem";
         connections: Gauge, "connections", "Open connections";

@@ -64,6 +64,8 @@ pub(super) struct Snapshot {
     pub store: Statistics,
     /// Files of jobs that could not be written or read for reasons of their place.
     pub file_errors: u64,
+    /// Folders of jobs that the store does not know.
+    pub unknown_jobs: u64,
     /// Bytes in the data folder.
     pub disk_used: u64,
     /// What is left.
@@ -306,6 +308,7 @@ impl Metrics {
                 families.conditions.get_or_create(&label).set(i64::from(now == Some(severity)));
             }
         }
+        families.unknown_jobs.set(signed(now.unknown_jobs));
         families.disk_used.set(now.disk_used.cast_signed());
         if let Some(free) = now.room.disk_free {
             families.disk_free.set(signed(free));
