@@ -3,7 +3,7 @@
 //! | limit of | where | beyond it, a client is |
 //! |---|---|---|
 //! | connections, and how long heads and answers may take | `connections`, `socket` | closed |
-//! | heads that are not valid or not supported | `heads`, `refusals` | answered with 400, 414, 431 or 501 |
+//! | heads that are not valid or not supported | `heads`, hyper | answered with 400, 414, 431 or 501 |
 //! | requests a second, requests and streams at a time | `clients` | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
 //! | bytes of uploads that are coming in | `service::budget` | answered with 503 |
@@ -15,7 +15,6 @@ pub(super) mod connections;
 mod guarded;
 pub(super) mod heads;
 pub(super) mod origin;
-mod refusals;
 mod socket;
 
 use std::net::IpAddr;
