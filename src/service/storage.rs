@@ -248,7 +248,8 @@ mod tests {
             let limits = DiskLimits { max_bytes: Some(limit), min_free_bytes: 0 };
             let files = Files::open(Some(folder.path()), None, limits, Faults::default()).expect("it opens");
             let (files, health) = (Arc::new(files), Arc::<Health>::default());
-            let store = Arc::new(store_in(folder.path()).await);
+            let elsewhere = tempfile::tempdir().expect("a folder");
+            let store = Arc::new(store_in(elsewhere.path()).await);
             let storage = Storage::new(Arc::clone(&files), store, Arc::clone(&health));
             storage.look_at_room().await;
             let is_taken = files.promise(new_job().id, 0, 100 << 10).is_ok();
