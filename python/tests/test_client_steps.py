@@ -94,33 +94,6 @@ def test_a_lost_upload_is_made_again_with_the_same_key(clock: Clock) -> None:
     assert pauses == [0.2, 7.0, 0.8]
 
 
-def test_an_upload_by_reference_goes_to_the_bucket_and_is_given_up_when_refused(clock: Clock) -> None:
-    upload = Answer(201, {}, json.dumps({"id": ID, "url": "https://bucket/place?signature=1"}).encode())
-    done = Answer(200, {}, b"")
-    options: Any = {"clusters": 2, "by_reference": True}
-    result, requests, _ = play(steps.submit(OBJ, options, 60.0), [upload, LOST, done, LOST, job("queued")], clock)
-    assert result["id"] == ID
-    assert requests[0].query == {"bytes": str(len(OBJ)), "file_name": "mesh"}
-    assert [(put.url, put.content) for put in requests[1:3]] == 2 * [("https://bucket/place?signature=1", OBJ)]
-    for made in requests[3:]:
-        assert made.query == {"upload": ID}
-        assert made.form is not None
-        assert [name for name, *_ in made.form.parts] == ["parameters"]
-    named: Any = {**options, "file_name": "horse.stl", "format": "ply"}
-    _, requests, _ = play(steps.submit(OBJ, named, 60.0), [upload, done, job("queued")], clock)
-    assert requests[0].query["file_name"] == "horse.stl"
-    assert requests[-1].query["format"] == "ply"
-    given_up: list[tuple[str, str]] = []
-
-    def deletion(request: Request) -> Answer:
-        given_up.append((request.method, request.path))
-        return done
-
-    with pytest.raises(InvalidRequest):
-        play(steps.submit(OBJ, options, 60.0), [upload, done, problem("invalid-mesh", 422), deletion], clock)
-    assert given_up == [("DELETE", f"/v1/uploads/{ID}")]
-
-
 def test_two_uploads_have_two_keys(clock: Clock) -> None:
     keys = set()
     for _ in range(2):

@@ -72,10 +72,9 @@ pub(super) async fn log(State(log): State<Arc<AccessLog>>, mut request: Request,
         method = %request.method(),
         path,
         id,
-        trace = tracing::field::Empty,
+        trace = %trace.trace(),
         tenant = tracing::field::Empty
     );
-    trace.continued_by(&span);
     let header = HeaderValue::from_str(&id).ok();
     request.extensions_mut().insert(trace);
     request.extensions_mut().insert(Origin { client, request: id.clone(), trace });

@@ -15,8 +15,6 @@ use crate::error::Kind;
 pub(super) enum Action {
     /// A job was made, of an upload of this many bytes.
     Accepted(u64),
-    /// An upload of this many bytes by URL is expected, for a job.
-    Reserved(u64),
     /// A request came again that had made the job (`Idempotency-Key`).
     Repeated,
     /// A job was cancelled, or is to be.
@@ -35,7 +33,6 @@ pub(super) enum Action {
 pub(super) fn record(action: Action, caller: &Caller, of: impl Display) {
     let (name, bytes) = match action {
         Action::Accepted(bytes) => ("accepted", Some(bytes)),
-        Action::Reserved(bytes) => ("reserved", Some(bytes)),
         Action::Repeated => ("asked for again", None),
         Action::Cancelled => ("asked to cancel", None),
         Action::Deleted => ("deleted", None),

@@ -291,7 +291,7 @@ mod tests {
         let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         let store = SqliteStore::open(&from.path().join(STORE), RULES, Default::default()).await.expect("opened");
         let create = async |listed_seeds| {
-            let referred = Some(Referred { url: Some("s3://bucket/x.obj".to_owned()), tag: None, parts: None });
+            let referred = Some(Referred { url: "s3://bucket/x.obj".to_owned(), tag: None });
             let new = new_job();
             let job = NewJob { spec: Spec { referred, listed_seeds, ..new.spec }, ..new };
             store.create(job.clone()).await.expect("created");

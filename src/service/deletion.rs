@@ -55,7 +55,7 @@ mod tests {
         let files =
             Arc::new(Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens"));
         files.make_ballast();
-        let path = files.database().expect("a folder that stays");
+        let path = files.database();
         let store = SqliteStore::open(&path, RULES, faults.clone()).await.expect("a store");
         let job = new_job();
         store.create(job.clone()).await.expect("created");

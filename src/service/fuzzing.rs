@@ -15,7 +15,6 @@ use super::files::{DiskLimits, Files};
 use super::intake::Rules;
 use super::request::Wanted;
 use super::settings::TrafficSettings;
-use super::store::{self, memory::MemoryStore};
 use super::trace::TraceParent;
 use super::{conditional, negotiate, prefer, upload, webhooks};
 
@@ -30,19 +29,18 @@ pub fn request(query: &[u8], json: &[u8]) {
 
 /// A form with the boundary `b`, as an upload.
 pub fn form(bytes: &[u8]) {
-    static PLACE: OnceLock<(Runtime, Arc<Files>, MemoryStore)> = OnceLock::new();
-    let (runtime, files, store) = PLACE.get_or_init(|| {
+    static PLACE: OnceLock<(Runtime, Arc<Files>)> = OnceLock::new();
+    let (runtime, files) = PLACE.get_or_init(|| {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let files = Files::open(None, None, DiskLimits::default(), Faults::default()).expect("a folder");
-        let rules = store::Rules { max_queued: 1, max_attempts: 1, crash_pause: Duration::ZERO };
-        (runtime, Arc::new(files), MemoryStore::new(rules).expect("a store"))
+        (runtime, Arc::new(files))
     });
     let rules = Rules::new(1 << 20, &TrafficSettings::default(), Arc::new(Budget::new(1 << 30)));
     let request = Request::post("/v1/jobs?clusters=3")
         .header("content-type", "multipart/form-data; boundary=b")
         .body(Body::from(bytes.to_vec()))
         .expect("a request");
-    let _ = runtime.block_on(upload::receive(request, files, store, "fuzz", true, rules));
+    let _ = runtime.block_on(upload::receive(request, files, "fuzz", true, rules));
 }
 
 /// A file of tokens; its content as a token.

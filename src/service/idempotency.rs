@@ -8,7 +8,7 @@ use axum::http::HeaderMap;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::store::{Idempotency, Referred, Spec};
+use super::store::{Idempotency, Spec};
 use crate::error::{Error, Kind, Result};
 
 /// Longest key, in characters.
@@ -70,14 +70,7 @@ pub(super) fn idempotency(key: String, spec: &Spec, digests: &[[u8; 32]]) -> Res
     }
     let request = Request {
         // the key is the tenant's already, each attempt has its own trace, and the digests cover what the mesh claims
-        // and what came with it
-        spec: Spec {
-            tenant: String::new(),
-            trace_parent: None,
-            claimed_faces: None,
-            referred: spec.referred.clone().map(|referred| Referred { parts: None, ..referred }),
-            ..spec.clone()
-        },
+        spec: Spec { tenant: String::new(), trace_parent: None, claimed_faces: None, ..spec.clone() },
         digests,
     };
     let json = serde_json::to_vec(&request)

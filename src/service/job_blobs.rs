@@ -16,13 +16,12 @@ pub(super) async fn upload(
     range: Option<GetRange>,
 ) -> Result<Blob> {
     if let Some(referred) = job.spec.referred.as_ref().filter(|_| name == MESH) {
-        return files.read_referred(job.id, &job.spec.tenant, referred, range).await;
+        return files.read_referred(&job.spec.tenant, referred, range).await;
     }
     if job.spec.is_small {
         return small(files, store, job, name, range).await;
     }
-    let folder = job.spec.parts().map_or(Folder::Upload(job.id), |request| Folder::Parts(job.id, request));
-    files.read(folder, name, range).await
+    files.read(Folder::Upload(job.id), name, range).await
 }
 
 /// A blob of the result of a job, or a range of it. [`Kind::NotFound`] for a job without one.

@@ -14,7 +14,7 @@
 //! | how jobs are kept | `store`, and their files in `files`; `job_blobs` knows which are where |
 //! | where files lie: a folder or a bucket | `blobs` |
 //! | what a job keeps of its mesh | `kept`, `kept_mesh` |
-//! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
+//! | how long they are kept | `retention`, `deletion` |
 //! | what happens when the disk fails | `storage` |
 //! | backups | `backup` |
 //! | repeated requests | `idempotency` |
@@ -42,7 +42,6 @@
 mod access;
 mod access_log;
 mod admission;
-mod aging;
 mod api;
 mod audit;
 mod backup;
@@ -97,7 +96,7 @@ pub use access::{change_tokens, read_tokens};
 pub use backup::{Backup, back_up};
 pub use blobs::place::BlobPlace;
 pub use faults::{FaultPoint, Faults};
-pub use logging::{LogFormat, LogSettings, Logging};
+pub use logging::{LogFormat, LogSettings};
 pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use preflight::preflight;

@@ -18,8 +18,7 @@ use utoipa::{Modify, OpenApi, PartialSchema as _};
 
 use super::api::binary::Binary;
 use super::api::{
-    create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, upload, uploads,
-    workers,
+    create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, upload, workers,
 };
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
@@ -46,8 +45,6 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         remove::remove,
         retry::retry,
         upload::upload,
-        uploads::create,
-        uploads::remove,
         events::stream,
         labels::labels,
         hierarchy::hierarchy,
@@ -276,7 +273,7 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if ["/healthz", "/readyz"].contains(&path) {
         return;
     }
-    if ["/v1/jobs", "/v1/uploads", "/v1/workers"].iter().any(|of| path.starts_with(of)) {
+    if ["/v1/jobs", "/v1/workers"].iter().any(|of| path.starts_with(of)) {
         add("500", problem());
     }
     if path.contains("{id}") {

@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 
 use super::kept::{self, Kept};
 use super::query;
-use super::store::{JobId, PRIORITIES, no_such_upload};
+use super::store::PRIORITIES;
 use crate::error::{Error, Kind, Result, wrong_json_at};
 use crate::mesh::Format;
 use crate::parameters::{Parameters, Seeds};
@@ -25,8 +25,8 @@ pub(super) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
 pub(super) struct Wanted {
     /// Format of the mesh, if the query has it.
     pub format: Option<Format>,
-    /// Where the mesh lies, if the request does not bring it.
-    pub mesh_at: Option<MeshAt>,
+    /// URL of the object of a bucket that is the mesh, if the request does not bring it.
+    pub mesh_url: Option<String>,
     /// URL that receives the end of the job.
     webhook: Option<String>,
     priority: Option<i8>,
@@ -38,15 +38,6 @@ pub(super) struct Wanted {
     given: Vec<String>,
 }
 
-/// Where a mesh lies that a request does not bring.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum MeshAt {
-    /// A client stored it by a URL.
-    Upload(JobId),
-    /// It is an object of a bucket.
-    Url(String),
-}
-
 impl Wanted {
     /// Reads the query string.
     pub fn from_query(uri: &Uri) -> Result<Self> {
@@ -54,18 +45,7 @@ impl Wanted {
         query::names(whole)?;
         let (format, rest) = query::take(whole, "format");
         let format = format.as_deref().map(Format::from_name).transpose()?;
-        let (upload, rest) = query::take(&rest, "upload");
         let (mesh_url, rest) = query::take(&rest, "mesh_url");
-        let mesh_at = match (upload, mesh_url) {
-            (None, None) => None,
-            (Some(upload), None) => Some(MeshAt::Upload(upload.parse().map_err(|_| no_such_upload(&upload))?)),
-            (None, Some(url)) => Some(MeshAt::Url(url)),
-            (Some(_), Some(url)) => {
-                return Err(Error::parameter(format_args!(
-                    "upload and mesh_url exclude each other: leave out one of them; mesh_url is {url:?}"
-                )));
-            }
-        };
         let (webhook, rest) = query::take(&rest, "webhook");
         let (priority, rest) = query::take(&rest, "priority");
         let priority = priority.map(|text| priority_of(text.parse().ok(), &text)).transpose()?;
@@ -79,7 +59,7 @@ impl Wanted {
             .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
         let parameters: Parameters = query::read(&rest)?;
         refuse_path(&parameters)?;
-        Ok(Self { format, mesh_at, webhook, priority, outputs, keep_mesh, parameters, given })
+        Ok(Self { format, mesh_url, webhook, priority, outputs, keep_mesh, parameters, given })
     }
 
     /// Adds the parameters of the JSON part.

@@ -1,13 +1,14 @@
 //! Retention: deletes jobs some time after their end, with their results, and sweeps files that belong to no job.
+//!
+//! No job expires at once because the system's clock jumped forward: while the operator sets it right, nothing is
+//! deleted. A jump cannot be distinguished from a time in which the service was stopped.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
 use futures_util::future::join_all;
 use tokio_util::sync::CancellationToken;
 
-use super::aging::{self, Aging, Reading};
 use super::deletion;
 use super::files::Files;
 use super::store::{Deletion, JobStore, ListQuery};
@@ -25,6 +26,31 @@ const SWEEP: Duration = Duration::from_secs(3600);
 /// Time from the start to the first sweep: a service that is started again every hour would never sweep otherwise.
 const FIRST_SWEEP: Duration = Duration::from_secs(5);
 
+/// Least time for which files stay of jobs that the store does not know.
+const UNKNOWN: Duration = Duration::from_secs(7 * 86_400);
+
+/// The clock jumped when it is ahead of the time that passed by more than this.
+const JUMP: Duration = Duration::from_secs(3600);
+
+/// Time after a jump in which nothing is deleted.
+const PAUSE: Duration = Duration::from_secs(600);
+
+/// The clocks of the system, read at once.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    /// The system's clock, which people and other computers set.
+    wall: SystemTime,
+    /// The monotonic clock.
+    steady: Instant,
+}
+
+impl Reading {
+    /// As it is now.
+    fn now() -> Self {
+        Self { wall: SystemTime::now(), steady: Instant::now() }
+    }
+}
+
 /// Deletes jobs some time after their end.
 #[derive(Debug)]
 pub(super) struct Retention {
@@ -32,42 +58,24 @@ pub(super) struct Retention {
     store: Arc<dyn JobStore>,
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
-    aging: Aging,
-    /// The file with the time that was reached.
-    clock: Option<PathBuf>,
+    /// The clocks at the last look.
+    last: Reading,
+    /// Until when nothing is deleted.
+    pause: Option<Instant>,
 }
 
 impl Retention {
-    /// For the jobs of a store, from `now` on. Without a file, the time reached is the creation of the newest job: a
-    /// clock that jumped since then must not expire it.
-    pub async fn new(
-        files: Arc<Files>,
-        store: Arc<dyn JobStore>,
-        kept: Option<Duration>,
-        now: Reading,
-    ) -> Result<Self> {
-        let clock = files.clock();
-        let reached = match clock.as_deref().and_then(aging::load) {
-            None => store
-                .list(&ListQuery { limit: 1, ..ListQuery::default() })
-                .await?
-                .jobs
-                .first()
-                .map(|job| job.created_at),
-            reached => reached,
-        };
-        let retention = Self { files, store, kept, aging: Aging::new(reached, now), clock };
-        retention.save();
-        Ok(retention)
+    /// For the jobs of a store. The clock was right when the newest job was created.
+    pub async fn new(files: Arc<Files>, store: Arc<dyn JobStore>, kept: Option<Duration>) -> Result<Self> {
+        Self::at(files, store, kept, Reading::now()).await
     }
 
-    /// Writes the time that was reached to its file.
-    fn save(&self) {
-        if let Some(clock) = &self.clock
-            && let Err(error) = aging::save(clock, self.aging.reached())
-        {
-            tracing::debug!(%error, "the time cannot be kept");
-        }
+    async fn at(files: Arc<Files>, store: Arc<dyn JobStore>, kept: Option<Duration>, now: Reading) -> Result<Self> {
+        let newest = store.list(&ListQuery { limit: 1, ..ListQuery::default() }).await?.jobs.pop();
+        let wall = newest.map_or(now.wall, |job| job.created_at);
+        let mut retention = Self { files, store, kept, last: Reading { wall, ..now }, pause: None };
+        retention.pauses(now);
+        Ok(retention)
     }
 
     /// Deletes expired jobs until `stop`.
@@ -77,38 +85,52 @@ impl Retention {
         let (mut swept, mut pause) = (Instant::now(), FIRST_SWEEP);
         loop {
             tokio::select! {
-                () = stop.cancelled() => return self.save(),
+                () = stop.cancelled() => return,
                 () = tokio::time::sleep(interval) => {}
             }
             // one service does it for all that share the store
             if !self.store.may_clean_up().await.unwrap_or(false) {
                 continue;
             }
-            let time = self.look(Reading::now()).await;
-            if swept.elapsed() >= pause {
+            let is_over = self.look(Reading::now()).await && swept.elapsed() >= pause;
+            if is_over {
                 (swept, pause) = (Instant::now(), SWEEP);
-                match self.files.sweep(self.store.as_ref()).await {
+                let old = kept.and_then(|kept| SystemTime::now().checked_sub(kept.max(UNKNOWN)));
+                match self.files.sweep(self.store.as_ref(), old).await {
                     Ok(removed) => tracing::debug!(removed, "swept"),
                     Err(error) => tracing::warn!(%error, "the data folder cannot be swept now"),
-                }
-                if let Err(error) = self.files.empty_aside(time).await {
-                    tracing::warn!(%error, "what was moved aside cannot be removed now");
                 }
             }
         }
     }
 
-    /// Deletes the jobs that have expired; the time by which they did.
-    async fn look(&mut self, now: Reading) -> SystemTime {
-        let time = self.aging.time(now);
-        self.save();
-        let before = self.kept.and_then(|kept| time.checked_sub(kept));
+    /// Deletes the jobs that have expired, unless the clock jumped; whether it did not.
+    async fn look(&mut self, now: Reading) -> bool {
+        if self.pauses(now) {
+            return false;
+        }
+        let before = self.kept.and_then(|kept| now.wall.checked_sub(kept));
         if let Some(before) = before
             && let Err(error) = self.expire(before).await
         {
             tracing::warn!(%error, "expired jobs cannot be deleted now");
         }
-        time
+        true
+    }
+
+    /// Whether the clock jumped since the last look, or a while ago.
+    fn pauses(&mut self, now: Reading) -> bool {
+        let expected = self.last.wall + now.steady.saturating_duration_since(self.last.steady);
+        let ahead = now.wall.duration_since(expected).unwrap_or_default();
+        self.last = now;
+        if ahead > JUMP {
+            self.pause = Some(now.steady + PAUSE);
+            tracing::warn!(
+                seconds = ahead.as_secs(),
+                "the clock jumped forward, or the service was stopped for so long: no job expires for ten minutes"
+            );
+        }
+        self.pause.is_some_and(|end| now.steady < end)
     }
 
     /// Deletes every job that ended before a moment.
@@ -136,47 +158,45 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::DiskLimits;
-    use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::{End, Queue};
 
     #[tokio::test]
-    async fn a_clock_that_jumps_forward_makes_no_job_expire() {
+    async fn a_clock_that_jumps_forward_makes_no_job_expire_at_once() {
         let folder = tempfile::tempdir().expect("a folder");
-        let open = || {
-            let opened = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default());
-            Arc::new(opened.expect("it opens"))
+        let opened = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default());
+        let (files, store) = (Arc::new(opened.expect("it opens")), Arc::new(store_in(folder.path()).await));
+        let (minute, week) = (Duration::from_secs(60), Duration::from_secs(7 * 86_400));
+        let ended = async || {
+            store.create(new_job()).await.expect("created");
+            let claimed = store.claim(1, week).await.expect("claimable");
+            store.finish(claimed[0].0, End::Cancelled).await.expect("ended");
+            claimed[0].0.job
         };
-        let week = Duration::from_secs(7 * 86_400);
-        let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
-        store.create(new_job()).await.expect("created");
-        let claimed = store.claim(1, week).await.expect("claimable");
-        store.finish(claimed[0].0, End::Cancelled).await.expect("ended");
-        let is_there = async || store.get(claimed[0].0.job).await.expect("readable").is_some();
+        let is_there = async |job| store.get(job).await.expect("readable").is_some();
+        let job = ended().await;
 
         let start = Reading::now();
         let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
-        let minute = Duration::from_secs(60);
-        let from = async |files: &Arc<Files>, now| {
-            let jobs = Arc::clone(&store) as Arc<dyn JobStore>;
-            Retention::new(Arc::clone(files), jobs, Some(week), now).await.expect("readable")
+        let from = async |now| {
+            let (files, jobs) = (Arc::clone(&files), Arc::clone(&store) as Arc<dyn JobStore>);
+            Retention::at(files, jobs, Some(week), now).await.expect("readable")
         };
-        let files = open();
-        from(&files, at(2 * week, Duration::ZERO)).await.look(at(2 * week + minute, minute)).await;
-        assert!(is_there().await, "it jumped before the first start that keeps the time");
-        std::fs::remove_file(files.clock().expect("a folder that stays")).expect("there");
-        let mut retention = from(&files, start).await;
-        retention.look(at(minute, minute)).await;
-        retention.look(at(week + 2 * minute, 2 * minute)).await;
-        assert!(is_there().await, "the clock jumped by a week while the service ran");
-        files.close().await;
-        drop((retention, files));
+        let mut retention = from(start).await;
+        assert!(retention.look(at(minute, minute)).await);
+        assert!(!retention.look(at(week + 2 * minute, 2 * minute)).await, "while the service runs");
+        assert!(!retention.look(at(week + PAUSE, PAUSE)).await && is_there(job).await);
+        let later = 2 * PAUSE;
+        assert!(retention.look(at(later, later)).await && is_there(job).await, "it was set right");
+        assert!(!retention.look(at(2 * week, later + minute)).await && is_there(job).await);
+        assert!(retention.look(at(2 * week + PAUSE, later + minute + PAUSE)).await);
+        assert!(!is_there(job).await, "it was not");
 
-        let now = at(2 * week, 3 * minute);
-        let mut retention = from(&open(), now).await;
-        retention.look(at(2 * week + minute, 4 * minute)).await;
-        assert!(is_there().await, "it jumped while the service was stopped");
-        retention.look(at(2 * week + week / 2, 4 * minute + week / 2)).await;
-        assert!(!is_there().await, "half a week later it is old at last");
+        let job = ended().await;
+        let mut retention = from(at(2 * week, minute)).await;
+        assert!(!retention.look(at(2 * week + minute, 2 * minute)).await && is_there(job).await, "it was stopped");
+        assert!(retention.look(at(2 * week + PAUSE, minute + PAUSE)).await && !is_there(job).await);
+        let mut retention = from(start).await;
+        assert!(retention.look(at(week, week)).await, "time passes as the clock says");
     }
 }

@@ -8,7 +8,7 @@ use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::Response;
-use axum::routing::{delete, get, post};
+use axum::routing::{get, post};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
@@ -19,7 +19,7 @@ use super::access::Caller;
 use super::access_log::{self, AccessLog};
 use super::api::{
     create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show, upload,
-    uploads, workers,
+    workers,
 };
 use super::metrics::Metrics;
 use super::state::Shared;
@@ -81,8 +81,6 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .route("/v1/jobs/{id}", get(show::show).delete(remove::remove))
         .route("/v1/jobs/{id}/retry", post(retry::retry))
         .route("/v1/jobs/{id}/events", get(events::stream))
-        .route("/v1/uploads", post(uploads::create))
-        .route("/v1/uploads/{id}", delete(uploads::remove))
         .merge(results)
         .merge(page::routes(shared.settings.no_page).layer(from_fn(conditional::results)))
         .route("/v1/workers", get(workers::list))

@@ -13,7 +13,6 @@ use tokio_util::sync::CancellationToken;
 
 use super::access::Access;
 use super::admission::Admission;
-use super::aging::Reading;
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
@@ -25,7 +24,6 @@ use super::retention::Retention;
 use super::router::router;
 use super::state::{DeviceDescription, Shared};
 use super::storage::{self, Storage};
-use super::store::memory::MemoryStore;
 #[cfg(feature = "postgres")]
 use super::store::postgres::PostgresStore;
 use super::store::sqlite::SqliteStore;
@@ -111,7 +109,6 @@ impl Server {
         let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
         let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
         files.allow_references(&settings.storage.mesh_prefixes)?;
-        let forgets = settings.storage.forget_lost_jobs;
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
             max_attempts: settings.work.max_attempts,
@@ -122,27 +119,28 @@ impl Server {
         let access = Arc::new(Access::open(&settings.access, tokens).await?);
         files.take_place(shared.as_ref().map(|shared| shared.name.as_str())).await?;
         let files = Arc::new(files);
-        let store: Arc<dyn JobStore> = match (shared, files.database()) {
+        let store: Arc<dyn JobStore> = match (shared, &settings.data_dir) {
             (Some(shared), _) => shared.jobs,
-            (None, Some(path)) => {
-                files.check_store(forgets).await?;
-                let store = SqliteStore::open(&path, rules, faults).await?;
+            (None, Some(_)) => {
+                files.check_store().await?;
+                let store = SqliteStore::open(&files.database(), rules, faults).await?;
                 if !store.was_used().await? {
-                    files.check_unused_store(forgets).await?;
+                    files.check_unused_store().await?;
                 }
                 Arc::new(store)
             }
-            (None, None) => Arc::new(MemoryStore::new(rules)?),
+            (None, None) => Arc::new(SqliteStore::temporary(&files.database(), rules, faults).await?),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
         metrics.limits(&settings);
         let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
-        let swept = files.sweep_at_start(store.as_ref()).await?;
-        if swept > 0 {
-            tracing::info!(
-                folders = swept,
-                "files that belong to no job were removed or, if a lost job may need them, moved aside"
-            );
+        // a place that is shared is swept by the one service that cleans up
+        if !files.is_shared() {
+            let (swept, unknown) = (files.sweep(store.as_ref(), None).await?, files.unknown());
+            if swept + unknown as usize > 0 {
+                let why = "files that belong to no job were removed; those of jobs that the store does not know stay";
+                tracing::info!(swept, unknown, "{why}");
+            }
         }
         storage::promise_again(&files, store.as_ref(), &settings.limits()).await?;
         let health = Arc::<Health>::default();
@@ -209,7 +207,7 @@ impl Server {
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
         let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-        let retention = Retention::new(files, store, kept, Reading::now()).await?;
+        let retention = Retention::new(files, store, kept).await?;
         let mut work = match shared.settings.work.work {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),

@@ -38,8 +38,7 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Settings::default().listen)]
     pub listen: SocketAddr,
 
-    /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out, and jobs
-    /// in memory only
+    /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out
     #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR")]
     pub data_dir: Option<PathBuf>,
 
@@ -180,8 +179,8 @@ impl Settings {
         let has_store = self.data_dir.is_some() || self.storage.store.is_some();
         if let Some(blobs) = self.storage.blobs.as_ref().filter(|_| !has_store) {
             return Err(Error::parameter(format_args!(
-                "jobs in memory only would leave their files at {blobs} when the service ends: give --data-dir beside \
-                 --blobs, or --store, for the store of jobs"
+                "a service that forgets its jobs when it ends would leave their files at {blobs}: give --data-dir \
+                 beside --blobs, or --store, for the store of jobs"
             )));
         }
         self.check_amounts()?;

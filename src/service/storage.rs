@@ -172,9 +172,8 @@ mod tests {
     use super::*;
     use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
-    use crate::service::store::memory::MemoryStore;
     use crate::service::store::sqlite::SqliteStore;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{RULES, new_job, store_in};
     use crate::service::store::{Maintenance as _, Queue as _, Release, Rules};
 
     /// Two retries of a job, of which the first fails: the queue is full until the second one begins.
@@ -183,7 +182,7 @@ mod tests {
         let faults = Faults::default();
         let files = Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens");
         let (files, rules) = (Arc::new(files), Rules { max_queued: 1, max_attempts: 1, ..RULES });
-        let path = files.database().expect("a path");
+        let path = files.database();
         let store: Arc<dyn JobStore> =
             Arc::new(SqliteStore::open(&path, rules, faults.clone()).await.expect("a store"));
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::default()));
@@ -249,7 +248,8 @@ mod tests {
             let limits = DiskLimits { max_bytes: Some(limit), min_free_bytes: 0 };
             let files = Files::open(Some(folder.path()), None, limits, Faults::default()).expect("it opens");
             let (files, health) = (Arc::new(files), Arc::<Health>::default());
-            let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
+            let elsewhere = tempfile::tempdir().expect("a folder");
+            let store = Arc::new(store_in(elsewhere.path()).await);
             let storage = Storage::new(Arc::clone(&files), store, Arc::clone(&health));
             storage.look_at_room().await;
             let is_taken = files.promise(new_job().id, 0, 100 << 10).is_ok();
@@ -264,7 +264,7 @@ mod tests {
         let total = rustix::fs::statvfs(folder.path()).map(|found| found.f_blocks * found.f_frsize).expect("known");
         let limits = DiskLimits { min_free_bytes: total - 1, ..DiskLimits::default() };
         let files = Arc::new(Files::open(Some(folder.path()), None, limits, Faults::default()).expect("it opens"));
-        let path = files.database().expect("a path");
+        let path = files.database();
         let store = Arc::new(SqliteStore::open(&path, RULES, Faults::default()).await.expect("a store"));
         let storage = Storage::new(Arc::clone(&files), Arc::clone(&store) as Arc<dyn JobStore>, Arc::default());
         let mut job = new_job();
@@ -285,7 +285,7 @@ mod tests {
     async fn the_ballast_takes_no_room_that_jobs_were_promised() {
         let folder = tempfile::tempdir().expect("a folder");
         let ballast = folder.path().join("ballast");
-        let store = MemoryStore::new(RULES).expect("a store");
+        let store = store_in(folder.path()).await;
         for is_promised in [true, false] {
             let files = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default());
             let files = Arc::new(files.expect("it opens"));

@@ -1,15 +1,12 @@
 //! Traces: where a request comes from (W3C Trace Context), and that the work on its job belongs to it.
 //!
 //! Every request has a trace, its caller's or a new one. Its id is in every line of the log about the request and the
-//! job; the spans go to a collector where there is one.
+//! job.
 
 use std::fmt;
 use std::net::IpAddr;
 
 use axum::http::HeaderMap;
-use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt as _, TraceFlags, TraceId, TraceState};
-use tracing::Span;
-use tracing_opentelemetry::OpenTelemetrySpanExt as _;
 use uuid::Uuid;
 
 /// The header that carries it.
@@ -18,10 +15,14 @@ const HEADER: &str = "traceparent";
 /// A place in a trace: that of a span.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct TraceParent {
-    trace: TraceId,
-    span: SpanId,
-    flags: TraceFlags,
+    trace: u128,
+    span: u64,
+    is_sampled: bool,
 }
+
+/// Id of a trace: 32 hexadecimal digits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct TraceId(u128);
 
 /// Where a request comes from, for everything that is logged about it.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,46 +57,35 @@ impl TraceParent {
             return None;
         }
         let found = Self {
-            trace: TraceId::from_hex(trace).ok()?,
-            span: SpanId::from_hex(span).ok()?,
-            flags: TraceFlags::new(u8::from_str_radix(flags, 16).ok()? & 1),
+            trace: u128::from_str_radix(trace, 16).ok()?,
+            span: u64::from_str_radix(span, 16).ok()?,
+            is_sampled: u8::from_str_radix(flags, 16).ok()? & 1 == 1,
         };
-        (found.trace != TraceId::INVALID && found.span != SpanId::INVALID).then_some(found)
+        (found.trace != 0 && found.span != 0).then_some(found)
     }
 
     /// Id of the trace.
     pub fn trace(&self) -> TraceId {
-        self.trace
+        TraceId(self.trace)
     }
 
     /// A new trace.
     fn random() -> Self {
         let (trace, span) = (Uuid::new_v4().as_u128(), Uuid::new_v4().as_u64_pair().1);
-        Self { trace: trace.into(), span: span.into(), flags: TraceFlags::SAMPLED }
+        Self { trace, span, is_sampled: true }
     }
+}
 
-    /// Makes `span` go on from here. Only before it is entered for the first time.
-    pub fn continued_by(self, span: &Span) {
-        let context = SpanContext::new(self.trace, self.span, self.flags, true, TraceState::default());
-        // fails where spans go to no collector
-        let _ = span.set_parent(opentelemetry::Context::new().with_remote_span_context(context));
-        span.record("trace", tracing::field::display(self.trace));
-    }
-
-    /// The place of `span`, which goes on from here; this one where spans go to no collector.
-    pub fn at(self, span: &Span) -> Self {
-        let context = span.context().span().span_context().clone();
-        if !context.is_valid() {
-            return self;
-        }
-        Self { trace: context.trace_id(), span: context.span_id(), flags: context.trace_flags() }
+impl fmt::Display for TraceId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:032x}", self.0)
     }
 }
 
 /// As in the header.
 impl fmt::Display for TraceParent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "00-{}-{}-{:02x}", self.trace, self.span, self.flags.to_u8())
+        write!(f, "00-{}-{:016x}-{:02x}", self.trace(), self.span, u8::from(self.is_sampled))
     }
 }
 
@@ -108,7 +98,7 @@ mod tests {
         let text = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
         let parsed = TraceParent::parse(text).expect("valid");
         assert_eq!(parsed.to_string(), text);
-        assert_eq!(parsed.trace.to_string(), "0af7651916cd43dd8448eb211c80319c");
+        assert_eq!(parsed.trace().to_string(), "0af7651916cd43dd8448eb211c80319c");
         // a later version may say more
         assert!(TraceParent::parse("cc-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01-what").is_some());
         for wrong in [

@@ -19,8 +19,8 @@ use sha2::{Digest, Sha256};
 use super::blocking::blocking;
 use super::files::{self, Files, Incoming};
 use super::intake::{self, Coding, Content, Rules};
-use super::request::{MeshAt, Wanted};
-use super::store::{Job, JobId, Reservation, Reservations, Spec, no_such_upload};
+use super::request::Wanted;
+use super::store::Spec;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, HEAD_BYTES};
 
@@ -53,8 +53,6 @@ pub(super) struct Upload {
     pub spec: Spec,
     /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty unless requested.
     pub digests: Vec<[u8; 32]>,
-    /// The job that was made of the same upload by URL before.
-    pub earlier: Option<Job>,
     /// The first bytes of the mesh.
     head: Vec<u8>,
 }
@@ -73,7 +71,6 @@ enum BodyKind {
 pub(super) async fn receive(
     request: Request,
     files: &Arc<Files>,
-    store: &dyn Reservations,
     tenant: &str,
     with_digests: bool,
     rules: Rules,
@@ -88,15 +85,11 @@ pub(super) async fn receive(
     let kind = body_kind(&parts.headers)?;
     wanted.check_early(kind == BodyKind::Form)?;
     let (content, length) = (content?, length.filter(|_| coding.is_none()));
-    let (folder, referred) = match &wanted.mesh_at {
-        None => (files.incoming(), None),
-        Some(at) => {
-            let (folder, mesh) = referred::find(at, files, store, tenant, &rules).await?;
-            (folder, Some(mesh))
-        }
+    let mut folder = files.incoming();
+    let referred = match &wanted.mesh_url {
+        None => None,
+        Some(url) => Some(referred::find(url, files, &mut folder, tenant, &rules).await?),
     };
-    // a repeated request for the job of an upload by URL is known by them
-    let with_digests = with_digests || matches!(wanted.mesh_at, Some(MeshAt::Upload(_)));
     let into = Destination { folder, with_digests };
     let mut upload = match (kind, referred) {
         (BodyKind::Form, referred) => form::receive(parts, content, wanted, into, referred).await,
@@ -105,29 +98,16 @@ pub(super) async fn receive(
     }?;
     upload.spec.tenant = tenant.to_owned();
     let head = std::mem::take(&mut upload.head);
-    upload.spec.claimed_faces = match &upload.earlier {
-        Some(job) => job.spec.claimed_faces,
-        None if head.len() <= FEW => mesh::claimed_faces(&head),
-        None => blocking(move || mesh::claimed_faces(&head)).await?,
+    upload.spec.claimed_faces = match head.len() {
+        ..=FEW => mesh::claimed_faces(&head),
+        _ => blocking(move || mesh::claimed_faces(&head)).await?,
     };
     Ok(upload)
 }
 
 /// A file name of a client's, as it is kept.
-pub(super) fn kept_name(name: &str) -> String {
+fn kept_name(name: &str) -> String {
     name.chars().take(MAX_NAME).collect()
-}
-
-/// A reservation; [`Kind::NotFound`] unless it is the tenant's and not over.
-pub(super) async fn reservation(
-    id: JobId,
-    files: &Files,
-    store: &dyn Reservations,
-    tenant: &str,
-) -> Result<Reservation> {
-    files.check_urls()?;
-    let found = store.reservation(id).await?.filter(|found| found.tenant == tenant && !found.is_over);
-    found.ok_or_else(|| no_such_upload(id))
 }
 
 /// How the body is compressed, if it is.
@@ -164,13 +144,7 @@ async fn raw(
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let digests = mesh.digest.into_iter().collect();
-    Ok(Upload {
-        folder: into.folder,
-        digests,
-        earlier: None,
-        spec: spec_of(wanted, format, mesh.bytes)?,
-        head: mesh.head,
-    })
+    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes)?, head: mesh.head })
 }
 
 /// A mesh of so many bytes without a name, and nothing else.

@@ -141,7 +141,6 @@ fn every_usage_error_looks_as_the_parser_says_it() {
         ("serve --max-queued-jobs 0", "tesserae serve "),
         ("serve --listen 0.0.0.0:0", "tesserae serve "),
         ("serve --log a=b=c", "tesserae serve "),
-        ("serve --otlp-endpoint nonsense", "tesserae serve "),
         ("serve --drain-delay soon", "tesserae serve"),
         ("token new a/b --tokens t.json", "tesserae token new"),
         ("token new local --tokens t.json", "tesserae token new"),

@@ -3,8 +3,9 @@
     python bucket.py BINARY
 
 Labels are those of the command line, results come whole and in ranges, deletion empties the bucket, a client that hangs
-up leaves no part. Jobs name meshes that clients stored by a URL, or that lie in the bucket. While the server of S3
-cannot be reached or is full, answers are 503, no job is lost, and none fails; once it is back, all end. Jobs of a service that is killed run again. A data folder is not used with another bucket than its own.
+up leaves no part. Jobs name meshes that lie in the bucket. While the server of S3 cannot be reached or is full, answers
+are 503, no job is lost, and none fails; once it is back, all end. Jobs of a service that is killed run again. A data
+folder is not used with another bucket than its own.
 """
 
 import concurrent.futures
@@ -164,20 +165,6 @@ def a_client_that_hangs_up(bucket, service, large):
 def by_reference(bucket, service, large):
     expected, body = labels_of(large), large.read_bytes()
 
-    def reserve(bytes):
-        status, _, body = request(service, "POST", f"/v1/uploads?bytes={bytes}&file_name=a%20%22b%22/%C3%BC.obj")
-        return status, json.loads(body)
-
-    def put(url, body):
-        place = urllib.parse.urlsplit(url)
-        connection = http.client.HTTPConnection(place.netloc, timeout=60)
-        try:
-            connection.request("PUT", f"{place.path}?{place.query}", body)
-            response = connection.getresponse()
-            assert response.status == 200, response.read()
-        finally:
-            connection.close()
-
     def job_of(query, body=None, headers={}):
         status, _, answer = request(service, "POST", f"/v1/jobs?clusters={CLUSTERS}&{query}", body, headers)
         return status, json.loads(answer)
@@ -186,49 +173,14 @@ def by_reference(bucket, service, large):
         found, answer = job_of(query, body)
         assert (found, words in answer["detail"]) == (status, True), (query, found, answer)
 
-    # an upload by URL: named before it is there, once, and again
-    status, upload = reserve(len(body))
-    assert status == 201, upload
-    id, of_upload = upload["id"], f"upload={upload['id']}"
-    refused(of_upload, 409, "nothing was stored")
-    put(upload["url"], body[:1000])
-    refused(of_upload, 409, "was reserved for")
-    put(upload["url"], body + b"\n")
-    refused(of_upload, 413, "was reserved for")
-    assert not bucket.keys("farm/uploads/"), "it is removed"
-    put(upload["url"], body)
-    refused(of_upload, 400, "must be empty", b"v 0 0 0")
-    refused(f"{of_upload}&seeds=listed", 422, "seeds")
-    status, job_ = job_of(of_upload)
-    assert status == 202 and job_["id"] == id, job_
-    assert job_["mesh"]["file_name"] == 'a "b"/ü.obj', job_
-    assert job_of(of_upload)[1]["id"] == id, "the same request gives the same job"
-    refused(f"{of_upload}&seed=5", 409, "other parameters")
-    succeeded(service, id)
-    check_labels(service, id, expected)
-    until("the upload is removed", lambda: not bucket.keys(f"farm/uploads/{id}"))
-    assert job_of(of_upload)[1]["id"] == id, "also when the upload is gone"
-    assert request(service, "DELETE", f"/v1/uploads/{id}")[0] == 404
-    assert request(service, "DELETE", f"/v1/jobs/{id}")[0] == 204
-    refused(of_upload, 404, "no such upload")
-
-    # one that is given up, and those that are refused
-    status, upload = reserve(len(body))
-    put(upload["url"], body)
-    assert bucket.keys(f"farm/uploads/{upload['id']}")
-    assert request(service, "DELETE", f"/v1/uploads/{upload['id']}")[0] == 204
-    assert not bucket.keys("farm/uploads/")
-    assert reserve((4 << 30) + 1)[0] == 413 and reserve("many")[0] == 422
-    uploads = [reserve(9) for _ in range(6)]
-    assert [status for status, _ in uploads] == 5 * [201] + [429], "--max-queued-jobs-per-tenant counts them"
-    for _, upload in uploads[:5]:
-        request(service, "DELETE", f"/v1/uploads/{upload['id']}")
-
     # an object of the bucket, with seeds in a form; one that is replaced while its job waits
     bucket.client.put_object(Bucket=BUCKET, Key="meshes/local/a b.obj", Body=body)
     of_url = f"mesh_url={urllib.parse.quote(bucket.url)}/meshes/local/a%20b.obj"
+    refused(of_url, 400, "must be empty", b"v 0 0 0")
+    refused(f"{of_url}&seeds=listed", 422, "seeds")
     status, found = job_of(of_url)
     assert status == 202, found
+    assert found["mesh"]["file_name"] == "a b.obj", found
     succeeded(service, found["id"])
     check_labels(service, found["id"], expected)
     seeds = json.dumps(list(range(CLUSTERS)))
@@ -250,20 +202,12 @@ def by_reference(bucket, service, large):
                        (f"{bucket.url}/meshes/other/x.obj", "allows"), ("file:///etc/passwd", "allows"),
                        ("http://169.254.169.254/", "allows")]:
         refused(f"mesh_url={urllib.parse.quote(url)}", 422, words)
-    refused(f"{of_url}&{of_upload}", 422, "exclude each other")
 
-    # what the bucket does not show: an object of others is named, and the service's own file is not
+    # what the bucket does not show is named
     bucket.gate.denied = b"/meshes/local/"
     refused(of_url, 422, "s3:GetObject")
     assert is_ready(service)
-    status, upload = reserve(len(body))
-    put(upload["url"], body)
-    bucket.gate.denied = b"/farm/uploads/"
-    refused(f"upload={upload['id']}", 503, "the log")
     bucket.gate.denied = None
-    status, found = job_of(f"upload={upload['id']}")
-    assert status == 202, found
-    succeeded(service, found["id"])
 
 
 def no_bucket_for_a_while(bucket, service, large, small):
@@ -372,9 +316,7 @@ def main():
         with serve(bucket, "--max-attempts", "1") as service:
             ordinary_work(bucket, service, large, small)
             a_client_that_hangs_up(bucket, service, large)
-        with serve(bucket, "--max-attempts", "1", "--max-queued-jobs-per-tenant", "5") as service:
             by_reference(bucket, service, large)
-        with serve(bucket, "--max-attempts", "1") as service:
             no_bucket_for_a_while(bucket, service, large, small)
             a_slow_and_a_full_bucket(bucket, service, large)
         killed_with_work(bucket, large)

@@ -3,7 +3,7 @@
     python memory.py BINARY [JOBS [FACES [GROWTH]]]
 
 CLIENTS clients on loopback submit JOBS (1000) meshes of FACES (300) faces, each job is kept for a second after its end. Prints
-the memory after a tenth, a quarter, a half and all of them, when all are forgotten, in memory only and with a data folder, and
+the memory after a tenth, a quarter, a half and all of them, when all are forgotten, with a temporary folder and with a data folder, and
 what is left on disk. Fails when the memory at the end is more than GROWTH (1.2) times that after a quarter, and 4 MB more.
 """
 
@@ -76,7 +76,7 @@ def main():
         mesh = pathlib.Path(folder) / "mesh.glb"
         subprocess.run([BINARY, "sample", "sphere", "--faces", str(FACES), mesh], check=True, stdout=subprocess.DEVNULL)
         mesh = mesh.read_bytes()
-        measure("in memory", mesh)
+        measure("temporary", mesh)
         data = pathlib.Path(folder) / "data"
         measure("durable", mesh, "--data-dir", str(data))
         left = sum(path.stat().st_size for path in data.rglob("*") if path.is_file())

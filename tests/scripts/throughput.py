@@ -80,7 +80,7 @@ def main():
         subprocess.run([BINARY, "sample", "sphere", "--faces", str(FACES), mesh], check=True, stdout=subprocess.DEVNULL)
         mesh = mesh.read_bytes()
         for quality, total in [("fast", JOBS), ("default", JOBS // 4)]:
-            measure("in memory", quality, total, mesh)
+            measure("temporary", quality, total, mesh)
             measure("durable", quality, total, mesh, "--data-dir", f"{folder}/{quality}")
 
 

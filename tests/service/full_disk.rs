@@ -200,7 +200,7 @@ async fn a_job_that_can_never_fit_fails_and_one_that_others_leave_no_room_waits(
                 assert_eq!(ended["problem"]["status"], 507, "{ended}");
                 let detail = text(&ended["problem"]["detail"]);
                 assert!(detail.contains("delete jobs"), "{detail}");
-                std::fs::remove_dir_all(folder.join("aside")).expect("moved aside");
+                std::fs::remove_dir_all(file.ancestors().nth(2).expect("of its job")).expect("removed");
             }
             false => assert_eq!(ended["state"], "succeeded", "{ended}"),
         }

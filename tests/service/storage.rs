@@ -63,7 +63,7 @@ async fn results_outlast_a_store_that_was_lost() {
             std::fs::write(&store, content).expect("written");
         }
         let why = refusal(&folder).await;
-        assert!(why.contains("--forget-lost-jobs") && why.contains("files of 1 job:"), "{why}");
+        assert!(why.contains("files of 1 job:") && why.contains("move uploads, results"), "{why}");
         assert_eq!(found(&folder.path().join("results"), "labels.npy").len(), 1);
     }
     // put back, all is as before
@@ -73,10 +73,13 @@ async fn results_outlast_a_store_that_was_lost() {
     let mut service = service;
     service.stopped().await;
 
+    // moved out of the folder, as the message says
     std::fs::remove_file(&store).expect("removed");
-    let service = service.again(|settings| settings.storage.forget_lost_jobs = true).await;
-    assert!(found(&folder.path().join("results"), "labels.npy").is_empty());
-    assert_eq!(found(&folder.path().join("aside"), "labels.npy").len(), 1, "nothing is removed");
+    for name in ["results", "ballast"] {
+        std::fs::rename(folder.path().join(name), folder.path().join(format!("old-{name}"))).expect("moved");
+    }
+    let service = service.again(|_| {}).await;
+    assert_eq!(found(&folder.path().join("old-results"), "labels.npy").len(), 1);
     refused(service.get(path(&job)), 404, "not-found").await;
 }
 
@@ -88,15 +91,14 @@ async fn a_store_of_small_jobs_that_was_lost_is_missed() {
     let mut service = service;
     service.stopped().await;
     let folder = service.folder();
-    for name in ["jobs.sqlite3", "ballast", "clock"] {
+    for name in ["jobs.sqlite3", "ballast"] {
         let why = match std::fs::remove_file(folder.path().join(name)) {
-            // neither of the two is left that a service leaves beside its store
-            Ok(()) if name == "clock" => break,
+            Ok(()) if name == "ballast" => break,
             _ => refusal(&folder).await,
         };
-        assert!(why.contains("--forget-lost-jobs") && why.contains("empty store"), "{why}");
+        assert!(why.contains("has worked in the data folder") && why.contains("empty store"), "{why}");
     }
-    let service = service.again(|settings| settings.storage.forget_lost_jobs = true).await;
+    let service = service.again(|_| {}).await;
     refused(service.get(path(&job)), 404, "not-found").await;
     let mut service = service;
     service.stopped().await;
@@ -104,7 +106,7 @@ async fn a_store_of_small_jobs_that_was_lost_is_missed() {
 }
 
 #[tokio::test]
-async fn results_that_an_older_copy_of_the_store_does_not_know_are_moved_aside() {
+async fn results_that_an_older_copy_of_the_store_does_not_know_stay_and_are_counted() {
     let service = Service::start().await;
     let known = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     assert_eq!(service.ended(&known).await["state"], "succeeded");
@@ -122,8 +124,9 @@ async fn results_that_an_older_copy_of_the_store_does_not_know_are_moved_aside()
     let service = service.again(|_| {}).await;
     assert_eq!(service.job(&known).await["state"], "succeeded");
     refused(service.get(path(&lost)), 404, "not-found").await;
-    let aside = found(&folder.path().join("aside"), "labels.npy");
-    assert!(aside.len() == 1 && aside[0].to_string_lossy().contains(text(&lost["id"])), "{aside:?}");
+    assert_eq!(found(&folder.path().join(format!("results/{}", text(&lost["id"]))), "labels.npy").len(), 1);
+    let metrics = service.get("/metrics").send().await.expect("answered").text().await.expect("text");
+    assert!(metrics.contains("\ntesserae_unknown_jobs 1\n"), "{metrics}");
 }
 
 #[tokio::test]
@@ -221,7 +224,7 @@ async fn nobody_else_can_read_what_is_in_the_data_folder() {
         for name in ["", "uploads", "results", "scratch"] {
             assert_eq!(mode(&data.join(name)), 0o700, "{name}");
         }
-        for name in ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm", "lock", "ballast", "clock"] {
+        for name in ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm", "lock", "ballast"] {
             assert_eq!(mode(&data.join(name)), 0o600, "{name}");
         }
     };
@@ -241,7 +244,6 @@ async fn nobody_else_can_read_what_is_in_the_data_folder() {
         ("jobs.sqlite3", 0o644),
         ("lock", 0o644),
         ("ballast", 0o644),
-        ("clock", 0o644),
     ] {
         std::fs::set_permissions(data.join(name), std::fs::Permissions::from_mode(mode)).expect("changed");
     }

@@ -8,13 +8,13 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import dataclass
-from typing import IO, TYPE_CHECKING, AsyncIterator, Iterator, TypeVar, Union
+from typing import TYPE_CHECKING, AsyncIterator, Iterator, TypeVar, Union
 
 import httpx
 from httpx_sse import EventSource
 
 from tesserae_mesh._errors import Error
-from tesserae_mesh.client.exchange import Answer, Broken, Outcome, Pause, Request, Steps, length_of
+from tesserae_mesh.client.exchange import Answer, Broken, Outcome, Pause, Request, Steps
 
 if TYPE_CHECKING:
     from tesserae_mesh.client.events import Event, Reader
@@ -40,21 +40,14 @@ class Service:
     def build(self, http: Union[httpx.Client, httpx.AsyncClient], request: Request) -> httpx.Request:
         """A request as httpx sends it."""
         headers = dict(request.headers)
-        if self.token is not None and request.url is None:
+        if self.token is not None:
             headers["authorization"] = f"Bearer {self.token}"
         parts = request.form.parts if request.form is not None else []
-        content: bytes | Iterator[bytes] | AsyncIterator[bytes] | None = None
-        if request.content is not None:
-            headers["content-length"] = str(length_of(request.content))
-            chunks = _chunks(request.content)
-            content = _awaited(chunks) if isinstance(http, httpx.AsyncClient) else chunks
         return http.build_request(
             request.method,
-            request.url or self.url.rstrip("/") + request.path,
-            # an empty mapping would take the query of the URL away
-            params=dict(request.query) or None,
+            self.url.rstrip("/") + request.path,
+            params=dict(request.query),
             headers=headers,
-            content=content,
             files=[(name, (file_name, content, kind)) for name, file_name, content, kind in parts] or None,
             timeout=httpx.Timeout(self.timeout, read=self.timeout + request.extra_time),
         )
@@ -200,20 +193,6 @@ class AsyncConnection:
                 reader.lost(error, is_open)
             if not reader.has_ended:
                 await asyncio.sleep(reader.pause)
-
-
-def _chunks(content: bytes | IO[bytes]) -> Iterator[bytes]:
-    if isinstance(content, bytes):
-        yield content
-        return
-    content.seek(0)
-    while chunk := content.read(1 << 20):
-        yield chunk
-
-
-async def _awaited(chunks: Iterator[bytes]) -> AsyncIterator[bytes]:
-    for chunk in chunks:
-        yield chunk
 
 
 def _headers(response: httpx.Response) -> dict[str, str]:

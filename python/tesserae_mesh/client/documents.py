@@ -372,15 +372,6 @@ class DeviceDescription(DeviceInfo):
     adapters: list[AdapterReport]
 
 
-class Upload(TypedDict):
-    """An upload by URL."""
-
-    id: str
-    url: str
-    url_expires_at: str
-    expires_at: str
-
-
 class Worker(TypedDict):
     """A process that works on jobs."""
 

@@ -8,7 +8,6 @@ list of answers.
 from __future__ import annotations
 
 import json
-import os
 import random
 import time
 from dataclasses import dataclass, field
@@ -33,19 +32,10 @@ class Request:
     query: Mapping[str, str] = field(default_factory=dict[str, str])
     headers: Mapping[str, str] = field(default_factory=dict[str, str])
     form: Form | None = None
-    #: A body that is not a form; from its beginning at every attempt.
-    content: bytes | IO[bytes] | None = None
-    #: Where the request goes instead of to the service. The token does not.
-    url: str | None = None
     #: Seconds beyond the client's timeout that the service may take before it answers.
     extra_time: float = 0.0
     #: Where the body of a 200 or 206 is written to; the answer has it when left out.
     into: IO[bytes] | None = None
-
-
-def length_of(content: bytes | IO[bytes]) -> int:
-    """Number of bytes of a body."""
-    return len(content) if isinstance(content, bytes) else content.seek(0, os.SEEK_END)
 
 
 @dataclass(frozen=True)

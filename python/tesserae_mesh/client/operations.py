@@ -76,13 +76,11 @@ def _of_job(id: str, name: str, *query: str) -> Operation:
 
 
 _ALL = [
-    Operation("createJob", "POST", "/v1/jobs", ("format", "upload", "mesh_url"), ("Prefer", "Idempotency-Key")),
+    Operation("createJob", "POST", "/v1/jobs", ("format", "mesh_url"), ("Prefer", "Idempotency-Key")),
     Operation("listJobs", "GET", "/v1/jobs", ("state", "cursor", "limit")),
     Operation("getJob", "GET", "/v1/jobs/{id}"),
     Operation("deleteJob", "DELETE", "/v1/jobs/{id}"),
     Operation("retryJob", "POST", "/v1/jobs/{id}/retry"),
-    Operation("createUpload", "POST", "/v1/uploads", ("bytes", "file_name")),
-    Operation("deleteUpload", "DELETE", "/v1/uploads/{id}"),
     _of_job("getUpload", "upload", "buffer"),
     Operation("streamEvents", "GET", "/v1/jobs/{id}/events", (), ("Last-Event-ID",)),
     _of_job("getLabels", "labels", "clusters", "iteration", "format"),

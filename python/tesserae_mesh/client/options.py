@@ -90,7 +90,5 @@ class SubmitOptions(Parameters, total=False):
     file_name: str
     #: Seconds that the service waits for the end of the job before it answers.
     wait: float
-    #: Whether the mesh goes to the bucket of the service by a URL, not through the service: for large ones.
-    by_reference: bool
     #: The same key and request give the same job; a new key each time when left out.
     idempotency_key: str

@@ -13,18 +13,16 @@ import uuid
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING, Mapping, cast
 
-from tesserae_mesh.client.errors import Busy, Conflict, JobCancelled, JobFailed, NotFound, ServiceError, TimedOut
+from tesserae_mesh.client.errors import Busy, Conflict, JobCancelled, JobFailed, NotFound, TimedOut
 from tesserae_mesh.client.exchange import (
     Answer,
     Broken,
-    Form,
     Patience,
     Pause,
     Request,
     Steps,
     error_in,
     exchange,
-    length_of,
     members,
     send,
 )
@@ -32,7 +30,7 @@ from tesserae_mesh.client.operations import OPERATIONS
 from tesserae_mesh.client.upload import form_of, is_in_bucket
 
 if TYPE_CHECKING:
-    from tesserae_mesh.client.documents import JobDocument, JobList, Upload
+    from tesserae_mesh.client.documents import JobDocument, JobList
     from tesserae_mesh.client.options import MeshSource, SubmitOptions
 
 ENDED = ("succeeded", "failed", "cancelled")
@@ -45,35 +43,13 @@ def submit(mesh: MeshSource, options: SubmitOptions, patience: float) -> Steps[J
     query: dict[str, str | None] = {"format": options.get("format")}
     headers = {"Prefer": None if wait is None else f"wait={math.ceil(wait)}", "Idempotency-Key": key}
     with form_of(mesh, options) as form:
-        upload: str | None = None
         if is_in_bucket(mesh):
             query["mesh_url"] = cast(str, mesh)
-        elif options.get("by_reference"):
-            (_, file_name, content, _), *rest = form.parts
-            upload = query["upload"] = yield from put(content, file_name, patience)
-            form = Form(rest)
         request = OPERATIONS["createJob"].request(query=query, headers=headers)
-        try:
-            answer = yield from exchange(replace(request, form=form, extra_time=wait or 0.0), patience)
-        except ServiceError:
-            if upload is not None:
-                yield from send(OPERATIONS["deleteUpload"].request(upload))
-            raise
+        answer = yield from exchange(replace(request, form=form, extra_time=wait or 0.0), patience)
     if answer.status < 400:
         return cast("JobDocument", members(answer))
     return (yield from show(answer.headers["location"].rsplit("/", 1)[-1], patience))
-
-
-def put(content: bytes | IO[bytes], file_name: str | None, patience: float) -> Steps[str]:
-    """Stores a mesh in the bucket of the service; the id of the upload."""
-    request = OPERATIONS["createUpload"].request(query={"bytes": length_of(content), "file_name": file_name})
-    upload = cast("Upload", members((yield from exchange(request, patience))))
-    try:
-        yield from exchange(Request("PUT", "", content=content, url=upload["url"]), patience)
-    except ServiceError:
-        yield from send(OPERATIONS["deleteUpload"].request(upload["id"]))
-        raise
-    return upload["id"]
 
 
 def show(id: str, patience: float) -> Steps[JobDocument]:

@@ -97,7 +97,7 @@ class Client:
             pyvista, trimesh, open3d or meshio; the URL ``s3://…`` of an object that the service may read.
         **options
             What to do, by the names of `tesserae_mesh.cluster`, and what `SubmitOptions` adds: ``outputs``,
-            ``keep_mesh``, ``priority``, ``webhook``, ``buffers``, ``format``, ``file_name``, ``wait``, ``by_reference``
+            ``keep_mesh``, ``priority``, ``webhook``, ``buffers``, ``format``, ``file_name``, ``wait``
             and ``idempotency_key``.
 
         Raises

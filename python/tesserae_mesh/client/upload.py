@@ -45,7 +45,7 @@ def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, N
     file_name: str | None = left.pop("file_name", None)
     buffers: Mapping[str, Source] = left.pop("buffers", None) or {}
     weights, seeds = left.pop("weights", None), left.get("seeds")
-    for name in ("format", "wait", "idempotency_key", "by_reference"):
+    for name in ("format", "wait", "idempotency_key"):
         left.pop(name, None)
     with contextlib.ExitStack() as files:
         content: bytes | IO[bytes] | None = None

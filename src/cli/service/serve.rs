@@ -53,7 +53,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage("serve", message));
     }
     arguments.settings.check().map_err(|error| Failure::Usage("serve", error.message))?;
-    let logging = arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
+    arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
     // what the service writes is for its own user only
     #[cfg(unix)]
     rustix::process::umask(rustix::fs::Mode::from_bits_truncate(0o077));
@@ -116,7 +116,6 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     });
     // What still works on a mesh is left behind.
     runtime.shutdown_background();
-    drop(logging);
     Ok(served?)
 }
 
@@ -172,7 +171,7 @@ mod tests {
     #[test]
     fn the_nearest_setting_is_named_for_a_typing_error() {
         let known = known_variables();
-        assert!(known.contains("TESSERAE_LISTEN") && known.contains("TESSERAE_OTLP_ENDPOINT"), "{known:?}");
+        assert!(known.contains("TESSERAE_LISTEN") && known.contains("TESSERAE_DATA_DIR"), "{known:?}");
         assert_eq!(nearest("TESSERAE_MAX_QUEUE_JOBS", &known), Some("TESSERAE_MAX_QUEUED_JOBS"));
         assert_eq!(nearest("TESSERAE_TOKEN", &known), Some("TESSERAE_TOKENS"));
         assert_eq!(nearest("TESSERAE_SOMETHING_ELSE_ALTOGETHER", &known), None);

@@ -16,6 +16,5 @@ pub(super) mod remove;
 pub(super) mod retry;
 pub(super) mod show;
 pub(super) mod upload;
-pub(super) mod uploads;
 mod view;
 pub(super) mod workers;

@@ -14,16 +14,12 @@
 use std::net::IpAddr;
 use std::time::Duration;
 
-use async_trait::async_trait;
-use axum::http::Method;
 use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
 use object_store::path::Path;
 use object_store::prefix::PrefixStore;
-use object_store::signer::Signer as _;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, RetryConfig};
 use reqwest::Url;
 
-use super::{PutUrl, UploadUrls, cannot_store};
 use crate::error::{Error, Result};
 
 /// Times that a request is repeated.
@@ -40,10 +36,6 @@ const CONNECTING: Duration = Duration::from_secs(5);
 
 /// Time without a byte after which a request has failed. A whole answer may take longer: clients read it at their pace.
 const SILENCE: Duration = Duration::from_secs(30);
-
-/// For how long at least the key of a role is still valid when it signs a URL, which ends with it: `object_store` takes
-/// another one then. When the key of `AWS_SESSION_TOKEN` ends is not known.
-const TEMPORARY: Duration = Duration::from_secs(300);
 
 /// The blobs below a prefix of a bucket.
 pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
@@ -78,16 +70,6 @@ pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
     Ok(PrefixStore::new(bucket, prefix.clone()))
 }
 
-#[async_trait]
-impl UploadUrls for PrefixStore<AmazonS3> {
-    async fn put_url(&self, path: &Path, valid: Duration) -> Result<PutUrl> {
-        let url = self.signed_url(Method::PUT, path, valid).await.map_err(cannot_store)?;
-        let is_of_temporary_key = url.query_pairs().any(|(name, _)| name == "X-Amz-Security-Token");
-        let valid = if is_of_temporary_key { valid.min(TEMPORARY) } else { valid };
-        Ok(PutUrl { url: url.into(), valid })
-    }
-}
-
 /// Whether the host of a URL is this machine.
 fn is_on_this_machine(url: &str) -> bool {
     let Ok(url) = Url::parse(url) else { return false };
@@ -99,18 +81,6 @@ fn is_on_this_machine(url: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[tokio::test]
-    async fn a_url_of_a_temporary_key_is_valid_as_long_as_the_key_at_least() {
-        crate::service::tls::prepare();
-        let builder = AmazonS3Builder::new().with_bucket_name("b").with_access_key_id("x").with_secret_access_key("y");
-        let hour = Duration::from_secs(3600);
-        for (builder, expected) in [(builder.clone(), hour), (builder.with_token("t"), TEMPORARY)] {
-            let bucket = PrefixStore::new(builder.build().expect("a bucket"), Path::default());
-            let signed = bucket.put_url(&Path::from("a"), hour).await.expect("signed");
-            assert_eq!(signed.valid, expected, "{}", signed.url);
-        }
-    }
 
     #[test]
     fn this_machine_is_known_by_its_addresses() {

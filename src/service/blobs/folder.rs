@@ -1,7 +1,7 @@
 //! Blobs as files of a folder.
 //!
-//! `object_store` writes and reads them, and makes them appear by a rename. Listing, moving and removing goes by
-//! folders: an upload that a killed process left unfinished is a file too, which `object_store` does not list.
+//! `object_store` writes and reads them, and makes them appear by a rename. Listing and removing goes by folders: an
+//! upload that a killed process left unfinished is a file too, which `object_store` does not list.
 
 use std::fs::{File, Metadata};
 use std::io;
@@ -85,29 +85,15 @@ impl Blobs for FolderBlobs {
         blocking(move || size(&folder)).await
     }
 
-    async fn times(&self, below: &BlobPath) -> Result<Vec<(BlobPath, SystemTime)>> {
-        let (root, folder) = (self.root.clone(), self.at(below));
+    async fn newest(&self, below: &BlobPath) -> Result<Option<SystemTime>> {
+        let folder = self.at(below);
         blocking(move || {
-            let mut times = Vec::new();
+            let mut newest = None;
             // one that is being written counts too
-            each_below(&folder, |path, found| {
-                let path = path.strip_prefix(&root).unwrap_or(path).to_string_lossy();
-                let time = found.modified().ok().filter(|_| found.is_file());
-                times.extend(time.map(|time| (BlobPath::from(path.as_ref()), time)));
-            });
-            times
+            each_below(&folder, |_, found| newest = newest.max(found.modified().ok().filter(|_| found.is_file())));
+            newest
         })
         .await
-    }
-
-    async fn rename(&self, from: &BlobPath, to: &BlobPath) -> Result<()> {
-        let (from, to) = (self.at(from), self.at(to));
-        blocking(move || {
-            let made = to.parent().map_or(Ok(()), private::make_folder);
-            made.and_then(|()| std::fs::rename(&from, &to))
-                .map_err(|error| Error::io(format_args!("a folder cannot be moved: {}", from.display()), error))
-        })
-        .await?
     }
 
     async fn remove(&self, below: &BlobPath) -> Result<u64> {

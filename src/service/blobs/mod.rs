@@ -17,7 +17,7 @@ mod tests;
 use std::fmt::Debug;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use async_trait::async_trait;
 use axum::body::{Body, Bytes};
@@ -25,7 +25,7 @@ use futures_util::{StreamExt as _, TryStreamExt as _, future, stream};
 use object_store::path::Path;
 use object_store::{
     GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt as _,
-    PutMultipartOptions, PutOptions, RenameOptions,
+    PutMultipartOptions, PutOptions,
 };
 use tokio::io::AsyncReadExt as _;
 use tokio::runtime::Handle;
@@ -70,16 +70,8 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// Number of bytes of all blobs below a path.
     async fn size(&self, below: &Path) -> Result<u64>;
 
-    /// All blobs below a path, and when each was stored, by the clock of the place.
-    async fn times(&self, below: &Path) -> Result<Vec<(Path, SystemTime)>>;
-
-    /// When the newest blob below a path was stored; none without blobs.
-    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
-        Ok(self.times(below).await?.into_iter().map(|(_, time)| time).max())
-    }
-
-    /// Moves all blobs below a path: they lie below another one then.
-    async fn rename(&self, from: &Path, to: &Path) -> Result<()>;
+    /// When the newest blob below a path was stored, by the clock of the place; none without blobs.
+    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>>;
 
     /// Removes all blobs below a path, and returns the number of their bytes.
     async fn remove(&self, below: &Path) -> Result<u64>;
@@ -102,22 +94,6 @@ pub(super) struct Found {
     pub bytes: u64,
     /// Changes with its content; none where the place has none.
     pub tag: Option<String>,
-}
-
-/// Makes URLs by which clients store blobs.
-#[async_trait]
-pub(super) trait UploadUrls: Debug + Send + Sync {
-    /// A URL that takes a `PUT` for a while.
-    async fn put_url(&self, path: &Path, valid: Duration) -> Result<PutUrl>;
-}
-
-/// A URL that takes a `PUT`.
-#[derive(Debug)]
-pub(super) struct PutUrl {
-    /// The URL.
-    pub url: String,
-    /// For how long at least, as far as is known of the key.
-    pub valid: Duration,
 }
 
 /// Where blobs lie that try a place.
@@ -166,18 +142,9 @@ impl<S: ObjectStore> Blobs for S {
         sizes.try_fold(0, |sum, size| future::ready(Ok(sum + size))).await.map_err(cannot_read)
     }
 
-    async fn times(&self, below: &Path) -> Result<Vec<(Path, SystemTime)>> {
-        let times = self.list(Some(below)).map_ok(|blob| (blob.location, blob.last_modified.into()));
-        times.try_collect().await.map_err(cannot_read)
-    }
-
-    async fn rename(&self, from: &Path, to: &Path) -> Result<()> {
-        let found: Vec<ObjectMeta> = self.list(Some(from)).try_collect().await.map_err(cannot_read)?;
-        for ObjectMeta { location, .. } in found {
-            let target: Path = to.parts().chain(location.prefix_match(from).into_iter().flatten()).collect();
-            self.rename_opts(&location, &target, RenameOptions::default()).await.map_err(cannot_store)?;
-        }
-        Ok(())
+    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
+        let times = self.list(Some(below)).map_ok(|blob| blob.last_modified.into());
+        times.try_fold(None, |newest, time| future::ready(Ok(newest.max(Some(time))))).await.map_err(cannot_read)
     }
 
     async fn remove(&self, below: &Path) -> Result<u64> {

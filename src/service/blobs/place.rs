@@ -10,8 +10,8 @@ use std::str::FromStr;
 
 use object_store::path::Path as BlobPath;
 
+use super::Blobs;
 use super::folder::FolderBlobs;
-use super::{Blobs, UploadUrls};
 use crate::error::{Error, Result};
 use crate::service::private;
 
@@ -78,17 +78,6 @@ impl BlobPlace {
             Place::Bucket { .. } => Err(Error::parameter(format_args!(
                 "this program was built without the cargo feature s3; give --blobs a folder, not {self}"
             ))),
-        }
-    }
-
-    /// Makes URLs by which clients store blobs there; none for a folder.
-    pub(in crate::service) fn upload_urls(&self) -> Result<Option<Box<dyn UploadUrls>>> {
-        match &self.0 {
-            Place::Folder(_) => Ok(None),
-            #[cfg(feature = "s3")]
-            Place::Bucket { name, prefix } => Ok(Some(Box::new(super::bucket::open(name, prefix)?))),
-            #[cfg(not(feature = "s3"))]
-            Place::Bucket { .. } => Ok(None),
         }
     }
 

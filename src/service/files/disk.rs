@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::names::{ASIDE, RESULTS, UPLOADS};
+use super::names::{RESULTS, UPLOADS};
 use crate::error::{Error, Kind, Result};
 use crate::service::blobs::folder::{bytes, each_below};
 use crate::service::private;
@@ -65,7 +65,7 @@ impl Disk {
     /// Counts the blobs. On the way it takes the access of group and others away from files of earlier releases.
     pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
         let (mut blobs, mut open) = (0, None);
-        for folder in [UPLOADS, RESULTS, ASIDE] {
+        for folder in [UPLOADS, RESULTS] {
             each_below(&root.join(folder), |path, found| {
                 blobs += bytes(found);
                 if let Err(error) = private::tighten_found(path, found) {

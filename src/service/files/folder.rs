@@ -9,7 +9,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use object_store::path::Path as BlobPath;
-use uuid::Uuid;
 
 use super::ballast::Ballast;
 use super::disk::{self, Disk, DiskLimits};
@@ -56,6 +55,8 @@ pub(in crate::service) struct Files {
     /// Uploads in progress; the store has no row for them.
     pub(super) incoming: Mutex<HashSet<JobId>>,
     pub(super) failures: AtomicU64,
+    /// Folders of jobs that the store does not know, as the last sweep found them.
+    pub(super) unknown: AtomicU64,
     pub(super) damages: AtomicU64,
     pub(super) faults: Faults,
 }
@@ -94,19 +95,20 @@ impl Files {
         let room = Room::default();
         let (incoming, failures, damages) = (Mutex::default(), AtomicU64::new(0), AtomicU64::new(0));
         let references = References::default();
-        let (elsewhere, has_store) = (elsewhere.cloned(), root.is_kept());
+        let elsewhere = elsewhere.cloned();
         let files = Self {
             root,
             blobs,
             references,
             elsewhere,
             owner: None,
-            has_store,
+            has_store: true,
             disk,
             ballast,
             room,
             incoming,
             failures,
+            unknown: AtomicU64::new(0),
             damages,
             faults,
         };
@@ -117,14 +119,9 @@ impl Files {
         Ok(files)
     }
 
-    /// Where the store of jobs is to be; none in a temporary folder, which nothing outlasts.
-    pub fn database(&self) -> Option<PathBuf> {
-        self.root.is_kept().then(|| self.root.path().join(root::STORE[0]))
-    }
-
-    /// Where the time by which jobs grow old is kept; none in a temporary folder.
-    pub fn clock(&self) -> Option<PathBuf> {
-        self.root.is_kept().then(|| self.root.path().join(root::CLOCK))
+    /// Where the store of jobs is to be.
+    pub fn database(&self) -> PathBuf {
+        self.root.path().join(root::STORE[0])
     }
 
     /// A folder for files without a name.
@@ -135,11 +132,6 @@ impl Files {
     /// Removes the upload of a job.
     pub async fn remove_upload(&self, id: JobId) {
         self.remove_below(&Folder::Upload(id).path()).await;
-    }
-
-    /// Removes what came with a request for the job of an upload by URL.
-    pub async fn remove_parts(&self, id: JobId, request: Uuid) {
-        self.remove_below(&Folder::Parts(id, request).path()).await;
     }
 
     /// Removes what an attempt at a job left.
@@ -294,6 +286,11 @@ impl Files {
     /// How often a blob could not be written or read for reasons of the disk.
     pub fn failures(&self) -> u64 {
         self.failures.load(Ordering::Relaxed)
+    }
+
+    /// Folders of jobs that the store does not know, as of the last sweep.
+    pub fn unknown(&self) -> u64 {
+        self.unknown.load(Ordering::Relaxed)
     }
 
     /// How often a blob of a result was not what was stored.

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use futures_util::future::try_join_all;
-use uuid::Uuid;
 
 use super::blob::BlobWriter;
 use super::folder::Files;
 use super::names::Folder;
 use super::needs;
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
 use crate::mesh::Limits;
 use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob, Spec};
 
@@ -24,25 +23,11 @@ pub(in crate::service) struct Incoming {
     /// Bytes of all whole blobs.
     bytes: u64,
     kept: bool,
-    /// Where its blobs go. Those of an upload by URL have a folder beside the mesh, which stays when the request is
-    /// refused.
-    folder: Folder,
-    /// Whether room for the result was promised through this.
-    has_promised: bool,
 }
 
 impl Incoming {
     pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
-        Self {
-            files,
-            id,
-            held: Vec::new(),
-            has_files: false,
-            bytes: 0,
-            kept: false,
-            folder: Folder::Upload(id),
-            has_promised: false,
-        }
+        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false }
     }
 
     /// The mesh of so many bytes lies in a bucket: what comes with it lies in files.
@@ -56,17 +41,9 @@ impl Incoming {
         self.id
     }
 
-    /// The folder of what comes with an upload by URL.
-    pub fn parts(&self) -> Option<Uuid> {
-        match self.folder {
-            Folder::Parts(_, request) => Some(request),
-            _ => None,
-        }
-    }
-
     /// Starts a blob, to be [added](Self::add) when it is whole.
     pub fn blob(&self, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(&self.files), self.folder, name, true)
+        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
     }
 
     /// Makes a blob part of the upload.
@@ -84,10 +61,8 @@ impl Incoming {
 
     /// Promises the job that the upload will be room for its result, as long as the job lasts or the upload is there.
     /// Refuses when there is none.
-    pub fn promise(&mut self, spec: &Spec, limits: &Limits) -> Result<()> {
-        self.files.promise(self.id, self.bytes, needs::of_upload(spec, self.bytes, limits))?;
-        self.has_promised = true;
-        Ok(())
+    pub fn promise(&self, spec: &Spec, limits: &Limits) -> Result<()> {
+        self.files.promise(self.id, self.bytes, needs::of_upload(spec, self.bytes, limits))
     }
 
     /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.
@@ -126,25 +101,16 @@ fn are_small(blobs: &[BlobWriter]) -> bool {
 
 impl Drop for Incoming {
     fn drop(&mut self) {
-        let (files, id, folder) = (Arc::clone(&self.files), self.id, self.folder);
-        // a request that names an existing job has promised nothing: that job's promise stays
-        if self.has_promised && !self.kept {
-            files.give_back(id);
-        }
-        // the next request for the job of an upload by URL has another folder
-        let is_over = self.kept || self.parts().is_some();
-        if is_over {
-            files.lock_incoming().remove(&id);
-        }
+        let (files, id) = (Arc::clone(&self.files), self.id);
         if self.kept {
+            files.lock_incoming().remove(&id);
             return;
         }
+        files.give_back(id);
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
-                files.remove_below(&folder.path()).await;
-                if !is_over {
-                    files.lock_incoming().remove(&id);
-                }
+                files.remove_upload(id).await;
+                files.lock_incoming().remove(&id);
             });
         }
     }
@@ -156,16 +122,5 @@ impl Files {
         let id = JobId::random();
         self.lock_incoming().insert(id);
         Incoming::new(Arc::clone(self), id)
-    }
-
-    /// Starts a job of an upload by URL. [`Kind::Unavailable`] while another request does.
-    pub fn incoming_reserved(self: &Arc<Self>, id: JobId) -> Result<Incoming> {
-        if !self.lock_incoming().insert(id) {
-            let message = format_args!("another request makes a job of this upload; try again: {id}");
-            return Err(Error::new(Kind::Unavailable, message));
-        }
-        let mut incoming = Incoming::new(Arc::clone(self), id);
-        incoming.folder = Folder::Parts(id, Uuid::new_v4());
-        Ok(incoming)
     }
 }

@@ -4,16 +4,13 @@
 //! DIR/lock                          held by the one process that works here
 //! DIR/jobs.sqlite3…                 the store of jobs
 //! DIR/uploads/{job}/…               from the request until the job ends
-//! DIR/uploads/{job}/{request}/…     what a request brought with an upload by URL
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/scratch/…                     what an answer is made of while it is sent
-//! DIR/aside/{time}/…                what the store did not know when the service started, for a while
-//! DIR/clock                         the time by which jobs grow old
 //! DIR/ballast                       room that deletions get on a full disk
 //! DIR/blobs                         where uploads and results lie, if elsewhere
 //! ```
 //!
-//! With `--blobs`, `uploads` and `results` lie in another folder or in a bucket (`place`), and nothing is moved aside.
+//! With `--blobs`, `uploads` and `results` lie in another folder or in a bucket (`place`).
 //!
 //! An upload or a result of a few hundred kilobytes becomes no file: it is handed back as small blobs, for the store to
 //! keep with the job. Files cost the disk more than what is in them: for each a place, a name, and two waits.
@@ -22,13 +19,13 @@
 //! it is on the disk when its writing returns. Whether it means anything, the store of jobs decides: an upload before
 //! its job was accepted, and the result of an attempt before it was finished, are swept away after a crash.
 
-mod aside;
 mod ballast;
 mod blob;
 mod disk;
 mod failure;
 mod folder;
 mod incoming;
+mod lost;
 mod names;
 mod needs;
 mod place;

@@ -1,7 +1,6 @@
 //! Names: where the blobs of a job lie in the data folder, and among the blobs.
 
 use object_store::path::Path;
-use uuid::Uuid;
 
 use crate::service::store::JobId;
 
@@ -11,13 +10,8 @@ pub(in crate::service) const UPLOADS: &str = "uploads";
 /// Name of the folder of all results.
 pub(in crate::service) const RESULTS: &str = "results";
 
-/// Name of the folder of what was moved aside.
-pub(super) const ASIDE: &str = "aside";
-
 /// Name of the mesh among a job's uploads.
 pub(in crate::service) const MESH: &str = "mesh";
-/// Name of the mesh that a client stored by a URL, among a job's uploads.
-pub(super) const MESH_BY_URL: &str = "mesh-by-url";
 /// Name of the list of seeds among a job's uploads.
 pub(in crate::service) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.
@@ -33,8 +27,6 @@ pub(in crate::service) fn buffer(index: usize) -> String {
 pub(in crate::service) enum Folder {
     /// What was uploaded for a job.
     Upload(JobId),
-    /// What came with a request for the job of an upload by URL.
-    Parts(JobId, Uuid),
     /// What an attempt at a job gave.
     Result(JobId, u32),
     /// What all attempts at a job gave.
@@ -46,7 +38,6 @@ impl Folder {
     pub fn path(self) -> Path {
         match self {
             Folder::Upload(job) => Path::from_iter([UPLOADS, &job.to_string()]),
-            Folder::Parts(job, request) => Folder::Upload(job).path().join(request.to_string()),
             Folder::Result(job, attempt) => Folder::Results(job).path().join(attempt.to_string()),
             Folder::Results(job) => Path::from_iter([RESULTS, &job.to_string()]),
         }

@@ -196,8 +196,7 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::{DiskLimits, Folder, MESH};
-    use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::{JobId, Queue as _};
 
     fn place(path: &Path) -> BlobPlace {
@@ -269,7 +268,8 @@ mod tests {
         let blobs = tempfile::tempdir().expect("a folder");
         let place = place(blobs.path());
         let [one, other] = [(); 2].map(|()| open(None, Some(&place), DiskLimits::default()));
-        let store = MemoryStore::new(RULES).expect("a store");
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = store_in(folder.path()).await;
         let known = new_job();
         store.create(known.clone()).await.expect("created");
 
@@ -281,8 +281,7 @@ mod tests {
         for id in [unknown, known.id] {
             write(&other, id).await;
         }
-        assert_eq!(one.sweep_at_start(&store).await, Ok(0));
-        assert_eq!(one.sweep(&store).await, Ok(1), "the attempt that the known job did not make");
+        assert_eq!(one.sweep(&store, None).await, Ok(1), "the attempt that the known job did not make");
         assert!(is_there(&other, Folder::Result(unknown, 1), "x").await);
         assert!(!is_there(&other, Folder::Result(known.id, 1), "x").await);
         mesh.finish().await.expect("its parts are there");
@@ -295,7 +294,7 @@ mod tests {
             let file = std::fs::File::options().write(true).open(path).expect("there");
             file.set_modified(SystemTime::now() - age).expect("set");
         }
-        assert_eq!(one.sweep(&store).await, Ok(1));
+        assert_eq!(one.sweep(&store, None).await, Ok(1));
         assert!(is_there(&one, upload, MESH).await);
         assert!(!is_there(&one, Folder::Result(unknown, 1), "x").await);
     }

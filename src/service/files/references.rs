@@ -1,21 +1,17 @@
-//! Where meshes may lie that no request brings: at URLs of the place of the blobs, and below prefixes of buckets.
+//! Where meshes may lie that no request brings: below prefixes of buckets.
 
 use object_store::path::Path as BlobPath;
 
 use crate::error::{Error, Result};
+use crate::service::blobs::Blobs;
 use crate::service::blobs::place::BlobPlace;
-use crate::service::blobs::{Blobs, UploadUrls};
 
 /// What stands for the tenant in a prefix.
 const TENANT: &str = "{tenant}";
 
 /// Where meshes may lie.
 #[derive(Debug, Default)]
-pub(super) struct References {
-    /// None where the blobs lie in a folder.
-    pub urls: Option<Box<dyn UploadUrls>>,
-    prefixes: Vec<Prefix>,
-}
+pub(super) struct References(Vec<Prefix>);
 
 /// A prefix of a bucket, below which jobs may name meshes.
 #[derive(Debug)]
@@ -28,20 +24,19 @@ struct Prefix {
 }
 
 impl References {
-    /// URLs of the place of the blobs, and prefixes.
-    pub fn open(blobs: Option<&BlobPlace>, prefixes: &[BlobPlace]) -> Result<Self> {
-        let urls = blobs.map(BlobPlace::upload_urls).transpose()?.flatten();
+    /// Opens the buckets of prefixes.
+    pub fn open(prefixes: &[BlobPlace]) -> Result<Self> {
         let open = |place: &BlobPlace| {
             let (bucket, _) = place.bucket()?;
             let blobs = bucket.open();
             Some(blobs.map(|blobs| Prefix { text: place.to_string(), bucket: bucket.to_string(), blobs }))
         };
-        Ok(Self { urls, prefixes: prefixes.iter().filter_map(open).collect::<Result<_>>()? })
+        Ok(Self(prefixes.iter().filter_map(open).collect::<Result<_>>()?))
     }
 
     /// Where an object of a bucket lies that a tenant may read; none where it may not.
     pub fn place_of(&self, url: &str, tenant: &str) -> Option<(&dyn Blobs, BlobPath)> {
-        self.prefixes.iter().find_map(|prefix| {
+        self.0.iter().find_map(|prefix| {
             let path = path_in(&prefix.text, &prefix.bucket, url, tenant)?;
             Some((prefix.blobs.as_ref(), path))
         })

@@ -21,9 +21,6 @@ const PREFIX: &str = "tesserae-jobs-";
 /// Name of the lock in either kind of folder.
 pub(super) const LOCK: &str = "lock";
 
-/// Name of the file with the time by which jobs grow old.
-pub(super) const CLOCK: &str = "clock";
-
 /// Name of the file that says where the blobs lie, if elsewhere.
 pub(in crate::service) const BLOBS: &str = "blobs";
 
@@ -74,7 +71,7 @@ impl Root {
             let (folder, mode) = (path.display(), format!("{mode:04o}"));
             tracing::warn!(%folder, mode, "other users may enter the data folder; `chmod 700` takes that away");
         }
-        for name in STORE.into_iter().chain([LOCK, BALLAST, CLOCK, BLOBS]) {
+        for name in STORE.into_iter().chain([LOCK, BALLAST, BLOBS]) {
             let file = path.join(name);
             private::tighten(&file).map_err(|error| cannot_make(&file, error))?;
         }

@@ -1,43 +1,35 @@
 //! Sweeping: what no job knows of goes, as after a crash.
 //!
+//! Files of a job that the store does not know stay for a while: a store that was restored from an older copy knows
+//! fewer jobs than there are files, and removing these would make the loss final. An upload that is not whole goes at
+//! once.
+//!
 //! A place that is shared holds uploads that come in at another process, which the store does not know yet, and which
 //! this process cannot tell from those that a killed process left. There, what belongs to no job goes when its newest
-//! blob is a day old by the clock of the place. Uploads by URL that were given up go at once (`referred`).
+//! blob is a day old by the clock of the place.
 
+use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use object_store::path::Path as BlobPath;
 
 use super::folder::Files;
-use super::names::{Folder, RESULTS, UPLOADS};
+use super::names::{Folder, MESH, RESULTS, UPLOADS};
 use crate::error::Result;
-use crate::service::store::{Job, JobId, Reservations, State};
+use crate::service::store::{Job, JobId, Queue, State};
 
 /// Age at which blobs without a job go from a place that is shared. An upload that takes longer is lost.
 const OLD: Duration = Duration::from_secs(86_400);
 
 impl Files {
     /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a
-    /// retry, and results of attempts that did not make it. Uploads that are coming in stay. Returns how many folders
-    /// went.
-    pub async fn sweep(&self, store: &dyn Reservations) -> Result<usize> {
-        self.sweep_all(store, false).await
-    }
-
-    /// The same when the service starts: what belongs to no job of the store is moved aside, because the store may be
-    /// an older copy. A place that is shared is not swept then.
-    pub async fn sweep_at_start(&self, store: &dyn Reservations) -> Result<usize> {
-        match self.is_shared() {
-            true => Ok(0),
-            false => self.sweep_all(store, true).await,
-        }
-    }
-
-    async fn sweep_all(&self, store: &dyn Reservations, moves_aside: bool) -> Result<usize> {
-        let mut removed = 0;
+    /// retry, and results of attempts that did not make it. Uploads that are coming in stay, and so do files of unknown
+    /// jobs that were stored after `old`, all of them when none. Returns how many folders went.
+    pub async fn sweep(&self, store: &dyn Queue, old: Option<SystemTime>) -> Result<usize> {
+        let (mut removed, mut unknown) = (0, 0);
         let old = match self.is_shared() {
             true => self.blobs.probe().await?.checked_sub(OLD),
-            false => None,
+            false => old,
         };
         for id in self.jobs_in(UPLOADS).await? {
             // looked at before the store, which knows an accepted one before it stops coming in
@@ -45,8 +37,10 @@ impl Files {
             match store.get(id).await? {
                 _ if is_coming_in => continue,
                 Some(job) if !job.state.is_ended() || job.keeps_upload() => continue,
-                None if moves_aside => self.move_upload_aside(id).await?,
-                None if self.is_expected(id, old, store).await? => continue,
+                None if self.stays(Folder::Upload(id), old).await? => {
+                    unknown += 1;
+                    continue;
+                }
                 _ => self.remove_upload(id).await,
             }
             removed += 1;
@@ -55,8 +49,10 @@ impl Files {
             // listed before the store is read, which knows an attempt before it has files
             let attempts = self.names_in(&Folder::Results(id).path()).await?;
             match store.get(id).await? {
-                None if moves_aside => self.move_aside(Folder::Results(id)).await?,
-                None if self.is_young(Folder::Results(id), old).await? => continue,
+                None if self.stays(Folder::Results(id), old).await? => {
+                    unknown += 1;
+                    continue;
+                }
                 None => self.remove(id).await,
                 Some(job) => {
                     removed += self.sweep_attempts(&job, &attempts).await;
@@ -65,13 +61,19 @@ impl Files {
             }
             removed += 1;
         }
+        // at a shared place, most of them are coming in at other processes
+        self.unknown.store(if self.is_shared() { 0 } else { unknown }, Ordering::Relaxed);
         Ok(removed)
     }
 
-    /// Whether there are blobs in a folder that were stored after a time.
-    async fn is_young(&self, folder: Folder, old: Option<SystemTime>) -> Result<bool> {
-        let Some(old) = old else { return Ok(false) };
-        Ok(self.blobs.newest(&folder.path()).await?.is_some_and(|newest| newest > old))
+    /// Whether a folder of a job that the store does not know stays for now.
+    async fn stays(&self, folder: Folder, old: Option<SystemTime>) -> Result<bool> {
+        let is_upload_of_one = matches!(folder, Folder::Upload(_)) && !self.is_shared();
+        if is_upload_of_one && !self.names_in(&folder.path()).await?.iter().any(|name| name == MESH) {
+            return Ok(false);
+        }
+        let newest = self.blobs.newest(&folder.path()).await?;
+        Ok(newest.is_some_and(|newest| old.is_none_or(|old| newest > old)))
     }
 
     /// Removes what those of some attempts left that are neither running nor the one that succeeded.

@@ -1,5 +1,3 @@
-mod by_url;
-
 use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
@@ -11,8 +9,7 @@ use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 use crate::service::blobs::folder::size;
 use crate::service::faults::{FaultPoint, Faults};
-use crate::service::store::memory::MemoryStore;
-use crate::service::store::tests::{RULES, new_job};
+use crate::service::store::tests::{new_job, store_in};
 use crate::service::store::{Created, End, Job, JobId, NewJob, Queue, Referred, SMALL_BLOBS, Spec, Summary};
 
 fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
@@ -196,7 +193,7 @@ async fn a_disk_that_fails_says_how() {
 async fn a_sweep_leaves_what_jobs_know_of() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = open(folder.path(), DiskLimits::default(), Faults::default());
-    let store = MemoryStore::new(RULES).expect("made");
+    let store = store_in(folder.path()).await;
     let accepted = async || {
         let incoming = files.incoming();
         let job = NewJob { id: incoming.id(), ..new_job() };
@@ -224,7 +221,8 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     std::fs::write(never_accepted.join("mesh#1"), b"me").expect("written");
     std::fs::create_dir(folder.path().join("uploads/not ours")).expect("made");
 
-    assert_eq!(files.sweep(&store).await, Ok(5));
+    assert_eq!(files.sweep(&store, None).await, Ok(4));
+    assert_eq!(files.unknown(), 1);
     assert!(!never_accepted.exists());
     assert!(folder.path().join("uploads/not ours").exists());
     for (folder, name, is_there) in [
@@ -234,27 +232,37 @@ async fn a_sweep_leaves_what_jobs_know_of() {
         (Folder::Result(succeeded, 1), REPORT_JSON.file, true),
         (Folder::Result(succeeded, 7), REPORT_JSON.file, false),
         (Folder::Result(waiting, 1), REPORT_JSON.file, false),
-        (Folder::Result(unknown, 1), REPORT_JSON.file, false),
+        (Folder::Result(unknown, 1), REPORT_JSON.file, true),
     ] {
         assert_eq!(files.read(folder, name, None).await.is_ok(), is_there, "{folder:?}");
     }
-    assert_eq!(files.sweep(&store).await, Ok(0));
+    let before = SystemTime::now() - Duration::from_secs(60);
+    assert_eq!(files.sweep(&store, Some(before)).await, Ok(0), "it is not old");
+    assert_eq!(files.sweep(&store, Some(SystemTime::now() + Duration::from_secs(60))).await, Ok(1));
+    assert!(files.read(Folder::Result(unknown, 1), REPORT_JSON.file, None).await.is_err());
+    assert_eq!(files.unknown(), 0);
 }
 
 #[tokio::test]
-async fn a_request_that_names_a_job_leaves_the_room_promised_to_it() {
+async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
-    let limits = DiskLimits { max_bytes: Some(2 << 20), min_free_bytes: 0 };
-    let files = open(folder.path(), limits, Faults::default());
-    let (job, large) = (JobId::random(), 3 << 19);
-    files.promise(job, 0, large).expect("there is room");
-    drop(files.incoming_reserved(job).expect("no other request"));
-    assert!(files.promise(JobId::random(), 0, large).is_err(), "the room is taken");
+    let place = folder.path().to_str().expect("a name").parse().expect("a place");
+    let files = Files::open(None, Some(&place), DiskLimits::default(), Faults::default()).expect("it opens");
+    let url = "s3://bucket/meshes/x.glb";
+    let refused = async || {
+        let forbidden = Error::new(Kind::Forbidden, "403");
+        files.explain_forbidden(Err::<(), _>(forbidden), url).await.expect_err("forbidden")
+    };
+    let error = refused().await;
+    assert_eq!(error.kind, Kind::InvalidParameter);
+    assert!(error.message.contains("s3:GetObject") && error.message.contains(url), "{error}");
+    drop(folder);
+    assert_eq!(refused().await.kind, Kind::Unavailable, "as with a wrong key");
 }
 
 #[tokio::test]
 async fn a_service_that_is_started_again_promises_the_same_room() {
-    let mesh_url = Referred { url: Some("s3://bucket/x.obj".to_owned()), tag: None, parts: None };
+    let mesh_url = Referred { url: "s3://bucket/x.obj".to_owned(), tag: None };
     for referred in [None, Some(mesh_url)] {
         let folder = tempfile::tempdir().expect("a folder");
         let (limits, mesh, seeds) = (Limits::default(), content(SMALL_BLOBS as usize), content(1000));

@@ -106,7 +106,6 @@ metrics! {
             "Attempts at a job that failed in a way that another may not, by kind of problem";
         poison: Family<ByReason, Counter>, "poison",
             "Jobs that were given up after as many attempts as may be made, by the kind of the last problem";
-        spans_lost: Counter, "spans_lost", "Spans that the collector did not take";
         jobs: Family<ByState, Gauge>, "jobs", "Jobs that the service knows, by state";
         queue_wait: Histogram = LONG.new_metric(), "queue_wait" [Seconds],
             "Time between acceptance and claim of a job";
@@ -132,6 +131,8 @@ metrics! {
         store_commands: Counter, "store_commands", "Changes in committed transactions";
         store_failed_commits: Counter, "store_failed_commits", "Transactions of the store that failed";
         file_errors: Counter, "file_errors", "Files that could not be written or read for reasons of their place";
+        unknown_jobs: Gauge, "unknown_jobs",
+            "Folders in the data folder of jobs that the store does not know, as of the last sweep";
         results_damaged: Counter, "results_damaged", "Stored results that were not what was stored when they were read";
         request_lag: Histogram = SHORT.new_metric(), "request_thread_lag" [Seconds],
             "How late the threads that answer requests began what was due, looked at four times a second";

@@ -26,7 +26,6 @@ use self::families::{
 use self::process::Process;
 use self::tenants::Tenants;
 use super::health::{Health, Part, Severity};
-use super::logging;
 use super::settings::Settings;
 use super::store::{Job, State, Statistics};
 use crate::device::MemoryMeter;
@@ -65,6 +64,8 @@ pub(super) struct Snapshot {
     pub store: Statistics,
     /// Files of jobs that could not be written or read for reasons of their place.
     pub file_errors: u64,
+    /// Folders of jobs that the store does not know.
+    pub unknown_jobs: u64,
     /// Results that were not what was stored.
     pub results_damaged: u64,
     /// Bytes in the data folder.
@@ -315,12 +316,12 @@ impl Metrics {
                 families.conditions.get_or_create(&label).set(i64::from(now == Some(severity)));
             }
         }
+        families.unknown_jobs.set(signed(now.unknown_jobs));
         families.disk_used.set(now.disk_used.cast_signed());
         if let Some(free) = now.room.disk_free {
             families.disk_free.set(signed(free));
         }
         families.queue_oldest.set(now.room.oldest_queued.unwrap_or_default().as_secs_f64());
-        families.spans_lost.inner().store(logging::lost_spans(), Ordering::Relaxed);
         families.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
         if let Some(bytes) = process::resident_bytes() {
             families.resident.set(bytes);

@@ -11,8 +11,8 @@ use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, JobStore, ListQuery, Maintenance, NewJob, Notice,
-    Notices, Page, Presence, Progress, Pulse, Queue, Release, Reservation, Reservations, Retried, State, Statistics,
-    Ticket, What, Worker, WorkerId, Workers,
+    Notices, Page, Presence, Progress, Pulse, Queue, Release, Retried, State, Statistics, Ticket, What, Worker,
+    WorkerId, Workers,
 };
 
 /// Another store, timed.
@@ -72,6 +72,7 @@ timed!(Queue {
     "blob": blob(id: JobId, name: &str) -> Option<Bytes>;
     "cancel": cancel(id: JobId) -> Option<Job>;
     "counts": counts() -> [u64; State::ALL.len()];
+    "waiting_of": waiting_of(tenant: &str) -> u64;
     "oldest_queued": oldest_queued() -> Option<SystemTime>;
 } and {
     fn next_start(&self) -> Option<Duration> {
@@ -86,13 +87,6 @@ timed!(Queue {
         self.store.arrivals()
     }
 });
-
-timed!(Reservations {
-    "reserve": reserve(id: JobId, reservation: Reservation, valid: Duration) -> ();
-    "reservation": reservation(id: JobId) -> Option<Reservation>;
-    "unreserve": unreserve(id: JobId) -> bool;
-    "waiting_of": waiting_of(tenant: &str) -> u64;
-} and {});
 
 timed!(Events {
     "append": append(ticket: Ticket, events: Vec<What>, progress: Progress) -> ();

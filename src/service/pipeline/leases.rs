@@ -117,14 +117,14 @@ impl Drop for Lease {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{new_job, store_in};
 
     const LEASE: Duration = Duration::from_secs(30);
 
     #[tokio::test]
     async fn held_leases_are_prolonged_and_others_reclaimed() {
-        let store = MemoryStore::new(RULES).expect("made");
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = store_in(folder.path()).await;
         for _ in 0..2 {
             store.create(new_job()).await.expect("created");
         }

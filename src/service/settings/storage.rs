@@ -46,11 +46,6 @@ pub struct StorageSettings {
     #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES",
           default_value_t = StorageSettings::default().min_free_bytes)]
     pub min_free_bytes: u64,
-
-    /// Start although the store of jobs is missing or empty and files of jobs are there: these are moved to DIR/aside,
-    /// where they stay for a week
-    #[arg(long, env = "TESSERAE_FORGET_LOST_JOBS")]
-    pub forget_lost_jobs: bool,
 }
 
 impl Default for StorageSettings {
@@ -63,7 +58,6 @@ impl Default for StorageSettings {
             retention: 7 * 86_400,
             max_disk_bytes: None,
             min_free_bytes: 256 << 20,
-            forget_lost_jobs: false,
         }
     }
 }

@@ -150,37 +150,13 @@ pub(in crate::service) struct Spec {
     pub referred: Option<Referred>,
 }
 
-impl Spec {
-    /// Whether the client stored the mesh by a URL that the service gave.
-    pub fn is_of_upload_by_url(&self) -> bool {
-        self.referred.as_ref().is_some_and(|referred| referred.url.is_none())
-    }
-
-    /// The folder of what came with the request for the job of an upload by URL.
-    pub fn parts(&self) -> Option<Uuid> {
-        Uuid::try_parse(&self.referred.as_ref()?.parts.as_ref()?.folder).ok()
-    }
-}
-
 /// A mesh that lay in a bucket before the request for its job came.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(in crate::service) struct Referred {
-    /// Its URL, `s3://BUCKET/KEY`; none where it is an upload by URL.
-    pub url: Option<String>,
+    /// Its URL, `s3://BUCKET/KEY`.
+    pub url: String,
     /// Changes with its content.
     pub tag: Option<String>,
-    /// What came with the request for the job of an upload by URL; none where nothing did.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub parts: Option<PartsOfRequest>,
-}
-
-/// Seeds, weights and buffers that came with the request for the job of an upload by URL.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(in crate::service) struct PartsOfRequest {
-    /// Name of their folder in that of the upload: each request has its own, so that a repeated one overwrites nothing.
-    pub folder: String,
-    /// SHA-256 of the SHA-256 of each, in hexadecimal digits.
-    pub sha256: String,
 }
 
 fn is_zero(priority: &i8) -> bool {
@@ -297,8 +273,7 @@ impl Job {
 
     /// Whether its upload is there to be read: not what a client named by a `mesh_url`.
     pub fn has_upload(&self) -> bool {
-        let is_named = self.spec.referred.as_ref().is_some_and(|referred| referred.url.is_some());
-        !is_named && (!self.state.is_ended() || self.keeps_upload())
+        self.spec.referred.is_none() && (!self.state.is_ended() || self.keeps_upload())
     }
 
     /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.

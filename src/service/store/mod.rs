@@ -1,9 +1,9 @@
 //! The store of jobs and their events.
 //!
-//! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Reservations`], [`Events`],
+//! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`],
 //! [`Notices`], [`Workers`] or [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of
-//! HTTP, of files or of devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services
-//! share; [`memory`] loses them when the process ends.
+//! HTTP, of files or of devices. [`sqlite`] keeps jobs in a file, [`postgres`] in a database that several services
+//! share.
 //!
 //! # The life of a job
 //!
@@ -52,13 +52,11 @@ mod events;
 pub(super) mod fairness;
 mod job;
 mod maintenance;
-pub(super) mod memory;
 mod notices;
 #[cfg(feature = "postgres")]
 pub(super) mod postgres;
 mod pulses;
 mod queue;
-mod reservations;
 pub(super) mod sqlite;
 mod token_rows;
 mod url;
@@ -66,7 +64,7 @@ mod workers;
 
 pub(super) use self::events::{Event, Events, Pulse, What};
 pub(super) use self::job::{
-    Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, PartsOfRequest, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec,
+    Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec,
     State, Summary, Ticket, no_such_job,
 };
 pub(super) use self::maintenance::{Deletion, Maintenance, Statistics};
@@ -75,27 +73,34 @@ pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
 use self::queue::{ALONE_FROM, given_up, guilty, lease_is_over, not_yours, reused_key};
-pub(super) use self::reservations::{RESERVED_FOR, Reservation, Reservations, no_such_upload};
 pub(super) use self::token_rows::{TokenRows, TokenStore};
 pub use self::url::StoreUrl;
 pub(super) use self::workers::{Presence, Worker, WorkerId, Workers};
 
 /// A whole store. See the [module](self) for the life of a job.
-pub(super) trait JobStore: Reservations + Events + Notices + Workers + Maintenance {}
+pub(super) trait JobStore: Queue + Events + Notices + Workers + Maintenance {}
 
-impl<S: Reservations + Events + Notices + Workers + Maintenance> JobStore for S {}
+impl<S: Queue + Events + Notices + Workers + Maintenance> JobStore for S {}
 
 #[cfg(test)]
 pub(super) mod tests {
+    use std::path::Path;
     use std::time::Duration;
 
-    use super::{JobId, LOCAL_TENANT, NewJob, Reservation, Reservations, Rules, Spec};
+    use super::sqlite::SqliteStore;
+    use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec};
     use crate::mesh::Format;
     use crate::parameters::Parameters;
+    use crate::service::faults::Faults;
     use crate::service::kept::Kept;
 
     /// Rules of a store in a test.
     pub const RULES: Rules = Rules { max_queued: 100, max_attempts: 3, crash_pause: Duration::ZERO };
+
+    /// An empty store in a folder, which goes with the test.
+    pub async fn store_in(folder: &Path) -> SqliteStore {
+        SqliteStore::temporary(&folder.join("jobs.sqlite3"), RULES, Faults::default()).await.expect("a store")
+    }
 
     /// A job of the tenant `local` like any other.
     pub fn new_job() -> NewJob {
@@ -117,13 +122,5 @@ pub(super) mod tests {
             referred: None,
         };
         NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
-    }
-
-    /// Reserves an upload by URL of `bytes` bytes for the tenant `local`.
-    pub async fn reserve(store: &dyn Reservations, bytes: u64) -> JobId {
-        let (id, file_name) = (JobId::random(), Some("horse.obj".to_owned()));
-        let reservation = Reservation { tenant: LOCAL_TENANT.to_owned(), bytes, file_name, is_over: false };
-        store.reserve(id, reservation, Duration::from_secs(3600)).await.expect("reserved");
-        id
     }
 }

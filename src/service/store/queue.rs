@@ -273,6 +273,9 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
     /// Number of jobs in each state, in the order of [`State::ALL`].
     async fn counts(&self) -> Result<[u64; State::ALL.len()]>;
 
+    /// Number of jobs of a tenant that wait.
+    async fn waiting_of(&self, tenant: &str) -> Result<u64>;
+
     /// When the job was accepted that waits longest; none when no job waits.
     async fn oldest_queued(&self) -> Result<Option<SystemTime>>;
 }

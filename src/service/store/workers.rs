@@ -92,35 +92,6 @@ pub(in crate::service) trait Workers: fmt::Debug + Send + Sync {
     async fn drain(&self, id: WorkerId, drains: bool) -> Result<Option<Worker>>;
 }
 
-/// A store of one process, which is the only worker.
-pub(super) trait OneProcess: Queue {
-    /// That worker.
-    fn only_worker(&self) -> &OnlyWorker;
-
-    /// Lets what waits for jobs look for them again.
-    fn look_again(&self);
-}
-
-#[async_trait]
-impl<S: OneProcess> Workers for S {
-    async fn announce(&self, presence: &Presence) -> Result<()> {
-        self.only_worker().announce(presence);
-        Ok(())
-    }
-
-    async fn workers(&self) -> Result<Vec<Worker>> {
-        Ok(self.only_worker().worker(self).await?.into_iter().collect())
-    }
-
-    async fn drain(&self, id: WorkerId, drains: bool) -> Result<Option<Worker>> {
-        if !self.only_worker().drain(id, drains) {
-            return Ok(None);
-        }
-        self.look_again();
-        self.only_worker().worker(self).await
-    }
-}
-
 /// The worker of a store that one process has.
 #[derive(Debug)]
 pub(super) struct OnlyWorker {
@@ -142,7 +113,7 @@ impl OnlyWorker {
         self.drains.load(Ordering::Relaxed)
     }
 
-    fn announce(&self, presence: &Presence) {
+    pub fn announce(&self, presence: &Presence) {
         let mut known = self.known.lock();
         let now = SystemTime::now();
         let first = known.as_ref().map_or(now, |(_, first, _)| *first);
@@ -150,7 +121,7 @@ impl OnlyWorker {
     }
 
     /// The worker with all running jobs of the store; none before it was announced.
-    async fn worker(&self, queue: &dyn Queue) -> Result<Option<Worker>> {
+    pub async fn worker(&self, queue: &dyn Queue) -> Result<Option<Worker>> {
         let Some((presence, started_at, seen_at)) = self.known.lock().clone() else { return Ok(None) };
         let running = ListQuery { state: Some(State::Running), limit: 1000, ..ListQuery::default() };
         Ok(Some(Worker {
@@ -166,7 +137,7 @@ impl OnlyWorker {
     }
 
     /// Whether the worker has that id; it drains then, or not.
-    fn drain(&self, id: WorkerId, drains: bool) -> bool {
+    pub fn drain(&self, id: WorkerId, drains: bool) -> bool {
         let is_it = id == self.id && self.known.lock().is_some();
         if is_it {
             self.drains.store(drains, Ordering::Relaxed);

@@ -3,7 +3,7 @@
 //! | limit of | where | beyond it, a client is |
 //! |---|---|---|
 //! | connections, and how long heads and answers may take | `connections`, `socket` | closed |
-//! | heads that are not valid or not supported | `heads`, `refusals` | answered with 400, 414, 431 or 501 |
+//! | heads that are not valid or not supported | `heads`, hyper | answered with 400, 414, 431 or 501 |
 //! | web pages that may not use a service without tokens | `sites` | answered with 403 or 421 |
 //! | requests a second, requests and streams at a time | `clients` | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
@@ -17,7 +17,6 @@ mod guarded;
 pub(super) mod heads;
 pub(super) mod origin;
 pub(super) mod queries;
-mod refusals;
 pub(super) mod sites;
 mod socket;
 

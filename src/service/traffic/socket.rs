@@ -1,4 +1,4 @@
-//! A connection that fails when the client reads nothing for too long, and whose refusals are problem documents.
+//! A connection that fails when the client reads nothing for too long.
 
 use std::io;
 use std::pin::Pin;
@@ -8,8 +8,6 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
 use tokio::time::{Instant, Sleep, sleep};
-
-use super::refusals;
 
 /// A stream on which a write that makes no progress for a while is an error.
 #[derive(Debug)]
@@ -21,31 +19,12 @@ pub(super) struct Socket {
     /// Runs while the other end takes nothing.
     deadline: Pin<Box<Sleep>>,
     is_waiting: bool,
-    /// What is written in place of a [refusal](refusals), and how much of it was.
-    instead: Option<(Vec<u8>, usize)>,
 }
 
 impl Socket {
     /// Wraps a connection, of which these bytes were read.
     pub fn new(stream: TcpStream, begun: Vec<u8>, patience: Duration) -> Self {
-        Self { stream, begun, patience, deadline: Box::pin(sleep(patience)), is_waiting: false, instead: None }
-    }
-
-    /// Writes the whole document in place of `refusal`; none for anything else.
-    fn replace(&mut self, context: &mut Context<'_>, refusal: &[u8]) -> Option<Poll<io::Result<usize>>> {
-        if self.instead.is_none() {
-            self.instead = Some((refusals::with_problem(refusal)?, 0));
-        }
-        while let Some((bytes, written)) = self.instead.as_mut().filter(|(bytes, written)| *written < bytes.len()) {
-            match Pin::new(&mut self.stream).poll_write(context, &bytes[*written..]) {
-                Poll::Ready(Ok(more)) if more > 0 => *written += more,
-                Poll::Ready(Ok(_)) => return Some(Poll::Ready(Err(io::ErrorKind::WriteZero.into()))),
-                other => return Some(self.limited(context, other)),
-            }
-        }
-        self.instead = None;
-        self.is_waiting = false;
-        Some(Poll::Ready(Ok(refusal.len())))
+        Self { stream, begun, patience, deadline: Box::pin(sleep(patience)), is_waiting: false }
     }
 
     /// What came of a write, unless it has come to nothing for too long.
@@ -78,9 +57,6 @@ impl AsyncRead for Socket {
 
 impl AsyncWrite for Socket {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        if let Some(replaced) = self.replace(context, bytes) {
-            return replaced;
-        }
         let written = Pin::new(&mut self.stream).poll_write(context, bytes);
         self.limited(context, written)
     }
@@ -90,12 +66,6 @@ impl AsyncWrite for Socket {
         context: &mut Context<'_>,
         pieces: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        if let [first, rest @ ..] = pieces
-            && rest.iter().all(|piece| piece.is_empty())
-            && let Some(replaced) = self.replace(context, first)
-        {
-            return replaced;
-        }
         let written = Pin::new(&mut self.stream).poll_write_vectored(context, pieces);
         self.limited(context, written)
     }

@@ -116,7 +116,7 @@ impl Form {
     async fn add_mesh(&mut self, field: Field<'_>) -> Result<()> {
         if self.referred.is_some() {
             return Err(Error::parameter(
-                "the query says where the mesh lies (upload, mesh_url): leave out the part mesh, or these",
+                "mesh_url in the query says where the mesh lies: leave out the part mesh, or mesh_url",
             ));
         }
         once("mesh", self.mesh.is_some())?;
@@ -153,18 +153,18 @@ impl Form {
 
     /// Checks the whole.
     fn finish(self) -> Result<Upload> {
-        let (saved, file_name, format, referred, earlier) = match (self.mesh, self.referred) {
+        let (saved, file_name, format, referred) = match (self.mesh, self.referred) {
             (Some(mesh), _) => {
                 let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
-                (mesh.saved, mesh.file_name, format, None, None)
+                (mesh.saved, mesh.file_name, format, None)
             }
             (None, Some(mesh)) => {
-                let format = mesh.format(self.wanted.format)?;
-                (mesh.saved, mesh.file_name, format, Some(mesh.referred), mesh.earlier)
+                let format = mesh.saved.format(self.wanted.format, mesh.file_name.as_deref())?;
+                (mesh.saved, mesh.file_name, format, Some(mesh.referred))
             }
             (None, None) => {
                 return Err(Error::parameter(
-                    "the form has no part named mesh: send the mesh as one, or name it in the query (upload, mesh_url)",
+                    "the form has no part named mesh: send the mesh as one, or name it in the query (mesh_url)",
                 ));
             }
         };
@@ -184,7 +184,6 @@ impl Form {
         }
         let files = [Some(&saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
         let digests: Vec<_> = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
-        let referred = referred.map(|referred| referred::with_parts(referred, &self.into.folder, &digests));
         let spec = Spec {
             tenant: String::new(),
             trace_parent: None,
@@ -202,7 +201,7 @@ impl Form {
             kept,
             referred,
         };
-        Ok(Upload { folder: self.into.folder, spec, digests, earlier, head: saved.head })
+        Ok(Upload { folder: self.into.folder, spec, digests, head: saved.head })
     }
 }
 

@@ -8,7 +8,7 @@ use async_trait::async_trait;
 
 use super::{
     Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob,
-    Notice, Page, Progress, Release, Reservation, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics,
+    Notice, Page, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics,
     Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
@@ -23,7 +23,6 @@ pub mod claims;
 mod fairness;
 mod life;
 mod lists;
-mod reservations;
 mod workers;
 
 /// What is tested.
@@ -76,8 +75,6 @@ pub(in crate::service) async fn run(subject: &dyn Subject) {
     fairness::the_worker_is_known(make(9).await.as_ref()).await;
     workers::a_worker_is_known_with_its_jobs(make(9).await.as_ref()).await;
     workers::a_worker_that_drains_claims_nothing(make(9).await.as_ref()).await;
-    reservations::what_is_reserved_counts_until_it_is_a_job_or_over(make(99).await.as_ref()).await;
-    reservations::a_reservation_that_is_taken_back_becomes_no_job(make(99).await.as_ref()).await;
     lists::ended_jobs_are_found_by_their_age(make(9).await.as_ref()).await;
     attempts::a_crash_loses_nothing(subject).await;
     attempts::crashes_count_for_the_job_that_caused_them_only(subject).await;

@@ -38,7 +38,6 @@ mod maintenance;
 mod notices;
 mod queue;
 mod replica;
-mod reservations;
 mod rows;
 mod schema;
 #[cfg(test)]

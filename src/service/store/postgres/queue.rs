@@ -10,7 +10,7 @@ use uuid::Uuid;
 
 use super::super::{
     ALONE_FROM, Claiming, Created, End, Ending, Job, JobId, ListQuery, NewJob, Page, Progress, Pulse, Queue, Release,
-    Reservations as _, Retried, Rules, SMALL_BLOBS, State, Ticket, no_such_job, no_such_upload, not_yours, reused_key,
+    Retried, Rules, SMALL_BLOBS, State, Ticket, no_such_job, not_yours, reused_key,
 };
 use super::connections::{Failure, all, execute, first, one};
 use super::live::{Effects, LastWords, Live, end};
@@ -21,20 +21,14 @@ use crate::error::Result;
 /// For how long counts of jobs are believed.
 const COUNTS: Duration = Duration::from_secs(2);
 
-/// A new job. `$8` is the limit of jobs that wait; `$11` says whether the job needs its reservation, which is locked so
-/// that it is not taken back at the same time.
-const CREATE: &str = "WITH reserved AS (\
-    SELECT FROM reservations WHERE id = $1 FOR UPDATE\
-), job AS (\
+/// A new job. `$8` is the limit of jobs that wait.
+const CREATE: &str = "WITH job AS (\
     INSERT INTO jobs (id, tenant, state, spec, progress, urgency, idempotency_key, request_digest, last_seq) \
     SELECT $1::uuid, $2::text, 'queued', $3::json, $4::json, $5::smallint, $6::text, $7::text, 1 \
     WHERE (SELECT count(*) FROM (SELECT FROM jobs WHERE state = 'queued' LIMIT $8) AS waiting) < $8 \
-    AND (NOT $11 OR EXISTS (SELECT FROM reserved)) \
     ON CONFLICT DO NOTHING RETURNING *\
 ), told AS (\
     INSERT INTO events (job, seq, kind, data) SELECT number, 1, 'state', 'queued' FROM job\
-), used AS (\
-    DELETE FROM reservations USING job WHERE reservations.id = job.id\
 ), kept AS (\
     INSERT INTO blobs (job, of_result, name, bytes) \
     SELECT job.number, false, b.name, b.bytes FROM job, unnest($9::text[], $10::bytea[]) AS b(name, bytes)\
@@ -103,7 +97,7 @@ impl Queue for PostgresStore {
         );
         let names: Vec<&str> = upload.iter().map(|blob| blob.name.as_str()).collect();
         let bytes: Vec<&[u8]> = upload.iter().map(|blob| &blob.bytes[..]).collect();
-        let (names, bytes, by_url) = (&names, &bytes, spec.is_of_upload_by_url());
+        let (names, bytes) = (&names, &bytes);
         loop {
             if let Some(wanted) = idempotency
                 && let Some((job, request)) = self.known(&spec.tenant, &wanted.key).await?
@@ -128,7 +122,6 @@ impl Queue for PostgresStore {
                         &most,
                         names,
                         bytes,
-                        &by_url,
                     ],
                 )
                 .await?;
@@ -146,12 +139,8 @@ impl Queue for PostgresStore {
                 return Ok(Created::New(job));
             }
             // room was made in this moment, or the key came with another request; or this one was created before
-            let is_reserved = !by_url || self.reservation(*id).await?.is_some();
             if let Some(job) = self.get(*id).await? {
                 return Ok(Created::New(job));
-            }
-            if !is_reserved {
-                return Err(no_such_upload(*id));
             }
         }
     }
@@ -363,6 +352,14 @@ impl Queue for PostgresStore {
         let counts = found.await?;
         *self.counts.lock() = Some((Instant::now(), counts));
         Ok(counts)
+    }
+
+    async fn waiting_of(&self, tenant: &str) -> Result<u64> {
+        let found = self.connections.run(|client| async move {
+            let sql = "SELECT count(*) AS waiting FROM jobs WHERE state = 'queued' AND tenant = $1";
+            Ok(count(&one(&client, sql, &[&tenant]).await?, "waiting")?)
+        });
+        found.await
     }
 
     async fn oldest_queued(&self) -> Result<Option<SystemTime>> {

@@ -7,7 +7,7 @@ use rusqlite::{Connection, params};
 
 use super::super::{
     ALONE_FROM, Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Release, Retried, Rules, State, Ticket,
-    What, no_such_upload, reused_key,
+    What, reused_key,
 };
 use super::connections::{Abort, all, execute, first, one};
 use super::live::Live;
@@ -47,11 +47,6 @@ pub(super) fn create(batch: &mut Batch<'_>, new: &NewJob, rules: &Rules) -> Resu
     check_room(batch.connection, rules)?;
     let mut job = Job::queued(*id, spec.clone(), rows::now());
     let (spec_json, progress) = (json(spec)?, json(&job.progress)?);
-    if spec.is_of_upload_by_url()
-        && execute(batch.connection, "DELETE FROM reservations WHERE id = ?1", [id.to_string()])? == 0
-    {
-        return Err(no_such_upload(*id).into());
-    }
     let urgency = -i64::from(spec.priority);
     execute(
         batch.connection,

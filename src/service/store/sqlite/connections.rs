@@ -116,6 +116,8 @@ pub(super) fn lacks_room(error: &rusqlite::Error) -> bool {
 #[derive(Debug)]
 pub(super) struct Place {
     pub path: PathBuf,
+    /// Whether the process outlasts the file: then no commit waits for the disk.
+    pub is_temporary: bool,
     is_private: AtomicBool,
     /// Closed after all connections: closing a file that SQLite has locked ends SQLite's own locks (POSIX).
     lock: Option<File>,
@@ -128,7 +130,7 @@ impl Place {
     /// The file at `path`, shared.
     #[cfg(test)]
     pub fn shared(path: PathBuf) -> Self {
-        Self { path, is_private: AtomicBool::new(false), lock: None }
+        Self { path, is_temporary: false, is_private: AtomicBool::new(false), lock: None }
     }
 
     /// The file at `path`, shared, and locked for this service. [`Kind::Conflict`] when another one has it.
@@ -152,7 +154,7 @@ impl Place {
                 Err(TryLockError::Error(error)) => return Err(cannot(error)),
             }
         }
-        Ok(Self { path, is_private: AtomicBool::new(false), lock: Some(lock) })
+        Ok(Self { path, is_temporary: false, is_private: AtomicBool::new(false), lock: Some(lock) })
     }
 
     /// Lets another process work with the file, once all connections are closed.
@@ -160,6 +162,11 @@ impl Place {
         if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
             tracing::warn!(%error, "the store of jobs stays locked until the process ends");
         }
+    }
+
+    /// The same in a temporary folder, which no other process knows.
+    pub fn temporary(path: PathBuf) -> Self {
+        Self { path, is_temporary: true, is_private: AtomicBool::new(false), lock: None }
     }
 
     /// Whether the file is private.
@@ -182,7 +189,7 @@ impl Place {
         flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
         let connection = self.open(flags)?;
         connection.pragma_update(None, "journal_mode", "WAL")?;
-        connection.pragma_update(None, "synchronous", "FULL")?;
+        connection.pragma_update(None, "synchronous", if self.is_temporary { "OFF" } else { "FULL" })?;
         connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
         Ok(connection)
     }

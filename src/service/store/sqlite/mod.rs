@@ -3,7 +3,7 @@
 //! Every change is one of the [`commands`], which the one [`writer`] runs; reads have connections of their own and do
 //! not wait for writes. The journal is a write-ahead log, and a commit returns when it is on the disk (`synchronous =
 //! FULL`): answered changes survive a crash of the process, of the system, and of the power. When the store is opened
-//! again, running jobs return to the queue ([`claim`]).
+//! again, running jobs return to the queue ([`claim`]). In a temporary folder no commit waits for the disk.
 //!
 //! What queries select by (state, tenant, time of the end) is a column; everything else is JSON, so that a new field of
 //! a job needs no new [`schema`]. Small blobs have a table of their own.
@@ -15,7 +15,6 @@ mod commands;
 mod connections;
 mod live;
 mod opening;
-mod reservations;
 mod rows;
 mod schema;
 mod uploads;
@@ -36,10 +35,11 @@ use self::connections::{Place, Readers, all, first, one};
 use self::rows::{column, count, jobs};
 use self::writer::{Batch, Listeners, Writer};
 use super::cursor::Cursors;
-use super::workers::{OneProcess, OnlyWorker};
+use super::workers::OnlyWorker;
 use super::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice, Notices,
-    Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
+    Page, Presence, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
+    Worker, WorkerId, Workers,
 };
 use crate::error::{Kind, Result};
 use crate::service::blocking::blocking;
@@ -61,13 +61,22 @@ pub(in crate::service) struct SqliteStore {
 impl SqliteStore {
     /// Opens the store in the file at `path`, or makes it. No other process may have it open.
     pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
-        let place = Arc::new(Place::locked(path.to_owned())?);
+        Self::open_place(Place::locked(path.to_owned())?, rules, faults).await
+    }
+
+    /// Makes a store in a file at `path` that the process does not outlast.
+    pub async fn temporary(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
+        Self::open_place(Place::temporary(path.to_owned()), rules, faults).await
+    }
+
+    async fn open_place(place: Place, rules: Rules, faults: Faults) -> Result<Self> {
+        let place = Arc::new(place);
         let file = Arc::clone(&place);
         let (connection, readers, cursors) = blocking(move || opening::open(&file)).await??;
         let listeners = Arc::<Listeners>::default();
         let damage = Arc::clone(&readers.damage);
         let writer = Writer::start(connection, Arc::clone(&place), Arc::clone(&listeners), Arc::clone(&damage), faults);
-        let writer = writer.map_err(|error| opening::cannot_open(path, &error))?;
+        let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
         let (readers, worker) = (Arc::new(readers), OnlyWorker::default());
         let store = Self { rules, readers, writer, listeners, damage, cursors, place, worker };
         // one process has the file: running jobs are those of a process that ended
@@ -123,16 +132,6 @@ impl SqliteStore {
                 (jobs!("WHERE number < ?1 AND tenant = ?4 AND state = ?3 ORDER BY number DESC LIMIT ?2"), 4)
             }
         }
-    }
-}
-
-impl OneProcess for SqliteStore {
-    fn only_worker(&self) -> &OnlyWorker {
-        &self.worker
-    }
-
-    fn look_again(&self) {
-        self.listeners.arrivals.notify();
     }
 }
 
@@ -255,6 +254,11 @@ impl Queue for SqliteStore {
         self.readers.read(|reader| one(reader, sql, [], read)).await
     }
 
+    async fn waiting_of(&self, tenant: &str) -> Result<u64> {
+        let sql = "SELECT coalesce((SELECT queued FROM tenants WHERE name = ?1), 0) AS waiting";
+        self.readers.read(|reader| one(reader, sql, [tenant], |row| count(row, "waiting"))).await
+    }
+
     async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
         // by the index of the jobs that wait: without it, every row is read
         let sql = "SELECT min(created_at) AS oldest FROM jobs INDEXED BY jobs_waiting WHERE state = 'queued'";
@@ -321,9 +325,29 @@ impl Notices for SqliteStore {
 }
 
 #[async_trait]
+impl Workers for SqliteStore {
+    async fn announce(&self, presence: &Presence) -> Result<()> {
+        self.worker.announce(presence);
+        Ok(())
+    }
+
+    async fn workers(&self) -> Result<Vec<Worker>> {
+        Ok(self.worker.worker(self).await?.into_iter().collect())
+    }
+
+    async fn drain(&self, id: WorkerId, drains: bool) -> Result<Option<Worker>> {
+        if !self.worker.drain(id, drains) {
+            return Ok(None);
+        }
+        self.listeners.arrivals.notify();
+        self.worker.worker(self).await
+    }
+}
+
+#[async_trait]
 impl Maintenance for SqliteStore {
     fn is_durable(&self) -> bool {
-        true
+        !self.place.is_temporary
     }
 
     async fn free_bytes(&self) -> Result<u64> {

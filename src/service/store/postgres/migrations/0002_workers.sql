@@ -2,16 +2,6 @@
 ALTER TABLE workers ADD COLUMN device text;
 ALTER TABLE workers ADD COLUMN drains boolean NOT NULL DEFAULT false;
 
--- Uploads by URL that no job is made of yet.
-CREATE TABLE reservations (
-    id         uuid        PRIMARY KEY,          -- of the job that it will be
-    tenant     text        COLLATE "C" NOT NULL,
-    upload     json        NOT NULL,
-    expires_at timestamptz NOT NULL
-);
-CREATE INDEX reservations_by_tenant ON reservations (tenant);
-CREATE INDEX reservations_by_end ON reservations (expires_at);
-
 -- Claims jobs for the worker `me` as claim_1 does, all of them by one statement.
 --
 -- Claimed one after the other, a tenant's n-th job has the place (running + n) / weight, then start + n / weight. Both
