@@ -98,7 +98,6 @@ impl Row {
         let mut parts = vec![self.what()];
         parts.extend(self.balance.map(|balance| balance.to_string()));
         parts.extend(self.energy.map(|energy| format!("energy {}", number(energy))));
-        parts.extend(self.hexagon_ratio.map(|ratio| format!("hexagon ratio {ratio:.4}")));
         parts.push(format!("{:.3} s on {}", self.seconds, self.device));
         let mut lines = vec![parts.join(", ")];
         lines.extend(self.remesh.as_ref().map(remesh_line));

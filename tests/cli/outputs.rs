@@ -257,7 +257,7 @@ fn the_summary_says_clusters_faces_balance_and_time() {
     let balance = f64::from(*largest) * 100.0 / f64::from(all);
     assert!(line.starts_with("100 clusters of "), "{line}");
     assert!(line.contains(&format!(", largest {largest} ({balance:.2} × the mean), energy ")), "{line}");
-    assert!(line.contains(", hexagon ratio ") && line.contains(" s on ") && !line.contains("e0"), "{line}");
+    assert!(line.contains(", energy ") && line.contains(" s on ") && !line.contains("e0"), "{line}");
     let tree = run(&folder, "cluster t.obj --algorithm pml -o t.tsr");
     assert!(tree.starts_with("a hierarchy of ") && tree.contains(" rounds, ") && !tree.contains("energy"), "{tree}");
     let remesh = run(&folder, "cluster t.obj -k 100 --remesh r.ply");
