@@ -77,8 +77,8 @@ pub struct Input {
     /// Faces with two corners at one position. Others may have no area, too: where there are any, a warning says how
     /// many.
     pub degenerate_faces: u64,
-    /// Faces without area that share no edge with another. They take no cluster: each has the label of a face at one of
-    /// its vertices, else of one whose centroid is near.
+    /// Faces without area that shared edges connect with no face that has area. They take no cluster: each has the
+    /// label of a face at one of its vertices, else of one whose centroid is near.
     pub loose_faces: u64,
     /// Faces whose set of corner positions an earlier face has; extra copies only.
     pub duplicate_faces: u64,

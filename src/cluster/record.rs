@@ -122,13 +122,20 @@ impl Record {
                 *face = new_face[*face as usize];
                 *label = new_label[*label as usize];
             }
-            for at in 0..if by_host.is_empty() { 0 } else { differences.len() } {
-                let (host, label) = differences[at];
-                let begin = by_host.partition_point(|loose| loose.host < host);
-                let hosted = by_host[begin..].iter().take_while(|loose| loose.host == host);
-                differences.extend(hosted.map(|loose| (loose.face, label)));
+            if !by_host.is_empty() {
+                add_hosted(differences, &by_host);
             }
         }
+    }
+}
+
+/// Adds the loose faces of the faces in a list of (face, label).
+fn add_hosted(differences: &mut Vec<(u32, u32)>, by_host: &[Loose]) {
+    for at in 0..differences.len() {
+        let (host, label) = differences[at];
+        let begin = by_host.partition_point(|loose| loose.host < host);
+        let hosted = by_host[begin..].iter().take_while(|loose| loose.host == host);
+        differences.extend(hosted.map(|loose| (loose.face, label)));
     }
 }
 

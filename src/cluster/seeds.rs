@@ -163,7 +163,7 @@ pub(super) fn check_number(surface: &Surface, name: Name, number: u64) -> Result
             "{name} must not be more than the mesh has faces, {faces}{}: {number}",
             match surface.loose.len() {
                 0 => String::new(),
-                loose => format!(" (without {loose} faces that have no area and share no edge)"),
+                loose => format!(" (without {loose} faces that have no area and share no edge with these)"),
             }
         )));
     }
@@ -281,7 +281,7 @@ fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
         };
         if face == NO_FACE {
             return Err(Error::parameter(format_args!(
-                "seed {seed} is a face without area that shares no edge and takes no cluster: {upload}"
+                "seed {seed} is a face without area that shares no edge with others and takes no cluster: {upload}"
             )));
         }
         if let Some(earlier) = seed_of_face[face as usize].replace(seed) {

@@ -149,8 +149,8 @@ impl Checked {
         }
         if counts.loose_faces > 0 {
             warnings.push(format!(
-                "faces without area that share no edge, which take no cluster and have the label of a face beside \
-                 them: {}",
+                "faces without area that share no edge with the others, which take no cluster and have the label of \
+                 a face beside them: {}",
                 counts.loose_faces
             ));
         }

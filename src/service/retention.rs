@@ -73,9 +73,13 @@ impl Retention {
     async fn at(files: Arc<Files>, store: Arc<dyn JobStore>, kept: Option<Duration>, now: Reading) -> Result<Self> {
         let newest = store.list(&ListQuery { limit: 1, ..ListQuery::default() }).await?.jobs.pop();
         let wall = newest.map_or(now.wall, |job| job.created_at);
-        let mut retention = Self { files, store, kept, last: Reading { wall, ..now }, pause: None };
-        retention.pauses(now);
-        Ok(retention)
+        // a stop and a jump of the clock look alike
+        let idle = now.wall.duration_since(wall).unwrap_or_default();
+        let pause = (idle > JUMP).then(|| now.steady + PAUSE);
+        if pause.is_some() {
+            tracing::info!(seconds = idle.as_secs(), "no job expires for ten minutes: the newest is so old");
+        }
+        Ok(Self { files, store, kept, last: now, pause })
     }
 
     /// Deletes expired jobs until `stop`.
@@ -125,10 +129,7 @@ impl Retention {
         self.last = now;
         if ahead > JUMP {
             self.pause = Some(now.steady + PAUSE);
-            tracing::warn!(
-                seconds = ahead.as_secs(),
-                "the clock jumped forward, or the service was stopped for so long: no job expires for ten minutes"
-            );
+            tracing::warn!(seconds = ahead.as_secs(), "the clock jumped forward: no job expires for ten minutes");
         }
         self.pause.is_some_and(|end| now.steady < end)
     }

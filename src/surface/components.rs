@@ -54,7 +54,7 @@ pub fn label(faces: usize, links: &Links<'_>) -> Components {
 }
 
 impl Components {
-    /// Takes faces out, each of which is a component.
+    /// Takes the faces of whole components out.
     pub fn leave_out(&mut self, faces: impl Iterator<Item = u32>) {
         let mut is_left_out = vec![false; self.count];
         for face in faces {

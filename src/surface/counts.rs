@@ -15,7 +15,7 @@ pub struct Counts {
     pub degenerate_faces: u64,
     /// Faces without area, degenerate ones included.
     pub zero_area_faces: u64,
-    /// Faces without area that share no edge with another; they take no cluster.
+    /// Faces without area that shared edges connect with no face that has area; they take no cluster.
     pub loose_faces: u64,
     /// Extra copies of faces with the same set of corner positions.
     pub duplicate_faces: u64,

@@ -1,9 +1,12 @@
-//! Loose faces: faces without area that share no edge with another face. They are no items of the clustering, and each
+//! Loose faces: faces without area that shared edges connect with no face that has area. They are no items of the
+//! clustering, and each
 //! has the label of its *host*: the first face at one of its vertices, else the face with the nearest centroid among
-//! those near it along the curve.
+//! those beside it along the curve ([`NEAR`]).
 //!
-//! Such a face has no extent and would be a component, so that it would take a cluster of its own. Where a mesh has no
-//! other faces, none is loose.
+//! They have no extent, and as components they would take clusters of their own. Where a mesh has no other faces, none
+//! is loose.
+
+use glam::DVec3;
 
 use super::components::Components;
 use super::weld::Weld;
@@ -35,7 +38,7 @@ pub fn find(
     components: &Components,
     along_curve: &[u32],
 ) -> Vec<Loose> {
-    let mut loose = without_area_and_edges(mesh, frame, components);
+    let mut loose = of_components_without_area(mesh, frame, components);
     if loose.is_empty() || loose.len() == mesh.faces.len() {
         return Vec::new();
     }
@@ -48,16 +51,18 @@ pub fn find(
     loose
 }
 
-/// The faces that are components of their own without area; their hosts are not known.
-fn without_area_and_edges(mesh: MeshView<'_>, frame: &Frame, components: &Components) -> Vec<Loose> {
+/// The faces of components without area; their hosts are not known.
+fn of_components_without_area(mesh: MeshView<'_>, frame: &Frame, components: &Components) -> Vec<Loose> {
     if components.count == 1 {
         return Vec::new();
     }
-    let mut faces_of = vec![0u32; components.count];
-    components.of_face.iter().for_each(|&component| faces_of[component as usize] += 1);
-    let alone = (0..).zip(&components.of_face).filter(|(_, component)| faces_of[**component as usize] == 1);
-    let without_area = alone.filter(|&(face, _)| frame.face(mesh, face as usize).0.area <= 0.0);
-    without_area.map(|(face, _)| Loose { face, host: WANTED }).collect()
+    let mut has_area = vec![false; components.count];
+    for (face, &component) in components.of_face.iter().enumerate() {
+        let has_area = &mut has_area[component as usize];
+        *has_area = *has_area || frame.face(mesh, face).0.area > 0.0;
+    }
+    let faces = (0..).zip(&components.of_face).filter(|(_, component)| !has_area[**component as usize]);
+    faces.map(|(face, _)| Loose { face, host: WANTED }).collect()
 }
 
 /// Gives loose faces the first face at one of their vertices.
@@ -85,8 +90,9 @@ fn at_vertices(loose: &mut [Loose], is_loose: &[bool], mesh: MeshView<'_>, weld:
 /// Gives loose faces without a host the face with the nearest centroid, the first of equally near ones, among the
 /// [`NEAR`] faces before and after them along the curve.
 fn nearest(loose: &mut [Loose], is_loose: &[bool], mesh: MeshView<'_>, frame: &Frame, along_curve: &[u32]) {
-    let others: Vec<u32> = along_curve.iter().copied().filter(|&face| !is_loose[face as usize]).collect();
     let centroid = |face: u32| frame.face(mesh, face as usize).0.centroid;
+    let others = along_curve.iter().filter(|&&face| !is_loose[face as usize]);
+    let others: Vec<(u32, DVec3)> = others.map(|&face| (face, centroid(face))).collect();
     let mut passed = 0usize;
     for &face in along_curve {
         if !is_loose[face as usize] {
@@ -98,7 +104,8 @@ fn nearest(loose: &mut [Loose], is_loose: &[bool], mesh: MeshView<'_>, frame: &F
             continue;
         }
         let near = &others[passed.saturating_sub(NEAR)..others.len().min(passed + NEAR)];
-        let distances = near.iter().map(|&other| (centroid(other).distance_squared(centroid(face)), other));
+        let own = centroid(face);
+        let distances = near.iter().map(|&(other, place)| (place.distance_squared(own), other));
         let first = distances.min_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
         loose[at].host = first.map_or(WANTED, |(_, other)| other);
     }

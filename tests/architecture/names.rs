@@ -8,8 +8,8 @@ use super::{Source, invented, sources};
 
 #[test]
 fn no_text_installs_a_stranger_s_package() {
-    let folders = ["src", "docs", "python", "deploy", "tests", "web/src"];
-    let mut read = sources(&folders, &["rs", "md", "py", "pyi", "toml", "ipynb", "sh", "yaml", "ts"]);
+    let folders = ["src", "docs", "python", "deploy", "tests", "benches", "fuzz/fuzz_targets", "web/src", "web/tests"];
+    let mut read = sources(&folders, &["rs", "md", "py", "pyi", "toml", "ipynb", "sh", "yaml", "ts", "mjs", "html"]);
     read.retain(|source| !source.path.ends_with("architecture/names.rs"));
     for path in ["README.md", "CHANGELOG.md", "openapi.yaml", "Makefile"] {
         let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).expect(path);
@@ -37,7 +37,8 @@ fn a_stranger_s_package_is_found_and_ours_is_not() {
 
 /// Lines of a text that install, add or fetch a package of the name `tesserae`.
 fn strangers(source: &Source) -> Vec<String> {
-    let verbs = ["pip install", "pip download", "pip3 install", "uv add", "cargo install", "cargo add"];
+    let verbs =
+        ["pip install", "pip download", "pip3 install", "pipx install", "uvx", "uv add", "cargo install", "cargo add"];
     let names_it = |line: &str| {
         let words = verbs.iter().find_map(|verb| line.split_once(verb)).map(|(_, rest)| rest);
         let words = words.unwrap_or_default().split('#').next().unwrap_or_default();

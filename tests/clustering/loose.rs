@@ -1,4 +1,5 @@
-//! Loose faces (without area, sharing no edge) take no cluster, change no other label, and have that of their host.
+//! Loose faces (without area, connected with no face that has area) take no cluster, change no other label, and have
+//! that of their host.
 
 use std::io::Cursor;
 
@@ -182,6 +183,7 @@ fn a_face_with_area_or_a_neighbour_takes_a_cluster_and_a_loose_one_is_no_seed() 
         (surface.loose.len(), surface.components.len())
     };
     assert_eq!(with(&[vec![3, 3, 3]]), (1, 1));
+    assert_eq!(with(&[vec![3, 400, 3], vec![400, 3, 3]]), (2, 1), "they share an edge");
     assert_eq!(with(&[vec![3, 200, 400]]), (0, 2), "a face with area");
     let edge = plain.faces.corners(8);
     assert_eq!(with(&[vec![edge[0], edge[1], edge[1]]]), (0, 1), "a face at an edge of others");

@@ -80,20 +80,29 @@ fn area_and_centroid(mesh: &PolygonMesh, face: usize) -> (f64, [f64; 3]) {
     (area, weighted.map(|sum| sum / area))
 }
 
-/// The faces that have area or share an edge with another; all where there are none.
+/// The faces that edges connect with one that has area, which may be the face itself; all where there are none.
 fn not_loose(mesh: &PolygonMesh) -> Vec<usize> {
+    let has_area = |face: &usize| area_and_centroid(mesh, *face).0 > 0.0;
+    let all: Vec<usize> = (0..mesh.faces.len()).collect();
+    let mut kept: HashSet<usize> = all.iter().copied().filter(has_area).collect();
+    loop {
+        let of_kept: HashSet<_> = kept.iter().flat_map(|&face| edges(mesh, face)).collect();
+        let more = all.iter().filter(|&&face| edges(mesh, face).iter().any(|edge| of_kept.contains(edge)));
+        let before = kept.len();
+        kept.extend(more.copied().collect::<Vec<_>>());
+        if kept.len() == before {
+            break;
+        }
+    }
+    if kept.is_empty() { all } else { all.into_iter().filter(|face| kept.contains(face)).collect() }
+}
+
+/// The edges of a face between different positions.
+fn edges(mesh: &PolygonMesh, face: usize) -> HashSet<([u64; 3], [u64; 3])> {
     let position = |corner: u32| mesh.positions[corner as usize].map(|x| (x + 0.0).to_bits());
-    let edges = |face: usize| -> HashSet<_> {
-        let corners = mesh.faces.corners(face);
-        let ends = (0..corners.len()).map(|at| (position(corners[at]), position(corners[(at + 1) % corners.len()])));
-        ends.filter(|(a, b)| a != b).map(|(a, b)| (a.min(b), a.max(b))).collect()
-    };
-    let mut faces_at: HashMap<_, u32> = HashMap::new();
-    (0..mesh.faces.len()).flat_map(edges).for_each(|edge| *faces_at.entry(edge).or_default() += 1);
-    let is_loose =
-        |&face: &usize| area_and_centroid(mesh, face).0 <= 0.0 && edges(face).iter().all(|edge| faces_at[edge] == 1);
-    let kept: Vec<usize> = (0..mesh.faces.len()).filter(|face| !is_loose(face)).collect();
-    if kept.is_empty() { (0..mesh.faces.len()).collect() } else { kept }
+    let corners = mesh.faces.corners(face);
+    let ends = (0..corners.len()).map(|at| (position(corners[at]), position(corners[(at + 1) % corners.len()])));
+    ends.filter(|(a, b)| a != b).map(|(a, b)| (a.min(b), a.max(b))).collect()
 }
 
 /// Energy of some faces by the textbook.

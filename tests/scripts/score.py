@@ -103,7 +103,7 @@ def fans(corners, first):
 def disconnected(vertices, corners, first, labels, area):
     """Number of clusters that are in several pieces across shared edges, equal positions being one vertex.
 
-    Faces without area that share no edge belong to a cluster that they do not touch.
+    Pieces without area are not counted: such faces may belong to a cluster that they do not touch.
     """
     _, weld = np.unique(vertices + 0.0, axis=0, return_inverse=True)
     corner = weld.ravel()[corners]
@@ -112,10 +112,6 @@ def disconnected(vertices, corners, first, labels, area):
     after[first[1:] - 1] = first[:-1]
     ends = np.sort(np.stack([corner, corner[after]], 1), axis=1)
     real = ends[:, 0] != ends[:, 1]
-    sides = np.unique(np.column_stack([ends[real], face[real]]), axis=0)
-    _, edge, count = np.unique(sides[:, :2], axis=0, return_inverse=True, return_counts=True)
-    counts = area > 0
-    counts[sides[count[edge.ravel()] > 1, 2]] = True
     # Faces at one edge with one label belong together: sorted by edge and label, they are neighbours.
     keys = np.column_stack([ends[real], labels[face[real]]])
     face = face[real]
@@ -133,7 +129,7 @@ def disconnected(vertices, corners, first, labels, area):
             root = root[root]
         if (root == before).all():
             break
-    pieces = np.bincount(labels[np.unique(root[counts])])
+    pieces = np.bincount(labels[np.unique(root[area > 0])])
     return int((pieces > 1).sum())
 
 

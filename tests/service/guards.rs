@@ -189,3 +189,31 @@ fn liveness_is_answered_while_all_threads_that_answer_requests_are_blocked() {
         until(async || late().await > (lag - Duration::from_millis(250)).as_secs_f64()).await;
     });
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn liveness_is_answered_while_there_is_no_place_for_another_connection() {
+    let service = with(|settings| settings.traffic.max_connections = 2).await;
+    let address = service.address;
+    let answered = |request: &str| {
+        let mut answer = Vec::new();
+        // a connection without a place is closed or reset
+        let _ = ask(address, &[request]).read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).into_owned()
+    };
+    let of_others = "GET /readyz HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    let kept = [(); 2].map(|()| {
+        let mut stream = ask(address, &[of_others]);
+        stream.read_exact(&mut [0; 12]).expect("answered, and kept open");
+        stream
+    });
+    assert_eq!(answered(of_others), "", "there is no place");
+    for (request, status) in [
+        ("GET /healthz HTTP/1.1\r\nHost: [::1]\r\n\r\n", "200"),
+        ("HEAD /healthz HTTP/1.1\r\nHost: [::1]\r\n\r\n", "200"),
+        ("GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n", "421"),
+    ] {
+        let answer = answered(request);
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{request}: {answer}");
+    }
+    drop(kept);
+}

@@ -5,6 +5,7 @@ import * as address from "./address";
 import { type Job, isHierarchical, nameOf, output, request } from "./api";
 import { announce, make, notice } from "./dom";
 import { send } from "./send";
+import { settings } from "./take";
 
 type Parameters = Record<string, unknown>;
 
@@ -84,11 +85,8 @@ async function again(
 ): Promise<void> {
   try {
     announce("Sending the mesh");
-    const { algorithm, clusters, quality } = job.parameters;
-    const parameters: Parameters = { algorithm, keep_mesh: true };
-    if (clusters) parameters["clusters"] = clusters;
-    if (quality) parameters["quality"] = quality;
-    Object.assign(parameters, change);
+    const { algorithm } = job.parameters;
+    const parameters: Parameters = { algorithm, keep_mesh: true, ...Object.fromEntries(settings(job)), ...change };
     const files = given.length > 0 ? given : [await kept(job)];
     const sent = await send(
       files,

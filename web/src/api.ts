@@ -18,7 +18,7 @@ export interface Job {
   progress: { iterations: number; phase: Phase | null; clusters_left: number | null; energy: number | null };
   problem: Problem | null;
   result: { faces: number; clusters: number } | null;
-  parameters: { algorithm: string; clusters?: number | null; quality?: string | null };
+  parameters: { algorithm: string; clusters?: number | null; quality?: string | null; [name: string]: unknown };
   mesh: { file_name: string | null; format: string; bytes: number; buffers: string[] };
   created_at: string;
   started_at: string | null;

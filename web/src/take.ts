@@ -38,29 +38,41 @@ async function copy(button: HTMLButtonElement, name: string, text: string): Prom
 /** A word of a shell. */
 const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
 
+/** Parameters of a job that every algorithm takes, as far as they are set. */
+export function settings(job: Job): [string, string | number | true][] {
+  const names = ["clusters", "quality", "seed", "subdivide", "curvature_exponent", "bridge_components"];
+  const isSet = (value: unknown): value is string | number | true =>
+    value === true || ((typeof value === "number" || typeof value === "string") && Boolean(value));
+  return names.flatMap((name) => {
+    const value = job.parameters[name];
+    return isSet(value) ? [[name, value] as [string, string | number | true]] : [];
+  });
+}
+
 function curl(job: Job): string {
-  const { algorithm, clusters, quality } = job.parameters;
+  const { algorithm } = job.parameters;
   const search = new URLSearchParams({ algorithm, keep_mesh: "true", format: job.mesh.format });
-  if (clusters) search.set("clusters", String(clusters));
-  if (quality) search.set("quality", quality);
+  for (const [name, value] of settings(job)) search.set(name, String(value));
   return `curl -sS --data-binary @${quoted(nameOf(job))} '${location.origin}/v1/jobs?${search}'`;
 }
 
 function command(job: Job, cut: number | null): string {
-  const { algorithm, clusters, quality } = job.parameters;
+  const { algorithm } = job.parameters;
   const name = quoted(nameOf(job));
-  const options = `--algorithm ${algorithm}${clusters ? ` --clusters ${clusters}` : ""}${quality ? ` --quality ${quality}` : ""}`;
+  const flags = settings(job).map(
+    ([name, value]) => ` --${name.replaceAll("_", "-")}${value === true ? "" : ` ${value}`}`,
+  );
+  const options = `--algorithm ${algorithm}${flags.join("")}`;
   if (!isHierarchical(algorithm)) return `tesserae cluster ${name} ${options} --labels labels.npy --mesh clusters.glb`;
   const run = `tesserae cluster ${name} ${options} --hierarchy hierarchy.tsr`;
   return `${run}\ntesserae cut hierarchy.tsr --clusters ${cut ?? 1} --labels labels.npy`;
 }
 
 function python(job: Job, cut: number | null): string {
-  const { algorithm, clusters, quality } = job.parameters;
-  const given = [`algorithm="${algorithm}"`];
-  if (clusters) given.push(`clusters=${clusters}`);
-  if (quality) given.push(`quality="${quality}"`);
+  const { algorithm } = job.parameters;
+  const literal = (value: string | number | true): string => (value === true ? "True" : JSON.stringify(value));
+  const options = [`algorithm="${algorithm}"`, ...settings(job).map(([name, value]) => `${name}=${literal(value)}`)];
   const labels = isHierarchical(algorithm) ? `result.hierarchy.cut(${cut ?? 1}).labels` : "result.labels";
-  const call = `tesserae_mesh.cluster(${JSON.stringify(nameOf(job))}, ${given.join(", ")})`;
+  const call = `tesserae_mesh.cluster(${JSON.stringify(nameOf(job))}, ${options.join(", ")})`;
   return `import tesserae_mesh\n\nresult = ${call}\nlabels = ${labels}`;
 }

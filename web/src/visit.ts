@@ -1,4 +1,4 @@
-// The first visit: a knot that turns, and the slider under it. The service clusters it when it starts
+// The first visit: a knot that turns, and the slider under it. The service clusters it at the first request for it
 // (src/service/page/knot.rs); cuts are made here.
 
 import { Hierarchy } from "./hierarchy";

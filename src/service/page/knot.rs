@@ -1,13 +1,12 @@
 //! What the page shows before there is a job: a knot and its hierarchy, made once, at the first request for either.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use axum::Router;
 use axum::body::Bytes;
 use axum::extract::State;
 use axum::response::Response;
 use axum::routing::get;
-use tokio::sync::OnceCell;
 
 use super::{digest, serve};
 use crate::dev::sample::{Sample, generate, write_glb};
@@ -30,7 +29,7 @@ struct Knot {
     tsr: Bytes,
 }
 
-type Shared = Arc<OnceCell<Knot>>;
+type Shared = Arc<OnceLock<Result<Knot>>>;
 
 /// The routes of the files.
 pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
@@ -41,9 +40,11 @@ pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
         .with_state(knot)
 }
 
-async fn answer(knot: &OnceCell<Knot>, file: fn(&Knot) -> &Bytes) -> Result<Response, Failure> {
-    let knot = knot.get_or_try_init(async || blocking(make).await?).await?;
-    let bytes = file(knot).clone();
+async fn answer(knot: &Shared, file: fn(&Knot) -> &Bytes) -> Result<Response, Failure> {
+    let knot = Arc::clone(knot);
+    // on a thread that outlasts the request: requests that are given up begin nothing anew
+    let bytes = blocking(move || knot.get_or_init(make).as_ref().map(|knot| file(knot).clone()).map_err(Error::clone));
+    let bytes = bytes.await??;
     let content = Content(digest(&bytes));
     Ok(serve("application/octet-stream", bytes, content))
 }

@@ -2,18 +2,18 @@
 //!
 //! | what is read | checked | when |
 //! |---|---|---|
-//! | a blob of up to [`HELD`] bytes | length, SHA-256 | before the answer |
-//! | a larger one that an answer is made of | length, SHA-256 | before the answer |
-//! | a larger one that is streamed | length; SHA-256 | before the answer; before its last bytes, which are not sent |
-//! | a larger hierarchy | length; what is read of it, by checksums of its own | before the answer |
-//! | a part of another larger one | length | before the answer |
+//! | a whole blob | length, SHA-256 | before the answer |
+//! | a part of one of up to [`HELD`] bytes | length, SHA-256 | before the answer |
+//! | a hierarchy that is cut | length; what is read of it, by checksums of its own | before the answer |
+//! | a part of a larger one | length | before the answer |
+//!
+//! A larger blob that is streamed is read twice: to be compared, and to be sent.
 
 use std::io::{self, Read};
 use std::sync::Arc;
 
-use axum::body::{Body, Bytes};
-use futures_util::stream::{self, BoxStream};
-use futures_util::{StreamExt as _, TryStreamExt as _};
+use axum::body::Bytes;
+use futures_util::StreamExt as _;
 use object_store::GetRange;
 use sha2::{Digest, Sha256};
 
@@ -44,7 +44,8 @@ struct Check {
 /// Opens a blob of the result of a job. [`Kind::NotFound`] if the job has none of this name.
 pub(in crate::service) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Checked> {
     let mut check = Check::of(shared, job, name)?;
-    let blob = job_blobs::result(&shared.files, shared.store.as_ref(), job, name, None).await?;
+    let blob =
+        check.found(shared, job_blobs::result(&shared.files, shared.store.as_ref(), job, name, None).await).await?;
     check.length(&blob)?;
     if check.expected.bytes > HELD as u64 {
         return Ok(Checked { blob, check });
@@ -55,13 +56,28 @@ pub(in crate::service) async fn open(shared: &Shared, job: &Job, name: &str) -> 
     Ok(Checked { blob: Blob::held(&bytes, None)?, check })
 }
 
+/// Opens a blob of the result of a job from one of its bytes on, after all of them were compared.
+pub(in crate::service) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> Result<(u64, Blob)> {
+    let opened = open(shared, job, name).await?;
+    let length = opened.length();
+    let blob = match length > HELD as u64 {
+        true => {
+            opened.compare().await?;
+            part(shared, job, name, GetRange::Offset(from)).await?
+        }
+        false => Blob::held(&opened.blob.bytes().await?, Some(GetRange::Offset(from)))?,
+    };
+    Ok((length, blob))
+}
+
 /// Opens a part of a blob of the result of a job.
 pub(in crate::service) async fn part(shared: &Shared, job: &Job, name: &str, range: GetRange) -> Result<Blob> {
     let check = Check::of(shared, job, name)?;
     if check.expected.bytes <= HELD as u64 {
         return Blob::held(&open(shared, job, name).await?.blob.bytes().await?, Some(range));
     }
-    let blob = job_blobs::result(&shared.files, shared.store.as_ref(), job, name, Some(range)).await?;
+    let found = job_blobs::result(&shared.files, shared.store.as_ref(), job, name, Some(range)).await;
+    let blob = check.found(shared, found).await?;
     check.length(&blob)?;
     Ok(blob)
 }
@@ -80,11 +96,14 @@ impl Checked {
         Ok(bytes)
     }
 
-    /// The bytes from one on as the body of an answer, which breaks off before its last bytes if the blob is damaged.
-    pub fn into_body(self, from: u64) -> Body {
-        let Self { blob, check } = self;
-        let chunks = blob.into_body().into_data_stream().map_err(|error| Error::new(Kind::Io, error)).boxed();
-        Body::from_stream(stream::try_unfold(Streamed { chunks, check, left_out: from, last: None }, Streamed::next))
+    /// Reads all bytes, and compares them.
+    async fn compare(self) -> Result<()> {
+        let Self { blob, mut check } = self;
+        let mut chunks = blob.into_body().into_data_stream();
+        while let Some(chunk) = chunks.next().await {
+            check.add(&chunk.map_err(|error| Error::new(Kind::Io, error))?);
+        }
+        check.digest()
     }
 
     /// The bytes for a thread that may block; to be called on the runtime.
@@ -123,41 +142,22 @@ impl Read for CheckedReader {
     }
 }
 
-/// A blob on its way to a client.
-struct Streamed {
-    chunks: BoxStream<'static, Result<Bytes>>,
-    check: Check,
-    /// Bytes of the beginning that are still to be left out.
-    left_out: u64,
-    /// The last chunk that was read: it goes when another one follows, or when all were compared.
-    last: Option<Bytes>,
-}
-
-impl Streamed {
-    /// The next chunk to be sent.
-    async fn next(mut self) -> Result<Option<(Bytes, Self)>> {
-        while let Some(mut chunk) = self.chunks.try_next().await? {
-            self.check.add(&chunk);
-            let left_out = self.left_out.min(chunk.len() as u64);
-            self.left_out -= left_out;
-            let chunk = chunk.split_off(left_out as usize);
-            if let Some(before) = self.last.replace(chunk).filter(|before| !before.is_empty()) {
-                return Ok(Some((before, self)));
-            }
-        }
-        let Some(last) = self.last.take() else { return Ok(None) };
-        // the head of the answer has gone: what is left is to break off
-        self.check.digest()?;
-        Ok(Some((last, self)))
-    }
-}
-
 impl Check {
     fn of(shared: &Shared, job: &Job, name: &str) -> Result<Self> {
         let expected = job.summary.as_ref().and_then(|summary| summary.blobs.get(name)).cloned();
         let expected = expected.ok_or_else(|| Error::new(Kind::NotFound, "the job has no such result"))?;
         let (name, files) = (name.to_owned(), Arc::clone(&shared.files));
         Ok(Self { job: job.id, name, expected, sha256: Sha256::new(), files })
+    }
+
+    /// A blob that is not there although its job is, is damaged.
+    async fn found(&self, shared: &Shared, found: Result<Blob>) -> Result<Blob> {
+        match found {
+            Err(error) if error.kind == Kind::NotFound && shared.store.get(self.job).await?.is_some() => {
+                Err(self.files.damaged(self.job, &self.name, "it is not there"))
+            }
+            found => found,
+        }
     }
 
     fn length(&self, blob: &Blob) -> Result<()> {

@@ -81,16 +81,18 @@ pub(in crate::service) async fn stored(
             (blob.length(), blob.into_body())
         }
         Of::Result => {
-            let blob = checked::open(shared, job, name).await?;
-            (blob.length(), blob.into_body(from))
+            let (length, blob) = checked::whole(shared, job, name, from).await?;
+            (length, blob.into_body())
         }
     };
     let (shared, job, name) = (Arc::clone(shared), job.clone(), name.to_owned());
     let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
         let (shared, job, name) = (Arc::clone(&shared), job.clone(), name.clone());
+        let is_whole = range == (0..length.saturating_sub(from));
         let range = GetRange::Bounded(from + range.start..from + range.end);
         Box::pin(async move {
             let blob = match of {
+                Of::Result if is_whole => checked::whole(&shared, &job, &name, from).await.map(|(_, blob)| blob),
                 Of::Upload => job_blobs::upload(&shared.files, shared.store.as_ref(), &job, &name, Some(range)).await,
                 Of::Result => checked::part(&shared, &job, &name, range).await,
             };

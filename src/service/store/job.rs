@@ -196,6 +196,7 @@ pub(in crate::service) struct Summary {
     #[serde(default)]
     pub is_small: bool,
     /// What its blobs held when they were stored, by their names.
+    #[serde(default)]
     pub blobs: BTreeMap<String, Contents>,
 }
 

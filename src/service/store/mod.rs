@@ -64,8 +64,8 @@ mod workers;
 
 pub(super) use self::events::{Event, Events, Pulse, What};
 pub(super) use self::job::{
-    Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec,
-    State, Summary, Ticket, no_such_job,
+    Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, State, Summary,
+    Ticket, no_such_job,
 };
 pub(super) use self::maintenance::{Deletion, Maintenance, Statistics};
 pub(super) use self::notices::{Notice, Notices};

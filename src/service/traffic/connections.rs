@@ -1,9 +1,9 @@
 //! Accepts a limited number of connections, and serves each until it ends, hangs or the service closes.
 //!
-//! A thread of its own accepts connections and reads how each begins. It serves those that begin with `GET /healthz`
-//! itself, one request each, and hands all others to the threads that answer requests. So a probe for liveness is
-//! answered whatever those threads do. The route makes its answer of nothing, and no other request is served here: not
-//! the next one of the same connection, which is closed.
+//! A thread of its own accepts connections and reads how each begins. It serves those that begin with a [probe](PROBES)
+//! itself, one request each, and hands all others to the threads that answer requests, as long as there are places. So
+//! a probe for liveness is answered whatever those threads do, and however many connections they have. The route makes
+//! its answer of nothing, and no other request is served here, also not the next one of the same connection.
 
 use std::collections::HashMap;
 use std::io;
@@ -35,10 +35,17 @@ use crate::service::settings::TrafficSettings;
 /// For how long nothing is accepted after the system had no means to (too many open files).
 const BREATHER: Duration = Duration::from_millis(200);
 
-/// How a connection begins that the accepting thread serves.
-const LIVENESS: &[u8] = b"GET /healthz ";
+/// How connections begin that the accepting thread serves.
+const PROBES: [&[u8]; 2] = [b"GET /healthz ", b"HEAD /healthz "];
 
-/// For how long the accepting thread waits for the beginning. A probe sends it at once.
+/// Largest head of a probe, in bytes: what the accepting thread parses.
+const PROBE_HEAD: usize = 8 << 10;
+
+/// Connections at a time that have not begun, or wait for a place. More stay with the system.
+const BEGINNINGS: usize = 1024;
+
+/// For how long the accepting thread waits for the beginning, which a probe sends at once; and for how long others wait
+/// for a place.
 const BEGINNING: Duration = Duration::from_secs(1);
 
 /// Serves `router` until `close`; then requests under way are answered first. What this returns completes afterwards,
@@ -78,13 +85,14 @@ async fn accept(
     let settings = Arc::new(settings);
     let tasks = TaskTracker::new();
     let places = Arc::new(Semaphore::new(settings.max_connections as usize));
+    let beginnings = Arc::new(Semaphore::new(BEGINNINGS));
     let by_address = Arc::new(ByAddress::default());
     loop {
         let accepted = async {
-            let place = Arc::clone(&places).acquire_owned().await;
-            (place, listener.accept().await)
+            let beginning = Arc::clone(&beginnings).acquire_owned().await;
+            (beginning, listener.accept().await)
         };
-        let Some((place, accepted)) = close.run_until_cancelled(accepted).await else { break };
+        let Some((beginning, accepted)) = close.run_until_cancelled(accepted).await else { break };
         let (stream, address) = match accepted {
             Ok(accepted) => accepted,
             Err(error) => {
@@ -107,11 +115,19 @@ async fn accept(
         let _ = stream.set_nodelay(true);
         let (settings, metrics) = (Arc::clone(&settings), Arc::clone(&metrics));
         let (router, requests, close) = (router.clone(), requests.clone(), close.clone());
-        let others = tasks.clone();
+        let (others, places) = (tasks.clone(), Arc::clone(&places));
         tasks.spawn(async move {
             let mut stream = stream;
             let begun = begin(&mut stream, &close).await;
-            let is_probe = begun == LIVENESS;
+            let is_probe = PROBES.contains(&begun.as_slice());
+            let place = match is_probe {
+                true => None,
+                false => match timeout(BEGINNING, places.acquire_owned()).await {
+                    Ok(place) => place.ok(),
+                    Err(_) => return metrics.connection_refused(),
+                },
+            };
+            drop(beginning);
             let Ok(stream) = stream.into_std() else { return };
             let serve = async move {
                 metrics.connections(1);
@@ -131,10 +147,14 @@ async fn accept(
 
 /// The first bytes of a connection, as far as they are those of a probe, and the one that is not.
 async fn begin(stream: &mut TcpStream, close: &CancellationToken) -> Vec<u8> {
-    let mut begun = Vec::with_capacity(LIVENESS.len());
+    let mut begun = Vec::new();
     let read = async {
-        while begun.len() < LIVENESS.len() && LIVENESS.starts_with(&begun) {
-            let rest = (LIVENESS.len() - begun.len()) as u64;
+        // never more than is left of the shortest probe that it may be
+        while let Some(rest) =
+            PROBES.iter().filter(|probe| probe.starts_with(&begun)).map(|probe| probe.len() - begun.len()).min()
+            && rest > 0
+        {
+            let rest = rest as u64;
             // at the end, and after an error, the connection shows the same to whatever serves it
             match (&mut *stream).take(rest).read_buf(&mut begun).await {
                 Ok(0) | Err(_) => return,
@@ -163,13 +183,12 @@ async fn connection(
     // from now on, the runtime of this task wakes it
     let Ok(stream) = TcpStream::from_std(stream) else { return };
     let socket = TokioIo::new(Socket::new(stream, begun, settings.write_timeout()));
-    let mut connection = std::pin::pin!(
-        http1::Builder::new()
-            .timer(TokioTimer::new())
-            .header_read_timeout(settings.header_timeout())
-            .keep_alive(!is_probe)
-            .serve_connection(socket, TowerToHyperService::new(service))
-    );
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(settings.header_timeout());
+    if is_probe {
+        http.keep_alive(false).max_buf_size(PROBE_HEAD);
+    }
+    let mut connection = std::pin::pin!(http.serve_connection(socket, TowerToHyperService::new(service)));
     let ended = tokio::select! {
         ended = connection.as_mut() => ended,
         () = close.cancelled() => {

@@ -8,8 +8,8 @@ use async_trait::async_trait;
 
 use super::{
     Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob,
-    Notice, Page, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics,
-    Summary, Ticket, What,
+    Notice, Page, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics, Summary, Ticket,
+    What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
