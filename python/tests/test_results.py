@@ -128,7 +128,8 @@ def test_every_parameter_of_the_command_line_is_a_documented_keyword() -> None:
     of_outputs = {"clusters_table", "placement", "ply_vertex_colours", "force", "min_clusters", "max_clusters"}
     # a mesh in memory is divided by what made it
     of_files = {"subdivide"}
-    missing = flags - outputs - of_outputs - of_files - {"help", "version"} - set(keywords)
+    of_the_command = {"help", "version", "output", "quiet"}
+    missing = flags - outputs - of_outputs - of_files - of_the_command - set(keywords)
     assert not missing
     assert set(_native.parameters()) - of_files <= set(keywords)
     assert keywords["clusters"].default == 1000

@@ -89,6 +89,7 @@ mod traffic;
 mod upload;
 mod urls;
 mod webhooks;
+mod yaml;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
 #[cfg(feature = "postgres")]

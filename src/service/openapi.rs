@@ -378,6 +378,7 @@ fn without_null(schema: &RefOr<Schema>) -> Option<RefOr<Schema>> {
 pub fn openapi_yaml() -> Result<String> {
     Document::openapi()
         .to_yaml()
+        .map(|yaml| super::yaml::quoted(&yaml))
         .map_err(|error| Error::new(Kind::Internal, format_args!("the description cannot be written: {error}")))
 }
 

@@ -146,8 +146,9 @@ export const reach = {
       }
       const { View } = await import("/scene.js");
       const box = Object.assign(document.createElement("section"), { className: "view", id: "large" });
-      box.style.cssText = "position: relative; height: 500px";
-      document.querySelector("main").replaceChildren(box);
+      // over the page, which goes on
+      box.style.cssText = "position: fixed; inset: 0; height: 500px; z-index: 9";
+      document.body.append(box);
       const view = new View(box, { positions, centre: undefined, faces: null, corners: null });
       const { canvas } = view;
       const drawn = async (isThere) => {
