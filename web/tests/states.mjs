@@ -74,7 +74,7 @@ export const states = {
     try {
       const body = readFileSync(sample(service, "knot", 300_000));
       // the first one runs until it is deleted
-      const query = "format=obj&quality=best&clusters=30000";
+      const query = "format=obj&algorithm=ml";
       const post = () => fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body });
       const inTheWay = [];
       for (let answer = await post(); answer.status !== 429; answer = await post()) inTheWay.push(await answer.json());
@@ -162,7 +162,7 @@ export const states = {
       for (const one of [page, late]) await recordStates(one);
       // the retried job waits while another one runs, which lasts until it is deleted
       const body = readFileSync(sample(service, "knot", 300_000));
-      const query = "format=obj&quality=best&clusters=30000";
+      const query = "format=obj&algorithm=ml";
       const other = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
       const job = `${service.url}/v1/jobs/${other.id}`;
       await until("it runs", async () => (await (await fetch(job)).json()).state === "running");
