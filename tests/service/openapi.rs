@@ -99,6 +99,7 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
     let schema = yaml.split_once("\n    Format:\n").expect("a schema").1;
     let values =
         schema.split_once("enum:\n").expect("values").1.lines().map_while(|line| line.trim().strip_prefix("- "));
+    let values = values.map(|value| value.trim_matches('\''));
     assert_eq!(values.collect::<Vec<_>>(), names);
 }
 
