@@ -1,4 +1,4 @@
-//! Who may ask, and who is answered whatever happens: web pages of other sites, and probes for liveness.
+//! Guards: requests of web pages of other sites are refused, and probes for liveness are answered whatever happens.
 
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
