@@ -169,11 +169,8 @@ impl Parameters {
         let (goes_with, contradictions) = if self.algorithm.is_hierarchical() {
             ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
         } else {
-            if self.clusters.is_none() && !listed {
-                return Err(Error::parameter(format_args!(
-                    "{} is missing: say how many clusters you want",
-                    Name::CLUSTERS
-                )));
+            if !listed {
+                self.flat_clusters()?;
             }
             ("hierarchies (pml, ml, hr)", self.hierarchical_only())
         };
@@ -222,6 +219,13 @@ impl Parameters {
             ))),
             _ => Ok(()),
         }
+    }
+
+    /// The number of clusters of a flat clustering.
+    pub fn flat_clusters(&self) -> Result<u64> {
+        let missing =
+            || Error::parameter(format_args!("{} is missing: say how many clusters you want", Name::CLUSTERS));
+        self.clusters.ok_or_else(missing)
     }
 
     /// Whether the rounds of a hierarchy optimise.

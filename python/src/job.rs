@@ -114,7 +114,7 @@ impl Job {
         let mesh = MeshView::new(points.positions(), triangles)?;
         self.limits.check_faces(triangles.len() as u64)?;
         let wanted = Wanted { weights, ..Wanted::default() };
-        let clusters = self.parameters.clusters.unwrap_or_default();
+        let clusters = self.parameters.flat_clusters()?;
         let OfPoints { surface, item_of_point } = OfPoints::build(mesh, clusters, wanted)?;
         let items = surface.faces();
         let (labels, clusters) = if clusters >= items as u64 {

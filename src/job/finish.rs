@@ -13,19 +13,18 @@ use crate::device::pieces;
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::Stored;
-use crate::parameters::Seeds;
 use crate::report::{Energy, Report, Timings};
 use crate::surface::Surface;
 
 /// Makes the results of what a device gave for this mesh.
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     let started = Instant::now();
-    let Prepared { surface, parameters, plan, .. } = prepared;
+    let Prepared { surface, spec, plan, .. } = prepared;
     let Clustered { mut labels, clusters, initial, tree, mut snapshots, .. } = clustered;
     if tree.is_some() {
         hierarchical::number(&mut labels, clusters)?;
     }
-    let results = Results::of(surface, initial.as_deref(), &labels, clusters, parameters.seeds == Seeds::Listed);
+    let results = Results::of(surface, initial.as_deref(), &labels, clusters, spec.clustering.has_listed_seeds());
     let energy = Energy {
         functional: crate::energy::Energy::NAME.to_owned(),
         weighted_by: prepared.weighted_by.clone(),
@@ -41,7 +40,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         (None, None)
     };
     let hierarchy = match tree {
-        Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),
+        Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, spec.reported())?, tree }),
         None => None,
     };
     let mut warnings = [prepared.warnings.clone(), clustered.warnings].concat();
@@ -54,8 +53,8 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     };
     let report = Report {
         input: prepared.input.clone(),
-        algorithm: parameters.algorithm,
-        parameters: parameters.clone(),
+        algorithm: spec.reported().algorithm,
+        parameters: spec.reported().clone(),
         device: clustered.device,
         clusters: clusters as u64,
         disconnected_clusters: results.disconnected_clusters,

@@ -129,13 +129,13 @@ pub(super) fn run_seeded(
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
-    let Prepared { surface, parameters, .. } = prepared;
+    let surface = &prepared.surface;
     if method != Method::BoundaryBased && device.info().kind == DeviceKind::Gpu {
         return Err(Error::new(
             Kind::DeviceUnsuitable,
             format_args!(
                 "the device must be cpu or auto for this algorithm, a sequential reference that no gpu runs: {}",
-                parameters.algorithm.name()
+                prepared.spec.reported().algorithm.name()
             ),
         ));
     }
@@ -163,7 +163,7 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     fn new(prepared: &'a Prepared, started: Instant, start: &'a Start, on_row: &'a mut dyn FnMut(Row)) -> Self {
-        let record = Record::new(prepared.parameters.snapshots.clone());
+        let record = Record::new(prepared.spec.snapshots.clone());
         Self { prepared, started, start, on_row, iterations: Iterations::default(), record, upload: Duration::ZERO }
     }
 
@@ -206,7 +206,7 @@ impl<'a> Run<'a> {
             tree: None,
             iterations: self.iterations.rows,
             levels: Vec::new(),
-            warnings: warnings(self.prepared.parameters.max_iterations, &clustering, &self.record),
+            warnings: warnings(self.prepared.spec.reported().max_iterations, &clustering, &self.record),
             snapshots: self.record,
             upload: self.upload,
             cluster,

@@ -25,7 +25,7 @@ pub use plan::{Coarse, Plan};
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
-pub use spec::{CoarseSpec, JobSpec, Method};
+pub use spec::{Clustering, CoarseSpec, JobSpec, Method};
 pub use weight_list::check_head as check_head_of_weights;
 #[cfg(fuzzing)]
 pub(crate) use weight_list::parse as parse_weights;
@@ -81,12 +81,12 @@ impl<'a> Request<'a> {
 pub struct Prepared {
     /// The lattice and the topology.
     pub surface: Surface,
+    /// What the job does, with what the mesh decides filled in.
+    pub spec: JobSpec,
     /// How to go about it.
     pub plan: Plan,
     /// What was read, for the report.
     pub input: Input,
-    /// Parameters with what the mesh decides filled in.
-    pub parameters: Parameters,
     /// What areas are multiplied by.
     pub weighted_by: Vec<WeightedBy>,
     /// What is unusual about the mesh.
@@ -202,7 +202,8 @@ pub struct Opened<'a> {
 pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T, Refusal> {
     let checked = Checked::new(request.parameters, request.seeds, request.weights)?;
     let Request { bytes, format, resources, ref limits, .. } = *request;
-    let attribute = request.parameters.weight_attribute.as_deref();
+    let attribute = checked.spec.weight_attribute.clone();
+    let attribute = attribute.as_deref();
     let keeps_mesh = request.outputs.iter().any(|output| output.needs.contains(&Need::Mesh));
     mesh::open(mesh::Source { bytes, format, resources, limits, attribute }, |mesh| {
         then(Opened { mesh, checked, format, limits: *limits, keeps_mesh })
@@ -213,12 +214,12 @@ pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Res
 impl Opened<'_> {
     /// What the job does.
     pub fn spec(&self) -> &JobSpec {
-        self.checked.spec()
+        &self.checked.spec
     }
 
     /// Number of faces that memory is needed for.
     pub fn faces(&self) -> u64 {
-        divide::faces(self.mesh.faces(), self.format, &self.checked.parameters)
+        divide::faces(self.mesh.faces(), self.format, &self.checked.spec)
     }
 
     /// Builds the mesh and its surface: the second half of [`prepare()`]. May run on another thread than [`open`].
@@ -232,7 +233,7 @@ impl Opened<'_> {
         let foreseen = self.faces();
         let Self { mesh, mut checked, limits, keeps_mesh, .. } = self;
         let (mut mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
-        let origin = divide::divide(&mut mesh, &mut checked.parameters, &limits, foreseen);
+        let origin = divide::divide(&mut mesh, &mut checked.spec, &limits, foreseen);
         let origin = origin.map_err(Refusal::of(InputFile::Mesh))?.map(Arc::new);
         let warnings = std::mem::take(&mut mesh.warnings);
         let about = About { format: Some(mesh.format), adjusted: mesh.adjusted, parts: mesh.parts.clone() };

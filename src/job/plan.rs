@@ -1,13 +1,13 @@
-//! What a job does with its mesh: a [`JobSpec`] and what the mesh decides.
+//! How a job goes about its mesh: a [`Clustering`] and what the mesh decides.
 
-use super::{CoarseSpec, JobSpec, Method};
+use super::{Clustering, CoarseSpec, Method};
 use crate::cluster::coarse::CoarseStart;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{flat, hierarchy};
 use crate::error::Result;
 use crate::surface::Surface;
 
-/// A [`JobSpec`] with what the mesh decides: where clusters start, and where a hierarchy ends.
+/// A [`Clustering`] with what the mesh decides: where clusters start, and where a hierarchy ends.
 #[derive(Debug)]
 pub enum Plan {
     /// Boundary-based clustering, coarse to fine.
@@ -42,18 +42,18 @@ impl Coarse {
 
 impl Plan {
     /// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the surface cannot have.
-    pub(super) fn new(surface: &Surface, spec: JobSpec) -> Result<Self> {
-        Ok(match spec {
-            JobSpec::Coarse(spec) => {
+    pub(super) fn new(surface: &Surface, clustering: &Clustering) -> Result<Self> {
+        Ok(match clustering {
+            Clustering::Coarse(spec) => {
                 let quality = spec.quality.on(surface.faces());
-                Self::Coarse(Coarse::new(surface, CoarseSpec { quality, ..spec })?)
+                Self::Coarse(Coarse::new(surface, CoarseSpec { quality, ..*spec })?)
             }
-            JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {
-                Self::Seeded(method, seeds::choose(surface, clusters, &seeds, seed, listed.as_deref())?, options)
+            Clustering::Seeded { method, clusters, seeds, seed, listed, options } => {
+                Self::Seeded(*method, seeds::choose(surface, *clusters, seeds, *seed, listed.as_deref())?, *options)
             }
-            JobSpec::Hierarchy(options) => {
-                let target = hierarchy::check(surface, &options)?;
-                Self::Hierarchy { options, target }
+            Clustering::Hierarchy(options) => {
+                let target = hierarchy::check(surface, options)?;
+                Self::Hierarchy { options: options.clone(), target }
             }
         })
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::{InputFile, JobSpec, Plan, Prepared, Preparing, Refusal, milliseconds, weight_list};
 use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
-use crate::parameters::{Name, Parameters, Seeds};
+use crate::parameters::{Name, Parameters};
 use crate::report::{Input, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
 
@@ -27,14 +27,14 @@ pub struct InMemory<'a> {
 /// Checks and prepares a mesh in memory. Its points are not copied, and it is not kept.
 pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
     let checked = Checked::new(job.parameters, job.seeds, job.weights)?;
-    if let Some(name) = &job.parameters.weight_attribute {
+    if let Some(name) = &checked.spec.weight_attribute {
         return Err(Refusal::from(Error::parameter(format_args!(
             "{} goes with glTF files, not with a mesh in memory; give {}: {name:?}",
             Name::WEIGHT_ATTRIBUTE,
             Name::WEIGHTS
         ))));
     }
-    if job.parameters.subdivide.is_some() {
+    if checked.spec.subdivide.is_some() {
         return Err(Refusal::from(Error::parameter(format_args!(
             "{} goes with mesh files: divide a mesh in memory before it is clustered",
             Name::SUBDIVIDE
@@ -51,8 +51,7 @@ pub fn prepare_surface(parameters: &Parameters, mesh: MeshView<'_>, surface: Sur
 
 /// A job whose parameters, seeds and weights were read and checked.
 pub(super) struct Checked {
-    spec: JobSpec,
-    pub parameters: Parameters,
+    pub spec: JobSpec,
     weights: Option<Vec<f64>>,
     started: Instant,
 }
@@ -68,15 +67,15 @@ pub(super) struct About {
 impl Checked {
     pub fn new(parameters: &Parameters, seeds: Option<&[u8]>, weights: Option<&[u8]>) -> Result<Self, Refusal> {
         let started = Instant::now();
-        let (spec, settled) = JobSpec::new(parameters, seeds)?;
-        if weights.is_some() && parameters.weight_attribute.is_some() {
+        let spec = JobSpec::new(parameters, seeds)?;
+        if weights.is_some() && spec.weight_attribute.is_some() {
             return Err(Refusal::from(Error::parameter(format_args!(
                 "{} and {} exclude each other: give one of them",
                 Name::WEIGHTS,
                 Name::WEIGHT_ATTRIBUTE
             ))));
         }
-        if weights.is_some() && parameters.subdivide.is_some() {
+        if weights.is_some() && spec.subdivide.is_some() {
             return Err(Refusal::from(Error::parameter(format_args!(
                 "{} divides the faces that {} is about: leave one of them out",
                 Name::SUBDIVIDE,
@@ -84,12 +83,7 @@ impl Checked {
             ))));
         }
         let weights = weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
-        Ok(Self { spec, parameters: settled, weights, started })
-    }
-
-    /// What the job does.
-    pub fn spec(&self) -> &JobSpec {
-        &self.spec
+        Ok(Self { spec, weights, started })
     }
 
     /// Builds the surface. Weights are those of an attribute where none are listed; warnings are added to those given.
@@ -105,9 +99,9 @@ impl Checked {
         let parsed = Instant::now();
         let are_listed = self.weights.is_some();
         let weights = self.weights.take().or(weights_of_attribute);
-        let curvature_exponent = self.parameters.curvature_exponent;
+        let curvature_exponent = self.spec.curvature_exponent;
         let density = Wanted { weights: weights.as_deref(), curvature_exponent };
-        let surface = Surface::build_with(mesh, self.parameters.bridge_components, density).map_err(|error| {
+        let surface = Surface::build_with(mesh, self.spec.bridge_components, density).map_err(|error| {
             let of_weights = are_listed && error.kind == Kind::InvalidParameter;
             Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
         })?;
@@ -137,8 +131,8 @@ impl Checked {
         about: About,
         mut warnings: Vec<String>,
     ) -> Result<Prepared, Refusal> {
-        let Self { spec, parameters, started, .. } = self;
-        let plan = plan(&surface, spec, parameters.seeds == Seeds::Listed)?;
+        let Self { spec, started, .. } = self;
+        let plan = plan(&surface, &spec)?;
         let counts = surface.counts;
         if counts.degenerate_faces > 0 {
             warnings.push(format!("degenerate faces, with two corners at one position: {}", counts.degenerate_faces));
@@ -161,7 +155,7 @@ impl Checked {
         };
         let input = describe(mesh, about, &surface);
         let weighted_by = Vec::new();
-        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh: None, origin: None, timings })
+        Ok(Prepared { surface, spec, plan, input, weighted_by, warnings, mesh: None, origin: None, timings })
     }
 }
 
@@ -169,19 +163,17 @@ impl Prepared {
     /// Prepares the same mesh for another number of clusters. Its timings are those of this alone.
     pub fn with_clusters(&mut self, clusters: u64) -> Result<(), Refusal> {
         let started = Instant::now();
-        let parameters = Parameters { clusters: Some(clusters), ..self.parameters.clone() };
-        let (spec, parameters) = JobSpec::new(&parameters, None)?;
-        self.plan = plan(&self.surface, spec, false)?;
-        self.parameters = parameters;
+        self.spec = self.spec.with_clusters(clusters)?;
+        self.plan = plan(&self.surface, &self.spec)?;
         self.timings = Timings { topology: milliseconds(started.elapsed()), ..Timings::default() };
         Ok(())
     }
 }
 
 /// Plans a job, from within the pool, as in [`where_it_works`](super::where_it_works).
-fn plan(surface: &Surface, spec: JobSpec, are_seeds_listed: bool) -> Result<Plan, Refusal> {
-    let file = if are_seeds_listed { InputFile::Seeds } else { InputFile::Mesh };
-    rayon::scope(|_| Plan::new(surface, spec)).map_err(Refusal::of(file))
+fn plan(surface: &Surface, spec: &JobSpec) -> Result<Plan, Refusal> {
+    let file = if spec.clustering.has_listed_seeds() { InputFile::Seeds } else { InputFile::Mesh };
+    rayon::scope(|_| Plan::new(surface, &spec.clustering)).map_err(Refusal::of(file))
 }
 
 /// What was read, for the report.

@@ -4,11 +4,30 @@ use super::{InputFile, Refusal, seed_list};
 use crate::cluster::quality::Quality;
 use crate::cluster::{flat, hierarchy, relocation};
 use crate::error::Error;
-use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
+use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds, Snapshots, Subdivide};
 
 /// What a job does.
 #[derive(Debug, Clone, PartialEq)]
-pub enum JobSpec {
+pub struct JobSpec {
+    /// How it clusters.
+    pub clustering: Clustering,
+    /// Whether separate parts are joined where they are nearest.
+    pub bridge_components: bool,
+    /// Power of the curvature that areas are multiplied by.
+    pub curvature_exponent: Option<f64>,
+    /// Attribute of the vertices that areas are multiplied by.
+    pub weight_attribute: Option<String>,
+    /// How often triangles are divided; [`divided`](Self::divided) fills in what the mesh decides.
+    pub subdivide: Option<Subdivide>,
+    /// Iterations whose labels are kept.
+    pub snapshots: Option<Snapshots>,
+    /// The parameters for the report: with the number of listed seeds, and without what the algorithm leaves out.
+    reported: Parameters,
+}
+
+/// How a job clusters.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Clustering {
     /// Boundary-based clustering, coarse to fine.
     Coarse(CoarseSpec),
     /// A flat clustering that starts from one face a cluster.
@@ -83,17 +102,11 @@ pub enum Method {
 }
 
 impl JobSpec {
-    /// Whether it makes a hierarchy.
-    pub fn is_hierarchical(&self) -> bool {
-        matches!(self, Self::Hierarchy(_))
-    }
-
-    /// Checks the parameters and a list of seeds. Returns with the specification the parameters as the report repeats
-    /// them: with the number of listed seeds, and without what the algorithm leaves out.
-    pub(super) fn new(parameters: &Parameters, seeds: Option<&[u8]>) -> Result<(Self, Parameters), Refusal> {
+    /// Checks the parameters and a list of seeds.
+    pub(super) fn new(parameters: &Parameters, seeds: Option<&[u8]>) -> Result<Self, Refusal> {
         parameters.check(seeds.is_some())?;
         let listed = seeds.map(seed_list::parse).transpose().map_err(Refusal::of(InputFile::Seeds))?;
-        let mut parameters = parameters.clone();
+        let mut settled = parameters.clone();
         if let Some(listed) = &listed {
             let count = listed.len() as u64;
             if let Some(clusters) = parameters.clusters.filter(|&clusters| clusters != count) {
@@ -103,33 +116,78 @@ impl JobSpec {
                 ));
                 return Err(Refusal::of(InputFile::Seeds)(error));
             }
-            parameters.clusters = Some(count);
-            parameters.seeds = Seeds::Listed;
+            settled.clusters = Some(count);
+            settled.seeds = Seeds::Listed;
         }
-        if parameters.algorithm == Algorithm::Hr {
-            parameters.optimize = Optimize::None;
+        if settled.algorithm == Algorithm::Hr {
+            settled.optimize = Optimize::None;
         }
-        if parameters.algorithm.is_reference() {
-            parameters.refine = Refine::None;
-            if parameters.seeds == Seeds::Coarse {
-                parameters.seeds = Seeds::Morton;
+        if settled.algorithm.is_reference() {
+            settled.refine = Refine::None;
+            if settled.seeds == Seeds::Coarse {
+                settled.seeds = Seeds::Morton;
             }
         }
+        Ok(Self {
+            clustering: Clustering::new(&settled, listed)?,
+            bridge_components: settled.bridge_components,
+            curvature_exponent: settled.curvature_exponent,
+            weight_attribute: settled.weight_attribute.clone(),
+            subdivide: settled.subdivide,
+            snapshots: settled.snapshots.clone(),
+            reported: settled,
+        })
+    }
+
+    /// The parameters that the report repeats.
+    pub fn reported(&self) -> &Parameters {
+        &self.reported
+    }
+
+    /// The triangles were divided so often.
+    pub(super) fn divided(&mut self, times: u32) {
+        self.subdivide = Some(Subdivide::Times(times));
+        self.reported.subdivide = self.subdivide;
+    }
+
+    /// The same for another number of clusters.
+    pub(super) fn with_clusters(&self, clusters: u64) -> Result<Self, Refusal> {
+        Self::new(&Parameters { clusters: Some(clusters), ..self.reported.clone() }, None)
+    }
+}
+
+impl Clustering {
+    /// Whether it makes a hierarchy.
+    pub fn is_hierarchical(&self) -> bool {
+        matches!(self, Self::Hierarchy(_))
+    }
+
+    /// Whether it starts from faces that the caller listed.
+    pub fn has_listed_seeds(&self) -> bool {
+        matches!(self, Self::Seeded { listed: Some(_), .. })
+    }
+
+    /// The number of clusters that it ends with; none for a whole hierarchy.
+    pub fn clusters(&self) -> Option<u64> {
+        match self {
+            Self::Coarse(coarse) => Some(coarse.clusters),
+            Self::Seeded { clusters, .. } => Some(*clusters),
+            Self::Hierarchy(options) => options.clusters,
+        }
+    }
+
+    fn new(parameters: &Parameters, listed: Option<Vec<u32>>) -> Result<Self, Error> {
         let method = match parameters.algorithm {
             Algorithm::Bb => Method::BoundaryBased,
             Algorithm::Acvd => Method::Acvd,
             Algorithm::Vc => Method::Variational,
             Algorithm::Pml => {
-                let sequential_at = parameters.switch_to_ml_at.unwrap_or(0);
-                return Ok((Self::Hierarchy(hierarchical(&parameters, sequential_at)), parameters));
+                return Ok(Self::Hierarchy(hierarchical(parameters, parameters.switch_to_ml_at.unwrap_or(0))));
             }
-            Algorithm::Ml | Algorithm::Hr => {
-                return Ok((Self::Hierarchy(hierarchical(&parameters, u64::MAX)), parameters));
-            }
+            Algorithm::Ml | Algorithm::Hr => return Ok(Self::Hierarchy(hierarchical(parameters, u64::MAX))),
         };
-        // `check` has seen that there is a number
         let coarse = CoarseSpec {
-            clusters: parameters.clusters.unwrap_or_default(),
+            clusters: parameters.flat_clusters()?,
             seed: parameters.seed,
             quality: parameters.quality,
             max_iterations: parameters.max_iterations,
@@ -137,11 +195,10 @@ impl JobSpec {
             allow_disconnected: parameters.allow_disconnected,
         };
         let CoarseSpec { clusters, seed, .. } = coarse;
-        let spec = match parameters.seeds.clone() {
+        Ok(match parameters.seeds.clone() {
             Seeds::Coarse => Self::Coarse(coarse),
             seeds => Self::Seeded { method, clusters, seeds, seed, listed, options: coarse.options() },
-        };
-        Ok((spec, parameters))
+        })
     }
 }
 
@@ -169,8 +226,9 @@ fn hierarchical(parameters: &Parameters, sequential_at: u64) -> hierarchy::Optio
 mod tests {
     use super::*;
 
-    fn spec(parameters: Parameters, seeds: Option<&[u8]>) -> (JobSpec, Parameters) {
-        JobSpec::new(&parameters, seeds).expect("a job")
+    fn spec(parameters: Parameters, seeds: Option<&[u8]>) -> (Clustering, Parameters) {
+        let spec = JobSpec::new(&parameters, seeds).expect("a job");
+        (spec.clustering, spec.reported)
     }
 
     #[test]
@@ -187,8 +245,8 @@ mod tests {
             let parameters = Parameters { algorithm, clusters: Some(9), seeds, ..Parameters::default() };
             let (made, settled) = spec(parameters.clone(), None);
             match made {
-                JobSpec::Seeded { method: made, clusters: 9, listed: None, .. } => assert_eq!(Some(made), method),
-                JobSpec::Hierarchy(options) => {
+                Clustering::Seeded { method: made, clusters: 9, listed: None, .. } => assert_eq!(Some(made), method),
+                Clustering::Hierarchy(options) => {
                     assert_eq!((method, options.clusters), (None, Some(9)));
                     assert_eq!(options.sequential_at > 0, algorithm != Algorithm::Pml);
                     assert_eq!(options.optimise, algorithm != Algorithm::Hr);
@@ -203,12 +261,12 @@ mod tests {
     fn listed_seeds_are_the_number_of_clusters_and_references_do_not_start_coarse() {
         let (made, settled) = spec(Parameters::default(), Some(b"[7, 3]"));
         assert_eq!((settled.clusters, settled.seeds), (Some(2), Seeds::Listed));
-        let JobSpec::Seeded { clusters: 2, seeds: Seeds::Listed, listed, .. } = made else { panic!("{made:?}") };
+        let Clustering::Seeded { clusters: 2, seeds: Seeds::Listed, listed, .. } = made else { panic!("{made:?}") };
         assert_eq!(listed, Some(vec![7, 3]));
         let of = |algorithm| Parameters { algorithm, clusters: Some(2), ..Parameters::default() };
-        assert!(matches!(spec(of(Algorithm::Bb), None).0, JobSpec::Coarse(CoarseSpec { clusters: 2, .. })));
+        assert!(matches!(spec(of(Algorithm::Bb), None).0, Clustering::Coarse(CoarseSpec { clusters: 2, .. })));
         let (made, settled) = spec(of(Algorithm::Vc), None);
-        assert!(matches!(made, JobSpec::Seeded { seeds: Seeds::Morton, .. }), "{made:?}");
+        assert!(matches!(made, Clustering::Seeded { seeds: Seeds::Morton, .. }), "{made:?}");
         assert_eq!((settled.seeds, settled.refine), (Seeds::Morton, Refine::None));
         let refusal = JobSpec::new(&of(Algorithm::Bb), Some(b"[1, 2, 3]")).expect_err("another number");
         assert_eq!(refusal.file, Some(InputFile::Seeds));
@@ -218,7 +276,7 @@ mod tests {
     fn qualities_differ_in_which_rounds_they_optimise_and_for_how_long() {
         let of = |quality: Quality| {
             let parameters = Parameters { algorithm: Algorithm::Pml, quality, ..Parameters::default() };
-            let JobSpec::Hierarchy(options) = spec(parameters, None).0 else { panic!("a hierarchy") };
+            let Clustering::Hierarchy(options) = spec(parameters, None).0 else { panic!("a hierarchy") };
             (options.optimised_from, options.iterations_a_round)
         };
         assert_eq!(of(Quality::Fast), (4, [1, u32::MAX]));

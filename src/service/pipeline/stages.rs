@@ -42,11 +42,12 @@ impl Pipeline {
         let prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
         Span::current().record("faces", prepared.input.faces);
         if job.spec.parameters.clusters.is_none() {
-            Span::current().record("clusters", prepared.parameters.clusters);
+            Span::current().record("clusters", prepared.spec.clustering.clusters());
         }
 
         let faces = prepared.input.faces;
-        let needs = files::of_faces(&prepared.parameters, faces).saturating_add(files::of_kept(&job.spec.kept, faces));
+        let needs =
+            files::of_faces(prepared.spec.reported(), faces).saturating_add(files::of_kept(&job.spec.kept, faces));
         self.files.secure(job.id, job.attempt, needs).await?;
 
         let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
@@ -135,10 +136,11 @@ impl Pipeline {
                 weights: weights.as_deref(),
                 outputs: if spec.kept.is_nothing() { &[] } else { &[&artifacts::MESH] },
             };
-            let build = |opened: job::Opened<'_>| match admits(opened.faces(), opened.spec().is_hierarchical())? {
-                true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
-                false => Ok(None),
-            };
+            let build =
+                |opened: job::Opened<'_>| match admits(opened.faces(), opened.spec().clustering.is_hierarchical())? {
+                    true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
+                    false => Ok(None),
+                };
             span.in_scope(|| job::open(&request, build)).map_err(|refusal| refusal.error).flatten()
         };
         let (open, memory, prepared) = match memory.may_be_small() {
