@@ -58,7 +58,6 @@ pub(super) mod postgres;
 mod pulses;
 mod queue;
 pub(super) mod sqlite;
-mod token_rows;
 mod url;
 mod workers;
 
@@ -73,7 +72,6 @@ pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
 use self::queue::{ALONE_FROM, given_up, guilty, lease_is_over, not_yours, reused_key};
-pub(super) use self::token_rows::{TokenRows, TokenStore};
 pub use self::url::StoreUrl;
 pub(super) use self::workers::{Presence, Worker, WorkerId, Workers};
 

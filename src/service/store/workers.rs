@@ -1,13 +1,7 @@
-//! The processes that work on jobs: what each says about itself, and whether it drains.
-//!
-//! A worker that drains claims nothing and ends the jobs that it has. The store refuses the claims, so that draining
-//! needs no message to the worker and is exact: no claim that begins after [`Workers::drain`] returned takes a job. A
-//! process that is started again is another worker, which does not drain.
+//! The processes that work on jobs: what each says about itself.
 
 use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 
 use async_trait::async_trait;
@@ -18,7 +12,7 @@ use uuid::Uuid;
 
 use super::job::{JobId, State};
 use super::queue::{ListQuery, Queue};
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
 
 /// Name of a worker, new at every start of its process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
@@ -34,16 +28,6 @@ impl fmt::Display for WorkerId {
 impl Serialize for WorkerId {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
-    }
-}
-
-impl FromStr for WorkerId {
-    type Err = Error;
-
-    /// Takes the hyphenated form only, as for jobs.
-    fn from_str(text: &str) -> Result<Self> {
-        let id = Uuid::try_parse(text).ok().map(Self).filter(|id| id.to_string() == text);
-        id.ok_or_else(|| Error::new(Kind::NotFound, format_args!("there is no such worker: {text}")))
     }
 }
 
@@ -69,8 +53,6 @@ pub(in crate::service) struct Worker {
     pub version: String,
     /// Name of its device; none of a version that does not tell.
     pub device: Option<String>,
-    /// Whether it claims no more jobs.
-    pub drains: bool,
     /// When it was first heard of.
     pub started_at: SystemTime,
     /// When it was last heard of.
@@ -87,32 +69,23 @@ pub(in crate::service) trait Workers: fmt::Debug + Send + Sync {
 
     /// The workers that were heard of in the last minutes or have jobs, the oldest first.
     async fn workers(&self) -> Result<Vec<Worker>>;
-
-    /// Lets a worker claim nothing from now on, or jobs again; none when there is no such worker.
-    async fn drain(&self, id: WorkerId, drains: bool) -> Result<Option<Worker>>;
 }
 
 /// The worker of a store that one process has.
 #[derive(Debug)]
 pub(super) struct OnlyWorker {
     id: WorkerId,
-    drains: AtomicBool,
     /// What it said, first and last.
     known: Mutex<Option<(Presence, SystemTime, SystemTime)>>,
 }
 
 impl Default for OnlyWorker {
     fn default() -> Self {
-        Self { id: WorkerId(Uuid::new_v4()), drains: AtomicBool::new(false), known: Mutex::default() }
+        Self { id: WorkerId(Uuid::new_v4()), known: Mutex::default() }
     }
 }
 
 impl OnlyWorker {
-    /// Whether it is to claim nothing.
-    pub fn drains(&self) -> bool {
-        self.drains.load(Ordering::Relaxed)
-    }
-
     pub fn announce(&self, presence: &Presence) {
         let mut known = self.known.lock();
         let now = SystemTime::now();
@@ -129,19 +102,9 @@ impl OnlyWorker {
             name: presence.name.to_string(),
             version: presence.version.to_owned(),
             device: Some(presence.device.to_string()),
-            drains: self.drains(),
             started_at,
             seen_at,
             jobs: queue.list(&running).await?.jobs.into_iter().map(|job| job.id).collect(),
         }))
-    }
-
-    /// Whether the worker has that id; it drains then, or not.
-    pub fn drain(&self, id: WorkerId, drains: bool) -> bool {
-        let is_it = id == self.id && self.known.lock().is_some();
-        if is_it {
-            self.drains.store(drains, Ordering::Relaxed);
-        }
-        is_it
     }
 }

@@ -154,22 +154,6 @@ impl Connections {
         Ok(Self { pool, commits: AtomicU64::new(0), failures: AtomicU64::new(0), micros: AtomicU64::new(0) })
     }
 
-    /// Does a piece of work that must not be done twice. None when there was no answer in time: it may be done or not.
-    pub async fn once<T, E: From<Error>>(
-        &self,
-        work: impl AsyncFnOnce(Object) -> Result<T, E>,
-    ) -> Option<Result<T, E>> {
-        let attempt = async {
-            let client = self.pool.get().await.map_err(|error| Error::from(Failure::from(error)))?;
-            work(client).await
-        };
-        let outcome = tokio::time::timeout(PATIENCE, attempt).await.ok();
-        if outcome.is_none() {
-            self.pool.retain(|_, _| false);
-        }
-        outcome
-    }
-
     /// Does a piece of work on a connection.
     pub async fn run<T, F>(&self, work: impl Fn(Object) -> F + Send) -> Result<T>
     where

@@ -42,9 +42,7 @@ mod rows;
 mod schema;
 #[cfg(test)]
 mod tests;
-mod tokens;
 mod workers;
 
 pub(in crate::service) use self::address::Address;
 pub(in crate::service) use self::replica::PostgresStore;
-pub(in crate::service) use self::tokens::read_only as read_tokens;

@@ -10,14 +10,8 @@ use super::connections::Failure;
 use crate::error::{Error, Kind};
 
 /// Every migration's SQL, and the least number of migrations that a service on the tables must know afterwards.
-const MIGRATIONS: [(&str, i32); 3] = [
-    (include_str!("migrations/0001_farm.sql"), 1),
-    (include_str!("migrations/0002_workers.sql"), 1),
-    (include_str!("migrations/0003_tokens.sql"), 1),
-];
-
-/// The migration that made the tables of tokens.
-const TOKENS: i32 = 3;
+const MIGRATIONS: [(&str, i32); 2] =
+    [(include_str!("migrations/0001_farm.sql"), 1), (include_str!("migrations/0002_workers.sql"), 1)];
 
 /// The table with the version.
 const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version integer NOT NULL, needs integer NOT NULL)";
@@ -56,36 +50,6 @@ pub(super) async fn migrate(client: &mut Client) -> Result<(), Failure> {
     }
     transaction.commit().await?;
     Ok(())
-}
-
-/// Checks that there are tables of tokens, without a change. [`Kind::Io`] where there are none, or later ones.
-pub(super) async fn check_tokens(client: &Client) -> Result<(), Failure> {
-    let is_there = client.query_one("SELECT to_regclass('schema_version') IS NOT NULL", &[]).await?.try_get(0)?;
-    let row = match is_there {
-        true => client.query_opt("SELECT version, needs FROM schema_version", &[]).await?,
-        false => None,
-    };
-    let known = MIGRATIONS.len() as i32;
-    let (found, needs) = match row {
-        Some(row) => (row.try_get(0)?, row.try_get(1)?),
-        None => (0, 0),
-    };
-    match found {
-        _ if needs > known => Err(too_new(found, known).into()),
-        ..TOKENS => Err(without_tokens(found).into()),
-        _ => Ok(()),
-    }
-}
-
-/// The error of tables without tokens.
-fn without_tokens(found: i32) -> Error {
-    let what = match found {
-        0 => "the database has no tables of tesserae yet".to_owned(),
-        _ => format!("the tables in the database are of version {found}, which has no tokens"),
-    };
-    let advice = "make the first token (`tesserae token new`), or start a service of this version: either brings the \
-                  tables up to date";
-    Error::new(Kind::Io, format_args!("{what}: {advice}"))
 }
 
 /// The error of tables that a later release made.

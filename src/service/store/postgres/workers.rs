@@ -5,16 +5,15 @@ use tokio_postgres::Row;
 use uuid::Uuid;
 
 use super::super::{JobId, Presence, Worker, WorkerId, Workers};
-use super::connections::{Failure, all, execute, first};
+use super::connections::{all, execute};
 use super::replica::PostgresStore;
 use super::rows::column;
 use crate::error::Result;
 
-/// The workers of the last five minutes, those with jobs, and the one with the id `$1`.
+/// The workers of the last five minutes, and those with jobs.
 const WORKERS: &str = "SELECT workers.*, running.jobs FROM workers CROSS JOIN LATERAL (\
     SELECT array(SELECT jobs.id FROM jobs WHERE boot = workers.id AND state = 'running' ORDER BY number) AS jobs\
-) AS running WHERE CASE WHEN $1::uuid IS NULL \
-    THEN seen_at > clock_timestamp() - interval '5 min' OR cardinality(running.jobs) > 0 ELSE id = $1 END \
+) AS running WHERE seen_at > clock_timestamp() - interval '5 min' OR cardinality(running.jobs) > 0 \
 ORDER BY started_at, id";
 
 /// A worker that was killed leaves its row.
@@ -27,7 +26,6 @@ fn worker(row: &Row) -> Result<Worker> {
         name: column(row, "name")?,
         version: column(row, "version")?,
         device: column(row, "device")?,
-        drains: column(row, "drains")?,
         started_at: column(row, "started_at")?,
         seen_at: column(row, "seen_at")?,
         jobs: column::<Vec<Uuid>>(row, "jobs")?.into_iter().map(JobId::from_uuid).collect(),
@@ -50,18 +48,9 @@ impl Workers for PostgresStore {
 
     async fn workers(&self) -> Result<Vec<Worker>> {
         let found = self.connections.run(|client| async move {
-            let rows = all(&client, WORKERS, &[&None::<Uuid>]).await?;
+            let rows = all(&client, WORKERS, &[]).await?;
             Ok(rows.iter().map(worker).collect::<Result<Vec<_>>>()?)
         });
         found.await
-    }
-
-    async fn drain(&self, id: WorkerId, drains: bool) -> Result<Option<Worker>> {
-        let drained = self.connections.run(|client| async move {
-            execute(&client, "UPDATE workers SET drains = $2 WHERE id = $1", &[&id.0, &drains]).await?;
-            let row = first(&client, WORKERS, &[&Some(id.0)]).await?;
-            Ok::<_, Failure>(row.as_ref().map(worker).transpose()?)
-        });
-        drained.await
     }
 }

@@ -39,7 +39,7 @@ use super::workers::OnlyWorker;
 use super::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice, Notices,
     Page, Presence, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
-    Worker, WorkerId, Workers,
+    Worker, Workers,
 };
 use crate::error::{Kind, Result};
 use crate::service::blocking::blocking;
@@ -177,9 +177,6 @@ impl Queue for SqliteStore {
     }
 
     async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
-        if self.worker.drains() {
-            return Ok(Vec::new());
-        }
         let listeners = Arc::clone(&self.listeners);
         self.writer.carry_out(move |batch| claim::claim(batch, &claiming, &listeners.claims)).await
     }
@@ -333,14 +330,6 @@ impl Workers for SqliteStore {
 
     async fn workers(&self) -> Result<Vec<Worker>> {
         Ok(self.worker.worker(self).await?.into_iter().collect())
-    }
-
-    async fn drain(&self, id: WorkerId, drains: bool) -> Result<Option<Worker>> {
-        if !self.worker.drain(id, drains) {
-            return Ok(None);
-        }
-        self.listeners.arrivals.notify();
-        self.worker.worker(self).await
     }
 }
 

@@ -1,6 +1,5 @@
--- Workers: what they say about themselves, and whether they are to claim no more jobs.
+-- Workers: what they say about themselves.
 ALTER TABLE workers ADD COLUMN device text;
-ALTER TABLE workers ADD COLUMN drains boolean NOT NULL DEFAULT false;
 
 -- Claims jobs for the worker `me` as claim_1 does, all of them by one statement.
 --
@@ -25,8 +24,7 @@ DECLARE
     suspect_number bigint;   -- a suspect that starts now
     others  integer := most; -- jobs beside it
 BEGIN
-    IF NOT EXISTS (SELECT FROM jobs WHERE state = 'queued')
-       OR EXISTS (SELECT FROM workers WHERE id = me AND drains) THEN
+    IF NOT EXISTS (SELECT FROM jobs WHERE state = 'queued') THEN
         RETURN;
     END IF;
     PERFORM set_config('synchronous_commit', 'off', true);
