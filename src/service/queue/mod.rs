@@ -47,8 +47,14 @@
 
 mod claim;
 mod crash;
+#[cfg(test)]
+pub(in crate::service) mod history;
 mod job;
+#[cfg(test)]
+pub(in crate::service) mod model;
 mod rules;
+#[cfg(test)]
+mod tests;
 
 pub(in crate::service) use self::claim::{Claiming, Picks, Share, Shares, Suspect, Tenant, Turn, View, Waiting, claim};
 pub(in crate::service) use self::crash::crashed;
