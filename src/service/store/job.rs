@@ -30,18 +30,6 @@ impl JobId {
     pub fn random() -> Self {
         Self(Uuid::new_v4())
     }
-
-    /// As a database keeps it.
-    #[cfg(feature = "postgres")]
-    pub(in crate::service::store) fn uuid(self) -> Uuid {
-        self.0
-    }
-
-    /// As a database kept it.
-    #[cfg(feature = "postgres")]
-    pub(in crate::service::store) fn from_uuid(uuid: Uuid) -> Self {
-        Self(uuid)
-    }
 }
 
 impl fmt::Display for JobId {
