@@ -121,6 +121,8 @@ class Client:
 
     def job(self, body, kind, clusters, quality):
         """Has a mesh clustered, and waits for it; the path of the job."""
+        # a new one: the service closes a connection that waits while peers have their turns
+        self.connection.close()
         job = self.answer("POST", f"/v1/jobs?clusters={clusters}&quality={quality}", body,
                           **{"Content-Type": kind, "Prefer": "wait=120"})
         return f"/v1/jobs/{json.loads(job)['id']}"
@@ -365,8 +367,7 @@ def main():
     igea = real("igea.glb", "terrain", 268_000)
     large = subdivided(bunny, 2) if bunny.suffix == ".obj" else real("", "knot", 1_100_000)
     glb = real("stanford-bunny.glb", "knot", 69_000)
-    # the connection waits while peers have their turns
-    with Service(BINARY, "--device", "cpu", "--header-timeout", "3600") as service:
+    with Service(BINARY, "--device", "cpu") as service:
         client = Client(service)
         for path, name, clusters in [(bunny, bunny.stem, 1000), (igea, igea.stem, 5000), (large, large.stem, 10000)]:
             mesh = Mesh(path)

@@ -31,7 +31,6 @@ CASES = [
     {"bucket": {"lifecycle": {"enabled": True}, "endpoint": "http://s3:9000", "allowHttp": True, "secret": ""},
      "serviceAccount": {"annotations": {"a": "b"}}, "monitoring": {"labels": {"release": "p"}},
      "image": {"tag": "1.2.3", "pullSecrets": [{"name": "registry"}]}, "workers": {"gpu": None}},
-    {"tokens": {"inStore": True}},
 ]
 KINDS = {
     "v1": ["Secret", "Service", "ServiceAccount", "ConfigMap"],
@@ -171,8 +170,12 @@ def check(objects, values):
         assert environment.get("AWS_ENDPOINT_URL") == (values.get("bucket", {}).get("endpoint"))
         assert all(container[probe] for probe in ("startupProbe", "livenessProbe", "readinessProbe"))
         assert container["securityContext"]["readOnlyRootFilesystem"] and pod["spec"]["securityContext"]["runAsNonRoot"]
-        volumes = {volume["name"] for volume in pod["spec"]["volumes"]}
-        assert {mount["name"] for mount in container["volumeMounts"]} == volumes
+        volumes = {volume["name"]: volume for volume in pod["spec"]["volumes"]}
+        mounts = {mount["name"]: mount for mount in container["volumeMounts"]}
+        assert mounts.keys() == volumes.keys()
+        # every service reads the one secret; a file that is mounted by a subPath would not change with it
+        assert volumes["tokens"]["secret"]["secretName"] and "subPath" not in mounts["tokens"]
+        assert environment["TESSERAE_TOKENS"].rpartition("/")[0] == mounts["tokens"]["mountPath"]
 
     def chosen(selector):
         return {name for name, labels in pods.items() if selector.items() <= labels.items()}

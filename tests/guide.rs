@@ -12,19 +12,33 @@ use tesserae_mesh::cluster::quality::Quality;
 fn settings() -> String {
     let command = Cli::command();
     let serve = command.find_subcommand("serve").expect("a command");
-    let mut table = "| flag | variable | default | |\n|---|---|---|---|\n".to_owned();
-    for argument in serve.get_arguments() {
-        let flag = argument.get_long().expect("a flag");
-        let variable = argument.get_env().expect("a variable").to_string_lossy();
-        let defaults: Vec<_> = argument.get_default_values().iter().map(|value| value.to_string_lossy()).collect();
-        let default = if defaults.is_empty() { String::new() } else { format!("`{}`", defaults.join(" ")) };
-        let help = argument.get_help().expect("an explanation");
-        let choices: Vec<String> =
-            argument.get_possible_values().iter().map(|value| format!("`{}`", value.get_name())).collect();
-        let choices = if choices.is_empty() { String::new() } else { format!(" ({})", choices.join(", ")) };
-        writeln!(table, "| `--{flag}` | `{variable}` | {default} | {help}{choices} |").expect("a string");
+    let mut groups: Vec<(&str, Vec<&clap::Arg>)> = Vec::new();
+    for argument in serve.get_arguments().filter(|argument| !argument.is_hide_set()) {
+        let heading = argument.get_help_heading().expect("a heading");
+        match groups.iter_mut().find(|(name, _)| *name == heading) {
+            Some((_, arguments)) => arguments.push(argument),
+            None => groups.push((heading, vec![argument])),
+        }
+    }
+    let mut table = "| flag, variable | default | |\n|---|---|---|\n".to_owned();
+    for (heading, arguments) in groups {
+        writeln!(table, "| **{heading}** | | |").expect("a string");
+        arguments.into_iter().for_each(|argument| table += &row(argument));
     }
     table
+}
+
+/// The row of a setting.
+fn row(argument: &clap::Arg) -> String {
+    let flag = argument.get_long().expect("a flag");
+    let variable = argument.get_env().expect("a variable").to_string_lossy();
+    let defaults: Vec<_> = argument.get_default_values().iter().map(|value| value.to_string_lossy()).collect();
+    let default = if defaults.is_empty() { String::new() } else { format!("`{}`", defaults.join(" ")) };
+    let help = argument.get_help().expect("an explanation");
+    let choices: Vec<String> =
+        argument.get_possible_values().iter().map(|value| format!("`{}`", value.get_name())).collect();
+    let choices = if choices.is_empty() { String::new() } else { format!(" ({})", choices.join(", ")) };
+    format!("| `--{flag}` `{variable}` | {default} | {help}{choices} |\n")
 }
 
 fn page(name: &str) -> String {

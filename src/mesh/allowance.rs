@@ -62,10 +62,7 @@ impl Allowance {
                 "the mesh places more faces than its bytes allow (raise it with --max-faces-per-byte, or write the \
                  placements out)"
             }
-            false => {
-                "the mesh places more faces than its bytes allow (the service's --max-faces-per-byte; write the \
-                 placements out)"
-            }
+            false => "the mesh places more faces than its bytes allow (write the placements out)",
         };
         self.check(faces, self.most_faces(a_byte), what)
     }

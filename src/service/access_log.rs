@@ -36,36 +36,12 @@ const MAX_ID: usize = 128;
 /// Paths that probes and monitoring read every few seconds.
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// Chooses the requests that get a line.
-#[derive(Debug)]
-pub(super) struct AccessLog {
-    every: u64,
-    requests: AtomicU64,
-    trusted_proxies: Vec<Network>,
-}
-
-impl AccessLog {
-    /// One of `every` requests that the service could answer, and all that it could not; none at all for 0.
-    /// The client is behind the trusted proxies.
-    pub fn new(every: u64, trusted_proxies: &[Network]) -> Self {
-        Self { every, requests: AtomicU64::new(0), trusted_proxies: trusted_proxies.to_vec() }
-    }
-
-    fn takes(&self, status: u16) -> bool {
-        match (self.every, status) {
-            (0, _) => false,
-            (_, 500..) => true,
-            (every, _) => self.requests.fetch_add(1, Ordering::Relaxed).is_multiple_of(every),
-        }
-    }
-}
-
 /// Gives a request its id, its [`Origin`] and its span, and logs it once it was answered.
-pub(super) async fn log(State(log): State<Arc<AccessLog>>, mut request: Request, next: Next) -> Response {
+pub(super) async fn log(State(proxies): State<Arc<[Network]>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let id = request_id(request.headers());
     let trace = TraceParent::of_request(request.headers());
-    let client = origin::client(&request, &log.trusted_proxies);
+    let client = origin::client(&request, &proxies);
     let path = urls::cut(request.uri().path()).to_owned();
     let span = tracing::info_span!(
         "request",
@@ -87,21 +63,19 @@ pub(super) async fn log(State(log): State<Arc<AccessLog>>, mut request: Request,
         response.headers_mut().insert(REQUEST_ID, header);
     }
     let status = response.status().as_u16();
-    let line = log.takes(status).then(|| {
-        let caller = response.extensions().get::<Caller>();
-        Box::new(Line {
-            method,
-            path,
-            status,
-            id,
-            trace,
-            client,
-            tenant: caller.and_then(|caller| Some(caller.tenant.as_ref()?.name.clone())),
-            received,
-            started,
-            latency: started.elapsed(),
-            is_probe,
-        })
+    let caller = response.extensions().get::<Caller>();
+    let line = Box::new(Line {
+        method,
+        path,
+        status,
+        id,
+        trace,
+        client,
+        tenant: caller.and_then(|caller| Some(caller.tenant.as_ref()?.name.clone())),
+        received,
+        started,
+        latency: started.elapsed(),
+        is_probe,
     });
     // a body that is streamed from a file does not know its length
     let length = upload::content_length(response.headers());
@@ -183,7 +157,7 @@ fn counted(body: Body, bytes: Arc<AtomicU64>) -> Body {
 struct Logged {
     body: Body,
     span: Span,
-    line: Option<Box<Line>>,
+    line: Box<Line>,
     /// Bytes of the whole body, if its header states them.
     length: Option<u64>,
     /// Bytes that were sent, compressed as they are.
@@ -228,9 +202,7 @@ impl HttpBody for Logged {
 
 impl Drop for Logged {
     fn drop(&mut self) {
-        if let Some(line) = &self.line {
-            line.write(self.bytes, self.is_cut_short);
-        }
+        self.line.write(self.bytes, self.is_cut_short);
     }
 }
 
@@ -257,14 +229,5 @@ mod tests {
         {
             assert!(Uuid::try_parse(&id(bad)).is_ok(), "{bad:?}");
         }
-    }
-
-    #[test]
-    fn one_of_n_requests_is_logged_and_every_failure() {
-        let logged = |every: u64, status: u16| {
-            let log = AccessLog::new(every, &[]);
-            (0..100).filter(|_| log.takes(status)).count()
-        };
-        assert_eq!((logged(1, 200), logged(10, 404), logged(10, 503), logged(0, 500)), (100, 10, 100, 0));
     }
 }

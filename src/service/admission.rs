@@ -117,7 +117,7 @@ mod tests {
         let [name, backend, driver] = [(); 3].map(|()| "x".to_owned());
         let device = DeviceInfo { kind: DeviceKind::Cpu, name, backend, driver };
         let admission = Admission::new(store, Arc::new(Metrics::new(&device)), 4);
-        let tenant = Tenant { name: "acme".to_owned(), quotas: Default::default(), metrics: false, admin: false };
+        let tenant = Tenant { name: "acme".to_owned(), quotas: Default::default(), metrics: false };
         let at_once = futures_util::future::join_all((0..16).map(|_| admission.place(&tenant))).await;
         let (mut places, refused): (Vec<_>, Vec<_>) = at_once.into_iter().partition(Result::is_ok);
         assert!(places.len() <= 3, "{} beside a job", places.len());

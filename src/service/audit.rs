@@ -10,7 +10,7 @@ use super::logging::AUDIT;
 use super::trace::Origin;
 use crate::error::Kind;
 
-/// What a tenant did to a job, or the operator to a worker.
+/// What a tenant did to a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Action {
     /// A job was made, of an upload of this many bytes.
@@ -23,30 +23,22 @@ pub(super) enum Action {
     Deleted,
     /// A job that was given up runs again.
     Retried,
-    /// A worker claims no more jobs.
-    Drained,
-    /// It claims jobs again.
-    Resumed,
 }
 
-/// Writes that `caller` did something to a job or a worker, which the line names in the field of that name.
-pub(super) fn record(action: Action, caller: &Caller, of: impl Display) {
+/// Writes that `caller` did something to a job.
+pub(super) fn record(action: Action, caller: &Caller, job: impl Display) {
     let (name, bytes) = match action {
         Action::Accepted(bytes) => ("accepted", Some(bytes)),
         Action::Repeated => ("asked for again", None),
         Action::Cancelled => ("asked to cancel", None),
         Action::Deleted => ("deleted", None),
         Action::Retried => ("retried", None),
-        Action::Drained => ("drained", None),
-        Action::Resumed => ("resumed", None),
     };
-    let is_worker = matches!(action, Action::Drained | Action::Resumed);
     let origin = caller.origin.as_ref();
     tracing::info!(
         target: AUDIT,
         parent: None,
-        job = (!is_worker).then(|| tracing::field::display(&of)),
-        worker = is_worker.then(|| tracing::field::display(&of)),
+        job = %job,
         bytes,
         tenant = caller.tenant.as_ref().map(|tenant| tenant.name.as_str()),
         token = caller.token_id(),

@@ -14,7 +14,7 @@ use super::faults::Faults;
 use super::files::{DiskLimits, Files};
 use super::intake::Rules;
 use super::request::Wanted;
-use super::settings::TrafficSettings;
+use super::settings::TrafficConstants;
 use super::trace::TraceParent;
 use super::{conditional, negotiate, prefer, upload, webhooks};
 
@@ -35,7 +35,7 @@ pub fn form(bytes: &[u8]) {
         let files = Files::open(None, None, DiskLimits::default(), Faults::default()).expect("a folder");
         (runtime, Arc::new(files))
     });
-    let rules = Rules::new(1 << 20, &TrafficSettings::default(), Arc::new(Budget::new(1 << 30)));
+    let rules = Rules::new(1 << 20, TrafficConstants::default().body_timeout, Arc::new(Budget::new(1 << 30)));
     let request = Request::post("/v1/jobs?clusters=3")
         .header("content-type", "multipart/form-data; boundary=b")
         .body(Body::from(bytes.to_vec()))

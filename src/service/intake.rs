@@ -20,7 +20,6 @@ use tokio::time::Sleep;
 
 pub(super) use self::inflate::Coding;
 use super::budget::{Budget, Held};
-use super::settings::TrafficSettings;
 use crate::error::{Error, Kind, Result};
 
 /// For how long the rest of a refused body is read and thrown away, so that the answer reaches a client that is still
@@ -45,31 +44,27 @@ const TURN: usize = 1 << 16;
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
 const ANY_INFLATION: u64 = 1 << 20;
 
+/// How many times as large as its compressed form an upload may be: meshes as text become up to 20 times as large.
+const MAX_INFLATION: u64 = 100;
+
+/// Bytes a second that an upload must bring on average: the slowest mobile networks bring ten times as many.
+const MIN_RATE: u64 = 1024;
+
 /// What a body may be like.
 #[derive(Debug, Clone)]
 pub(super) struct Rules {
     /// Largest number of bytes, as sent and as meant.
     pub limit: u64,
-    /// How many times as many bytes as were sent may be meant.
-    inflation: u64,
     /// Time without a byte.
     patience: Duration,
-    /// Bytes a second on average, after that time.
-    min_rate: u64,
     /// The bytes of all uploads.
     uploads: Arc<Budget>,
 }
 
 impl Rules {
-    /// What the settings say.
-    pub fn new(limit: u64, traffic: &TrafficSettings, uploads: Arc<Budget>) -> Self {
-        Self {
-            limit,
-            inflation: traffic.max_inflation,
-            patience: traffic.body_timeout(),
-            min_rate: traffic.min_upload_rate,
-            uploads,
-        }
+    /// A body of at most `limit` bytes, which is given up after `patience` without one.
+    pub fn new(limit: u64, patience: Duration, uploads: Arc<Budget>) -> Self {
+        Self { limit, patience, uploads }
     }
 
     /// The error for more bytes than allowed: `length` is how many, as far as is known.
@@ -159,11 +154,11 @@ impl Content {
         }
         if let Some(sent) = &self.sent {
             let sent = sent.load(Ordering::Relaxed);
-            if self.received > ANY_INFLATION.saturating_add(sent.saturating_mul(self.rules.inflation)) {
+            if self.received > ANY_INFLATION.saturating_add(sent.saturating_mul(MAX_INFLATION)) {
                 return Err(Error::too_large(format_args!(
-                    "the compressed upload becomes more than {} times as large, which is more than the service's \
-                     --max-inflation; send it without compression, or less compressed; it was at {} bytes after {sent}",
-                    self.rules.inflation, self.received
+                    "the compressed upload becomes more than {MAX_INFLATION} times as large: send it without \
+                     compression, or less compressed; it was at {} bytes after {sent}",
+                    self.received
                 )));
             }
         }
@@ -267,14 +262,10 @@ impl Intake {
         let now = tokio::time::Instant::now();
         self.quiet.as_mut().reset(now + self.rules.patience);
         let elapsed = self.began.elapsed().saturating_sub(self.rules.patience).as_secs_f64();
-        if (received as f64) < elapsed * self.rules.min_rate as f64 {
+        if (received as f64) < elapsed * MIN_RATE as f64 {
             return Err(Error::new(
                 Kind::Timeout,
-                format_args!(
-                    "the upload comes at less than {} bytes a second (the service's --min-upload-rate): {received} \
-                     bytes so far",
-                    self.rules.min_rate
-                ),
+                format_args!("the upload comes at less than {MIN_RATE} bytes a second: {received} bytes so far"),
             ));
         }
         Ok(())
@@ -295,7 +286,7 @@ impl Stream for Intake {
                 Poll::Ready(()) => Poll::Ready(Some(Err(Error::new(
                     Kind::Timeout,
                     format_args!(
-                        "nothing of the upload came for {} s (the service's --body-timeout), after bytes: {}",
+                        "nothing of the upload came for {} s, after bytes: {}",
                         self.rules.patience.as_secs(),
                         self.received.load(Ordering::Relaxed)
                     ),

@@ -8,6 +8,7 @@ use tracing_subscriber::filter::{Targets, filter_fn};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
+use super::settings::heading;
 use crate::error::{Error, Kind, Result};
 
 /// Target of the audit log.
@@ -27,14 +28,15 @@ pub enum LogFormat {
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct LogSettings {
     /// What the lines of the log look like
-    #[arg(long, env = "TESSERAE_LOG_FORMAT", value_enum, default_value_t)]
+    #[arg(long, env = "TESSERAE_LOG_FORMAT", value_enum, help_heading = heading::LOG, default_value_t)]
     pub log_format: LogFormat,
 
-    /// What is logged: a level, or a list such as `info,tesserae=debug`
+    /// What is logged: a level, or a list such as `info,tesserae::access=warn`, which is no access log
     #[arg(
         long,
         env = "TESSERAE_LOG",
         value_name = "FILTER",
+        help_heading = heading::LOG,
         default_value = "info,wgpu_core=warn,wgpu_hal=warn,naga=warn"
     )]
     pub log: String,

@@ -23,7 +23,7 @@
 //! | what results look like | `results`, `negotiate` |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
-//! | the list of workers | `presence`; draining is the store's |
+//! | the list of workers | `presence` |
 //! | tokens and tenants | `access` |
 //! | limits of traffic and of the queue | `traffic`, `admission` |
 //! | which web pages reach a service without tokens | `traffic::sites` |
@@ -94,8 +94,6 @@ mod webhooks;
 mod yaml;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
-#[cfg(feature = "postgres")]
-pub use access::{change_tokens, read_tokens};
 pub use backup::{Backup, back_up};
 pub use blobs::place::BlobPlace;
 pub use faults::{FaultPoint, Faults};
@@ -104,7 +102,9 @@ pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use preflight::preflight;
 pub use server::{Extras, Server, serve};
-pub use settings::{AccessSettings, Settings, StorageSettings, Switch, TrafficSettings, WebhookSettings, WorkSettings};
+pub use settings::{
+    AccessSettings, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookSettings, WorkSettings,
+};
 pub use state::DeviceDescription;
 use store::LOCAL_TENANT;
 pub use store::StoreUrl;

@@ -49,8 +49,6 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         labels::labels,
         hierarchy::hierarchy,
         workers::list,
-        workers::drain,
-        workers::resume,
         info::device,
         info::formats,
         info::version,

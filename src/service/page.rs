@@ -2,8 +2,7 @@
 //! script is small, so that the page is there at once; it loads the second, which draws.
 //!
 //! Its sources are in `web/`. `make bundle` makes six files of them, and the feature `page` compiles these in; the mesh
-//! of the first visit is made here ([`knot`]). Without the feature, or with `--no-page`, the paths are a 404 that says
-//! so.
+//! of the first visit is made here ([`knot`]). Without the feature, the paths are a 404 that says so.
 //!
 //! The page needs no token to be read, and holds no data; a token that it is given stays in the browser's session. The
 //! content security policy admits what comes from here and nothing else: no inline script or style, no `eval`, no other
@@ -67,20 +66,17 @@ mod absent {
 }
 
 /// The routes of the page.
-pub(super) fn routes<S: Clone + Send + Sync + 'static>(is_off: bool) -> Router<S> {
-    let missing = match (is_off, FILES.is_empty()) {
-        (true, _) => "the page is switched off here: start the service without --no-page",
-        (false, true) => "this build has no page: build it with `make run`, or use the interface in /openapi.yaml",
-        (false, false) => {
-            return FILES.into_iter().fold(knot::routes(), |routes, file| {
-                // the same in every answer of this process, so it is made once
-                let content = Content(digest(file.bytes));
-                routes.route(file.path, get(async move || serve(file.media_type, file.bytes, content)))
-            });
-        }
-    };
-    let refusal = move || async move { Failure::from(Error::new(Kind::NotFound, missing)).into_response() };
-    Router::new().route("/", get(refusal))
+pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
+    if FILES.is_empty() {
+        let missing = "this build has no page: build it with `make run`, or use the interface in /openapi.yaml";
+        let refusal = move || async move { Failure::from(Error::new(Kind::NotFound, missing)).into_response() };
+        return Router::new().route("/", get(refusal));
+    }
+    FILES.into_iter().fold(knot::routes(), |routes, file| {
+        // the same in every answer of this process, so it is made once
+        let content = Content(digest(file.bytes));
+        routes.route(file.path, get(async move || serve(file.media_type, file.bytes, content)))
+    })
 }
 
 /// A file of the page with the headers that all of them have.

@@ -4,8 +4,11 @@ use std::time::Duration;
 
 use axum::http::HeaderMap;
 
-/// The time that the client wants to wait, at most `longest`.
-pub(super) fn wait(headers: &HeaderMap, longest: Duration) -> Option<Duration> {
+/// Longest wait: proxies give up on an answer after a minute.
+const LONGEST: Duration = Duration::from_secs(60);
+
+/// The time that the client wants to wait, at most [`LONGEST`].
+pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
     headers
         .get_all("prefer")
         .iter()
@@ -18,7 +21,7 @@ pub(super) fn wait(headers: &HeaderMap, longest: Duration) -> Option<Duration> {
         })
         // the first one counts
         .next()
-        .map(|seconds| Duration::from_secs(seconds).min(longest))
+        .map(|seconds| Duration::from_secs(seconds).min(LONGEST))
 }
 
 #[cfg(test)]
@@ -40,8 +43,8 @@ mod tests {
         ] {
             let mut headers = HeaderMap::new();
             headers.insert("prefer", HeaderValue::from_static(header));
-            assert_eq!(wait(&headers, Duration::from_secs(60)), expected.map(Duration::from_secs), "{header}");
+            assert_eq!(wait(&headers), expected.map(Duration::from_secs), "{header}");
         }
-        assert_eq!(wait(&HeaderMap::new(), Duration::from_secs(60)), None);
+        assert_eq!(wait(&HeaderMap::new()), None);
     }
 }

@@ -16,7 +16,6 @@ use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::cors::CorsLayer;
 
 use super::access::Caller;
-use super::access_log::{self, AccessLog};
 use super::api::{
     create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show, upload,
     workers,
@@ -25,7 +24,7 @@ use super::metrics::Metrics;
 use super::state::Shared;
 use super::traffic::sites::{self, Sites};
 use super::traffic::{self, heads, queries};
-use super::{conditional, openapi, page, problem, urls};
+use super::{access_log, conditional, openapi, page, problem, urls};
 use crate::artifacts::{self, Need};
 
 /// Bytes from which on an answer is compressed if the client can read that.
@@ -44,9 +43,9 @@ const COMPRESSED_FROM: u64 = 1024;
 /// 9. access and traffic limits;
 /// 10. the routes; around those of results, ETag and Range.
 pub(super) fn router(shared: Arc<Shared>) -> Router {
-    let log = Arc::new(AccessLog::new(shared.settings.access_log_every, &shared.settings.traffic.trusted_proxies));
+    let proxies = shared.settings.traffic.trusted_proxies.clone().into();
     let layers = ServiceBuilder::new()
-        .layer(from_fn_with_state(log, access_log::log))
+        .layer(from_fn_with_state(proxies, access_log::log))
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), every_answer))
         .option_layer(cors(&shared.settings.access.cors_origins))
         .layer(from_fn(conditional::distinguish_codings))
@@ -82,9 +81,8 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .route("/v1/jobs/{id}/retry", post(retry::retry))
         .route("/v1/jobs/{id}/events", get(events::stream))
         .merge(results)
-        .merge(page::routes(shared.settings.no_page).layer(from_fn(conditional::results)))
+        .merge(page::routes().layer(from_fn(conditional::results)))
         .route("/v1/workers", get(workers::list))
-        .route("/v1/workers/{id}/drain", post(workers::drain).delete(workers::resume))
         .route("/v1/device", get(info::device))
         .route("/v1/formats", get(info::formats))
         .route("/v1/version", get(info::version))

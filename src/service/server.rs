@@ -27,7 +27,7 @@ use super::storage::{self, Storage};
 #[cfg(feature = "postgres")]
 use super::store::postgres::PostgresStore;
 use super::store::sqlite::SqliteStore;
-use super::store::{JobStore, Presence, Rules, TokenStore};
+use super::store::{JobStore, Presence, Rules};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
 use super::{Settings, Switch, lag, presence, tls};
@@ -101,7 +101,7 @@ impl Server {
         settings.check()?;
         tls::prepare();
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
-        let listener = listen(settings.listen, settings.traffic.listen_backlog).map_err(cannot)?;
+        let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
         let reload = extras.reload.clone().unwrap_or_default();
@@ -115,12 +115,11 @@ impl Server {
             crash_pause: settings.work.crash_pause(),
         };
         let shared = open_shared(&settings, rules).await?;
-        let tokens = shared.as_ref().map(|shared| Arc::clone(&shared.tokens));
-        let access = Arc::new(Access::open(&settings.access, tokens).await?);
-        files.take_place(shared.as_ref().map(|shared| shared.name.as_str())).await?;
+        let access = Arc::new(Access::open(&settings.access).await?);
+        files.take_place(shared.as_ref().map(|(_, name)| name.as_str())).await?;
         let files = Arc::new(files);
         let store: Arc<dyn JobStore> = match (shared, &settings.data_dir) {
-            (Some(shared), _) => shared.jobs,
+            (Some((store, _)), _) => store,
             (None, Some(_)) => {
                 files.check_store().await?;
                 let store = SqliteStore::open(&files.database(), rules, faults).await?;
@@ -145,10 +144,10 @@ impl Server {
         storage::promise_again(&files, store.as_ref(), &settings.limits()).await?;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
-        let timeout = settings.work.device_timeout();
+        let timeout = settings.work.device_timeout;
         let parts = Parts {
             shares: access.shares(),
-            worker: settings.work.worker().into(),
+            worker: presence::worker_name().into(),
             faults: extras.faults.clone(),
             store: Arc::clone(&store),
             files: Arc::clone(&files),
@@ -169,7 +168,6 @@ impl Server {
             slots: settings.meshes_in_memory,
             memory: settings.work.memory_budget,
             time: settings.work.max_job(),
-            lease: settings.work.lease(),
         };
         let pipeline = Pipeline::start(parts, costs)?;
         let most = settings.traffic.max_queued_jobs_per_tenant;
@@ -183,7 +181,7 @@ impl Server {
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
             memory: pipeline.memory(),
-            traffic: Arc::new(Traffic::new(&settings.traffic, Arc::clone(&access), extras.faults.clone())),
+            traffic: Arc::new(Traffic::new(&settings, Arc::clone(&access), extras.faults.clone())),
             access,
             admission,
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
@@ -215,7 +213,7 @@ impl Server {
         let announcing = (shared.settings.work.work == Switch::On).then(|| {
             let (store, until) = (Arc::clone(&shared.store), stop.clone());
             let presence = Presence {
-                name: shared.settings.work.worker().into(),
+                name: presence::worker_name().into(),
                 version: env!("CARGO_PKG_VERSION"),
                 device: shared.device.info.name.as_str().into(),
             };
@@ -280,21 +278,20 @@ impl Server {
     }
 }
 
-/// A store that the service shares with others.
-struct SharedStore {
-    jobs: Arc<dyn JobStore>,
-    tokens: Arc<dyn TokenStore>,
-    /// Its files are known by it.
-    name: String,
-}
+/// A store that the service shares with others, and the name by which its files are known.
+type SharedStore = (Arc<dyn JobStore>, String);
+
+/// Connections to a shared store, beside one that listens: ten services leave room below PostgreSQL's default of 100.
+#[cfg(feature = "postgres")]
+const STORE_CONNECTIONS: usize = 8;
 
 /// The store that the service shares with others, if it does.
 #[cfg(feature = "postgres")]
 async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<SharedStore>> {
     let Some(url) = &settings.storage.store else { return Ok(None) };
-    let store = PostgresStore::open(url, settings.storage.store_connections as usize, rules).await?;
-    let (name, store) = (store.name().to_owned(), Arc::new(store));
-    Ok(Some(SharedStore { jobs: store.clone(), tokens: store, name }))
+    let store = PostgresStore::open(url, STORE_CONNECTIONS, rules).await?;
+    let name = store.name().to_owned();
+    Ok(Some((Arc::new(store), name)))
 }
 
 /// None: the settings were checked.
@@ -303,12 +300,15 @@ async fn open_shared(_: &Settings, _: Rules) -> Result<Option<SharedStore>> {
     Ok(None)
 }
 
-/// Takes an address; the system keeps `backlog` connections until they are accepted.
-fn listen(address: SocketAddr, backlog: u32) -> std::io::Result<TcpListener> {
+/// Connections that the system keeps until they are accepted: those of a second's rush; it may have a lower limit.
+const BACKLOG: u32 = 1024;
+
+/// Takes an address.
+fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     // a restarted service takes its address again at once; on Windows that option means something else
     #[cfg(unix)]
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
-    socket.listen(backlog)
+    socket.listen(BACKLOG)
 }

@@ -11,6 +11,7 @@ macro_rules! durations {
 }
 
 mod access;
+pub(super) mod heading;
 mod storage;
 mod traffic;
 mod webhooks;
@@ -21,89 +22,66 @@ use std::path::PathBuf;
 
 pub use self::access::AccessSettings;
 pub use self::storage::StorageSettings;
-pub use self::traffic::TrafficSettings;
+pub use self::traffic::{TrafficConstants, TrafficSettings};
 pub use self::webhooks::WebhookSettings;
 pub use self::work::{Switch, WorkSettings};
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
 use crate::service::files::check_prefixes;
 
-/// Least bytes of memory and disk with which the service can do anything: the store of jobs alone takes a part of them.
+/// Least bytes of disk with which the service can do anything: the store of jobs alone takes a part of them.
 const LEAST_BYTES: u64 = 1 << 20;
 
 /// Settings of `tesserae serve`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct Settings {
     /// Address and port to listen on; port 0 takes any free one
-    #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Settings::default().listen)]
+    #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", help_heading = heading::PLACES,
+          default_value_t = Settings::default().listen)]
     pub listen: SocketAddr,
 
     /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out
-    #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR")]
+    #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR", help_heading = heading::PLACES)]
     pub data_dir: Option<PathBuf>,
 
+    /// Access.
+    #[command(flatten)]
+    pub access: AccessSettings,
+
     /// Largest upload, in bytes, all its parts together
-    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES",
+    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", help_heading = heading::LIMITS,
           default_value_t = Settings::default().max_upload_bytes)]
     pub max_upload_bytes: u64,
 
     /// Largest number of faces of a mesh
-    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Settings::default().max_faces)]
+    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", help_heading = heading::LIMITS,
+          default_value_t = Settings::default().max_faces)]
     pub max_faces: u64,
 
-    /// Largest number of faces of a mesh for each of its bytes, beyond the first 524,288: instances and nodes can place
-    /// a mesh many times in few bytes
-    #[arg(
-        long,
-        env = "TESSERAE_MAX_FACES_PER_BYTE",
-        value_name = "N",
-        default_value_t = Settings::default().max_faces_per_byte
-    )]
-    pub max_faces_per_byte: u64,
-
     /// Jobs that may wait; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N",
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", help_heading = heading::LIMITS,
           default_value_t = Settings::default().max_queued_jobs)]
     pub max_queued_jobs: usize,
 
     /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory
     /// allows
-    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N",
+    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", help_heading = heading::WORK,
           default_value_t = Settings::default().meshes_in_memory,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub meshes_in_memory: usize,
 
-    /// Longest time for `Prefer: wait`, in seconds
-    #[arg(long, env = "TESSERAE_MAX_WAIT", value_name = "SECONDS", default_value_t = Settings::default().max_wait,
-          value_parser = clap::value_parser!(u64).range(0..=86_400))]
-    pub max_wait: u64,
-
-    /// Time between the comments that keep a quiet event stream open, in seconds
-    #[arg(long, env = "TESSERAE_KEEP_ALIVE", value_name = "SECONDS", default_value_t = Settings::default().keep_alive,
-          value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    pub keep_alive: u64,
-
     /// Time that running jobs get to finish when the service is asked to stop, in seconds
-    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS",
+    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS", help_heading = heading::STOP,
           default_value_t = Settings::default().grace_period,
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,
 
     /// Time between the failure of /readyz and the refusal of jobs when the service is asked to stop, so that load
     /// balancers notice, in seconds
-    #[arg(long, env = "TESSERAE_DRAIN_DELAY", value_name = "SECONDS", default_value_t = Settings::default().drain_delay,
+    #[arg(long, env = "TESSERAE_DRAIN_DELAY", value_name = "SECONDS", help_heading = heading::STOP,
+          hide_short_help = true, default_value_t = Settings::default().drain_delay,
           value_parser = clap::value_parser!(u64).range(0..=3600))]
     pub drain_delay: u64,
-
-    /// Requests of which one has a line in the access log, 1 for all; those that the service fails at (5xx) always have
-    /// one; 0 for no access log
-    #[arg(long, env = "TESSERAE_ACCESS_LOG_EVERY", value_name = "N",
-          default_value_t = Settings::default().access_log_every)]
-    pub access_log_every: u64,
-
-    /// Serve no page at /
-    #[arg(long, env = "TESSERAE_NO_PAGE")]
-    pub no_page: bool,
 
     /// What is kept.
     #[command(flatten)]
@@ -112,10 +90,6 @@ pub struct Settings {
     /// What a job may cost.
     #[command(flatten)]
     pub work: WorkSettings,
-
-    /// Access.
-    #[command(flatten)]
-    pub access: AccessSettings,
 
     /// Limits of traffic.
     #[command(flatten)]
@@ -134,15 +108,10 @@ impl Default for Settings {
             data_dir: None,
             max_upload_bytes: limits.max_bytes,
             max_faces: limits.max_faces,
-            max_faces_per_byte: limits.max_faces_per_byte.unwrap_or(u64::MAX),
             max_queued_jobs: 1024,
             meshes_in_memory: 8,
-            max_wait: 60,
-            keep_alive: 15,
             grace_period: 10,
             drain_delay: 0,
-            access_log_every: 1,
-            no_page: false,
             storage: StorageSettings::default(),
             work: WorkSettings::default(),
             access: AccessSettings::default(),
@@ -153,11 +122,11 @@ impl Default for Settings {
 }
 
 impl Settings {
-    durations!(max_wait, keep_alive, grace_period, drain_delay);
+    durations!(grace_period, drain_delay);
 
     /// Checks what the settings say together.
     pub fn check(&self) -> Result<()> {
-        let is_open = !self.access.has_tokens() && !self.access.insecure_no_auth;
+        let is_open = self.access.tokens.is_none() && !self.access.insecure_no_auth;
         if is_open && !self.listen.ip().to_canonical().is_loopback() {
             return Err(Error::parameter(format_args!(
                 "without tokens the service listens to this machine only, because any client that reaches it could \
@@ -165,11 +134,6 @@ impl Settings {
                  FILE, or say --insecure-no-auth, to listen on {}",
                 self.listen
             )));
-        }
-        if self.access.tokens_in_store && self.storage.store.is_none() {
-            return Err(Error::parameter(
-                "--tokens-in-store needs a --store that services share: give one, or --tokens",
-            ));
         }
         if self.storage.store.is_some() && self.storage.blobs.is_none() {
             return Err(Error::parameter(
@@ -201,14 +165,11 @@ impl Settings {
 
     /// Refuses amounts with which no job could ever be taken or end.
     fn check_amounts(&self) -> Result<()> {
-        let traffic = &self.traffic;
         for (flag, value, least) in [
             ("max-upload-bytes", self.max_upload_bytes, 1),
             ("max-faces", self.max_faces, 1),
             ("max-queued-jobs", self.max_queued_jobs as u64, 1),
-            ("max-queued-jobs-per-tenant", traffic.max_queued_jobs_per_tenant, 1),
-            ("max-requests-at-once", traffic.max_requests_at_once.into(), 1),
-            ("memory-budget", self.work.memory_budget.unwrap_or(u64::MAX), LEAST_BYTES),
+            ("max-queued-jobs-per-tenant", self.traffic.max_queued_jobs_per_tenant, 1),
             ("max-disk-bytes", self.storage.max_disk_bytes.unwrap_or(u64::MAX), LEAST_BYTES),
         ] {
             if value < least {
@@ -216,13 +177,6 @@ impl Settings {
                     "no job could ever run with this --{flag}: give at least {least}, or leave it out; it is {value}"
                 )));
             }
-        }
-        if traffic.max_bytes_in_flight < self.max_upload_bytes {
-            return Err(Error::parameter(format_args!(
-                "an upload of --max-upload-bytes ({}) could never come in with a lower --max-bytes-in-flight: lower \
-                 the first or raise the second, which is {}",
-                self.max_upload_bytes, traffic.max_bytes_in_flight
-            )));
         }
         Ok(())
     }
@@ -234,11 +188,7 @@ impl Settings {
 
     /// What a mesh may cost.
     pub(super) fn limits(&self) -> Limits {
-        Limits {
-            max_bytes: self.max_upload_bytes,
-            max_faces: self.max_faces,
-            max_faces_per_byte: Some(self.max_faces_per_byte),
-        }
+        Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces, ..Limits::default() }
     }
 }
 
@@ -268,15 +218,12 @@ mod tests {
     #[test]
     fn amounts_with_which_nothing_can_be_done_are_refused_by_name() {
         type Change = fn(&mut Settings);
-        let impossible: [(&str, Change); 8] = [
+        let impossible: [(&str, Change); 5] = [
             ("--max-upload-bytes", |settings| settings.max_upload_bytes = 0),
             ("--max-faces", |settings| settings.max_faces = 0),
             ("--max-queued-jobs", |settings| settings.max_queued_jobs = 0),
             ("--max-queued-jobs-per-tenant", |settings| settings.traffic.max_queued_jobs_per_tenant = 0),
-            ("--max-requests-at-once", |settings| settings.traffic.max_requests_at_once = 0),
-            ("--memory-budget", |settings| settings.work.memory_budget = Some(1)),
             ("--max-disk-bytes", |settings| settings.storage.max_disk_bytes = Some(1)),
-            ("--max-bytes-in-flight", |settings| settings.traffic.max_bytes_in_flight = 1),
         ];
         for (flag, change) in impossible {
             let mut settings = Settings::default();
@@ -289,7 +236,7 @@ mod tests {
     #[test]
     fn every_setting_is_a_flag_a_variable_and_explained() {
         let command = Settings::augment_args(Command::new("test"));
-        for argument in command.get_arguments() {
+        for argument in command.get_arguments().filter(|argument| !argument.is_hide_set()) {
             let name = argument.get_id().as_str();
             let flag = argument.get_long().expect("a flag");
             assert_eq!(flag, name.replace('_', "-"));

@@ -55,15 +55,12 @@ fn no_line_of_the_help_is_too_long() {
 
 #[test]
 fn the_short_help_is_one_screen_and_the_long_one_has_headings() {
-    let words = ["tesserae", "cluster"].map(str::to_owned);
-    let [short, _] = helps(&words, "-h");
-    assert!(short.lines().count() <= SCREEN, "{}: {short}", short.lines().count());
+    let [short, long] = of_command("cluster");
     for flag in
         ["INPUT", "-k", "-o", "--algorithm", "--quality", "--remesh", "--hierarchy", "--report", "--device", "-q"]
     {
         assert!(short.contains(flag), "{flag}: {short}");
     }
-    let [long, _] = helps(&words, "--help");
     for heading in [
         "Input:",
         "Clusters:",
@@ -77,6 +74,40 @@ fn the_short_help_is_one_screen_and_the_long_one_has_headings() {
         assert!(long.lines().any(|line| line == heading), "{heading}: {long}");
     }
     assert!(long.lines().count() > 2 * short.lines().count());
+    let [short, long] = of_command("serve");
+    for flag in ["--listen", "--data-dir", "--tokens", "--max-upload-bytes", "--retention", "--device", "--log"] {
+        assert!(short.contains(flag), "{flag}: {short}");
+    }
+    for heading in ["Places:", "Access:", "Work:", "Limits:", "Room:", "Stop:", "Webhooks:", "Log:"] {
+        assert!(long.lines().any(|line| line == heading), "{heading}: {long}");
+    }
+    assert!(!long.contains("--crash-pause"), "it is for tests: {long}");
+}
+
+/// The short help of a command, which is one screen, and the long one.
+fn of_command(name: &str) -> [String; 2] {
+    let words = ["tesserae", name].map(str::to_owned);
+    let [short, long] = ["-h", "--help"].map(|flag| helps(&words, flag)[0].clone());
+    assert!(short.lines().count() <= SCREEN, "{}: {short}", short.lines().count());
+    [short, long]
+}
+
+/// Settings that `tesserae serve` may have.
+const MOST_SETTINGS: usize = 28;
+
+/// Flags that are hidden, for tests that kill the process.
+const HIDDEN: [&str; 2] = ["max-attempts", "crash-pause"];
+
+#[test]
+fn the_service_has_few_settings_and_each_is_a_variable() {
+    let cli = Cli::command();
+    let serve = cli.find_subcommand("serve").expect("a command");
+    let (hidden, settings): (Vec<_>, Vec<_>) = serve.get_arguments().partition(|argument| argument.is_hide_set());
+    let names: Vec<&str> = hidden.iter().filter_map(|argument| argument.get_long()).collect();
+    assert_eq!(names, HIDDEN);
+    assert!(hidden.iter().all(|argument| argument.get_env().is_none()), "{hidden:?}");
+    assert!(settings.iter().all(|argument| argument.get_env().is_some()), "{settings:?}");
+    assert!(settings.len() <= MOST_SETTINGS, "{}: make a constant of one, or compute it", settings.len());
 }
 
 /// Lines below "Example" can be copied: with ends that are joined, each is a command line that the parser takes.

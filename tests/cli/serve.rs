@@ -207,7 +207,7 @@ fn a_hangup_makes_the_service_read_its_tokens_again() {
 fn settings_that_cannot_be_are_told_before_the_device_is_opened() {
     use std::os::unix::fs::PermissionsExt as _;
     let folder = Folder::new();
-    for (flag, value) in [("--max-queued-jobs", "0"), ("--memory-budget", "1"), ("--max-disk-bytes", "1")] {
+    for (flag, value) in [("--max-queued-jobs", "0"), ("--max-disk-bytes", "1")] {
         folder.run(&["serve", flag, value]).expect_usage_error(&[flag, value]);
     }
     let all = u64::MAX.to_string();

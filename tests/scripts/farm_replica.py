@@ -19,8 +19,8 @@ BLOBS = WORK / "blobs"
 TOKENS = WORK / "tokens.json"
 # bytes above which an upload is a file
 SMALL = 256 << 10
-# seconds after which the jobs of a killed worker are given to another one
-LEASE = 2
+# seconds after which the jobs of a killed worker are given to another one, at most
+LEASE = 30
 
 
 def new_token(tenant, *options):
@@ -37,16 +37,15 @@ class Replica:
     """A service of the farm, which is killed and started again, always at the same address."""
 
     def __init__(self, name, database, binary, *arguments):
-        self.name = name
+        self.part = name
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.address = probe.getsockname()
-        self.log = open(WORK / f"{name}.log", "ab")
+        self.log = open(WORK / f"{self.part}.log", "ab")
         self.binary = binary
         self.arguments = [
             "serve", "--listen", "%s:%d" % self.address, "--store", database.url, "--blobs", BLOBS,
-            *([] if "--tokens-in-store" in arguments else ["--tokens", TOKENS]),
-            "--device", "cpu", "--worker-name", name, "--lease", str(LEASE), "--min-free-bytes", "0", "--log", "info",
+            "--tokens", TOKENS, "--device", "cpu", "--min-free-bytes", "0", "--log", "info",
             "--max-request-rate", "1000000", "--max-queued-jobs", "100000", "--max-queued-jobs-per-tenant", "100000",
             "--crash-pause", "0",
             # kills are so many that a job may be alone at work in several
@@ -57,6 +56,11 @@ class Replica:
         self.process = subprocess.Popen(
             [self.binary, *self.arguments], stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
 
+    @property
+    def name(self):
+        """As jobs tell which worker had them: new at every start."""
+        return f"{socket.gethostname()}-{self.process.pid}"
+
     def kill(self):
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
@@ -64,10 +68,10 @@ class Replica:
     def stop(self):
         self.process.send_signal(signal.SIGTERM)
         status = self.process.wait(timeout=60)
-        assert status == 0, f"{self.name} ended with {status}:\n{self.tail()}"
+        assert status == 0, f"{self.part} ended with {status}:\n{self.tail()}"
 
     def tail(self):
-        return (WORK / f"{self.name}.log").read_text(errors="replace")[-3000:]
+        return (WORK / f"{self.part}.log").read_text(errors="replace")[-3000:]
 
     def request(self, method, path, body=None, headers={}, timeout=60):
         connection = http.client.HTTPConnection(*self.address, timeout=timeout)
@@ -82,7 +86,7 @@ class Replica:
 
     def get(self, path):
         status, body, _ = self.request("GET", path)
-        assert status == 200, f"{self.name}: GET {path}: {status} {body!r}"
+        assert status == 200, f"{self.part}: GET {path}: {status} {body!r}"
         return body
 
     def job(self, id):
@@ -92,8 +96,8 @@ class Replica:
         def is_ready():
             with contextlib.suppress(OSError):
                 return self.request("GET", "/readyz")[0] == 200
-            assert self.process.poll() is None, f"{self.name} ended by itself:\n{self.tail()}"
-        wait_for(is_ready, f"{self.name} is ready")
+            assert self.process.poll() is None, f"{self.part} ended by itself:\n{self.tail()}"
+        wait_for(is_ready, f"{self.part} is ready")
 
 
 def wait_for(condition, what, seconds=60):

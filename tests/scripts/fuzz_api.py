@@ -74,15 +74,6 @@ def follow_links(url, folder):
     assert covered and int(covered[1]) > 0, "no link of the document was followed to an answer"
 
 
-def resume_workers(url):
-    """Ends the draining of workers that a run has found by their ids: they claim no jobs meanwhile."""
-    with urllib.request.urlopen(url + "/v1/workers") as answer:
-        draining = [worker["id"] for worker in json.load(answer)["workers"] if worker["draining"]]
-    for id in draining:
-        urllib.request.urlopen(urllib.request.Request(f"{url}/v1/workers/{id}/drain", method="DELETE")).close()
-    print("drained, and resumed:", len(draining), flush=True)
-
-
 def main(binary):
     # as fast as it comes: the limits have tests of their own
     unlimited = ["--max-request-rate", "0"]
@@ -92,7 +83,6 @@ def main(binary):
         fuzz(service.url, folder, "", "--max-examples", "150", *ONE_BY_ONE)
         print("links from one operation to the next", flush=True)
         follow_links(service.url, folder)
-        resume_workers(service.url)
         # made only now, because the first run deletes what it finds
         job = ended_job(binary, service.url, folder)
         print("everything that can be read of a job that ended", flush=True)

@@ -10,7 +10,7 @@ use tesserae_mesh::service::{Server, Settings, TokenFile};
 
 use crate::support::*;
 
-/// A file of tokens for two tenants and one that may read metrics and drain workers; and their tokens.
+/// A file of tokens for two tenants and one that may read metrics; and their tokens.
 fn tokens() -> (TempDir, [String; 3]) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("tokens.json");
@@ -18,7 +18,7 @@ fn tokens() -> (TempDir, [String; 3]) {
         TokenFile::change(&path, |file| {
             let token = file.add(tenant)?;
             let entry = file.tenants.get_mut(tenant).expect("just made");
-            (entry.metrics, entry.admin) = (tenant == "monitoring", tenant == "monitoring");
+            entry.metrics = tenant == "monitoring";
             Ok(token.reveal())
         })
         .expect("made")
@@ -124,39 +124,20 @@ async fn two_tenants_prying_at_each_other_find_nothing() {
 }
 
 #[tokio::test]
-async fn metrics_are_for_who_may_read_them() {
+async fn metrics_and_workers_are_for_who_may_read_them() {
     let (folder, [mine, _, monitoring]) = tokens();
     let service = with_tokens(folder.path()).await;
-    let detail = refused(service.get("/metrics").bearer_auth(&mine), 403, "forbidden").await;
-    assert!(detail.contains("--metrics"), "{detail}");
-    assert_eq!(service.get("/metrics").bearer_auth(&monitoring).send().await.expect("answered").status(), 200);
-}
-
-#[tokio::test]
-async fn workers_are_for_the_operator_and_one_that_drains_begins_no_job() {
-    let (folder, [mine, _, operator]) = tokens();
-    let service = with_tokens(folder.path()).await;
-    let detail = refused(service.get("/v1/workers").bearer_auth(&mine), 403, "forbidden").await;
-    assert!(detail.contains("--admin"), "{detail}");
-    let worker = loop {
-        // announced while the service starts
-        let list = json(service.get("/v1/workers").bearer_auth(&operator)).await;
-        if let Some(worker) = list["workers"].get(0) {
-            break worker.clone();
-        }
-    };
-    assert_eq!((&worker["draining"], &worker["version"]), (&false.into(), &env!("CARGO_PKG_VERSION").into()));
-    let drain = format!("/v1/workers/{}/drain", worker["id"].as_str().expect("an id"));
-    refused(service.post(&drain).bearer_auth(&mine), 403, "forbidden").await;
-    let unknown = "/v1/workers/00000000-0000-4000-8000-000000000000/drain";
-    refused(service.post(unknown).bearer_auth(&operator), 404, "not-found").await;
-    refused(service.post("/v1/workers/x/drain").bearer_auth(&operator), 404, "not-found").await;
-    assert_eq!(json(service.post(&drain).bearer_auth(&operator)).await["draining"], true);
-    let waiting = json(submit(&service, "clusters=7").header("prefer", "wait=1").bearer_auth(&mine)).await;
-    assert_eq!(waiting["state"], "queued", "it claims nothing");
-    assert_eq!(json(service.delete(&drain).bearer_auth(&operator)).await["draining"], false);
-    let path = format!("/v1/jobs/{}", waiting["id"].as_str().expect("an id"));
-    while json(service.get(&path).bearer_auth(&mine)).await["state"] != "succeeded" {}
+    for path in ["/metrics", "/v1/workers"] {
+        let detail = refused(service.get(path).bearer_auth(&mine), 403, "forbidden").await;
+        assert!(detail.starts_with(path) && detail.contains("--metrics"), "{detail}");
+        assert_eq!(service.get(path).bearer_auth(&monitoring).send().await.expect("answered").status(), 200);
+    }
+    // announced while the service starts
+    until(async || {
+        json(service.get("/v1/workers").bearer_auth(&monitoring)).await["workers"][0]["version"]
+            == env!("CARGO_PKG_VERSION")
+    })
+    .await;
 }
 
 #[tokio::test]
@@ -181,6 +162,43 @@ async fn the_file_is_read_again_and_a_broken_one_changes_nothing() {
     until(async || status(&new).await == 200).await;
     assert_eq!(status(&theirs).await, 401);
     until(async || ready().await["status"] == "ok").await;
+}
+
+/// Kubernetes mounts a secret as links to a folder, which is another one after a change.
+#[cfg(unix)]
+#[tokio::test]
+async fn a_mounted_secret_is_read_again_when_it_changes_and_once_it_can_be_read() {
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let permit = |version: &str, mode| {
+        let permissions = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(at(version).join("tokens.json"), permissions).expect("changed");
+    };
+    let mount = |version: &str, mode| {
+        std::fs::create_dir(at(version)).expect("made");
+        let token = TokenFile::change(&at(version).join("tokens.json"), |file| Ok(file.add("acme")?.reveal()));
+        permit(version, mode);
+        symlink(version, at("new")).expect("linked");
+        std::fs::rename(at("new"), at("..data")).expect("swapped");
+        token.expect("made")
+    };
+    let first = mount("1", 0o440);
+    symlink("..data/tokens.json", at("tokens.json")).expect("linked");
+    let service = with_tokens(folder.path()).await;
+    let status =
+        async |token: &str| service.get("/v1/jobs").bearer_auth(token).send().await.expect("answered").status();
+    assert_eq!(status(&first).await, 200);
+    let second = mount("2", 0o440);
+    until(async || status(&second).await == 200).await;
+    assert_eq!(status(&first).await, 401);
+    let third = mount("3", 0o666);
+    until(async || json(service.get("/readyz")).await["status"] == "degraded").await;
+    assert_eq!(status(&second).await, 200, "the tokens are as they were before");
+    assert_eq!(status(&third).await, 401);
+    // neither time nor length of the file changes
+    permit("3", 0o440);
+    until(async || status(&third).await == 200).await;
 }
 
 #[tokio::test]

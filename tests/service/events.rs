@@ -190,7 +190,7 @@ async fn a_failed_and_a_cancelled_job_end_their_streams() {
 #[tokio::test]
 async fn quiet_streams_are_kept_open_by_comments() {
     let (device, gate) = Held::behind_gate();
-    let service = Service::with(|settings| settings.keep_alive = 1, device).await;
+    let service = Service::with(|_| {}, device).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     let mut stream = Stream::open(&service, &job, None).await;
     stream.next().await;

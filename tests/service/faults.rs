@@ -217,8 +217,14 @@ async fn with_losses(losses: usize, or_cpu: bool, still: Option<Gate>) -> (Servi
     });
     let extras = Extras { reopen: Some(reopen), ..Extras::default() };
     let data = Arc::new(tempfile::tempdir().expect("a folder"));
-    let service =
-        Service::on(data, |settings| settings.work.device_timeout = 1, device, or_cpu.then_some(0), extras).await;
+    let service = Service::on(
+        data,
+        |settings| settings.work.device_timeout = std::time::Duration::from_secs(1),
+        device,
+        or_cpu.then_some(0),
+        extras,
+    )
+    .await;
     (service, counts)
 }
 

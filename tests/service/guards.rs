@@ -192,7 +192,7 @@ fn liveness_is_answered_while_all_threads_that_answer_requests_are_blocked() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn liveness_is_answered_while_there_is_no_place_for_another_connection() {
-    let service = with(|settings| settings.traffic.max_connections = 2).await;
+    let service = with(|settings| settings.traffic.constants.connections = 2).await;
     let address = service.address;
     let answered = |request: &str| {
         let mut answer = Vec::new();

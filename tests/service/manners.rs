@@ -5,7 +5,6 @@ use std::io::Read as _;
 use reqwest::Method;
 use serde_json::Value;
 use tesserae_mesh::artifacts::{self, Need};
-use tesserae_mesh::device::cpu::CpuDevice;
 
 use crate::support::*;
 
@@ -233,7 +232,7 @@ async fn everything_that_can_be_got_has_a_head() {
 
 #[tokio::test]
 async fn pages_link_to_the_next_one() {
-    let service = Service::with(|settings| settings.max_wait = 60, Box::new(CpuDevice::new())).await;
+    let service = Service::start().await;
     for _ in 0..5 {
         let job = service.submit("clusters=3", sphere(100)).await;
         service.ended(&job).await;

@@ -47,14 +47,6 @@ async fn the_page_has_a_strict_policy_and_is_validated_before_each_use() {
 }
 
 #[tokio::test]
-async fn a_service_can_be_without_its_page() {
-    let service = Service::with(|settings| settings.no_page = true, Box::new(CpuDevice::new())).await;
-    let detail = refused(service.get("/"), 404, "not-found").await;
-    assert!(detail.contains("--no-page"), "{detail}");
-    refused(service.get("/page.js"), 404, "not-found").await;
-}
-
-#[tokio::test]
 async fn the_page_needs_no_token_and_gives_no_data() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("tokens.json");

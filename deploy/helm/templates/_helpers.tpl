@@ -64,13 +64,7 @@ spec:
         - {name: TESSERAE_WORK, value: {{ .work | quote }}}
         - {name: TESSERAE_DEVICE, value: {{ .device }}}
         - {name: TESSERAE_DRAIN_DELAY, value: {{ .drain | quote }}}
-        {{- if .root.Values.tokens.inStore }}
-        - {name: TESSERAE_TOKENS_IN_STORE, value: "true"}
-        {{- else }}
         - {name: TESSERAE_TOKENS, value: /etc/tesserae/tokens.json}
-        {{- end }}
-        - name: TESSERAE_WORKER_NAME
-          valueFrom: {fieldRef: {fieldPath: metadata.name}}
         - {name: AWS_REGION, value: {{ .root.Values.bucket.region | quote }}}
         {{- with .root.Values.bucket.endpoint }}
         - {name: AWS_ENDPOINT_URL, value: {{ . | quote }}}
@@ -107,16 +101,13 @@ spec:
       volumeMounts:
         - {name: data, mountPath: /data}
         - {name: tmp, mountPath: /tmp}
-        {{- if not .root.Values.tokens.inStore }}
         - {name: tokens, mountPath: /etc/tesserae, readOnly: true}
-        {{- end }}
   volumes:
     # answers that are made of large results; jobs and their files are elsewhere
     - {name: data, emptyDir: {}}
     - {name: tmp, emptyDir: {}}
-    {{- if not .root.Values.tokens.inStore }}
-    - {name: tokens, secret: {secretName: {{ .root.Values.tokens.secret }}}}
-    {{- end }}
+    # for the user of the service, and for no other
+    - {name: tokens, secret: {secretName: {{ .root.Values.tokens.secret }}, defaultMode: 0440}}
   {{- with .group.nodeSelector }}
   nodeSelector: {{- toYaml . | nindent 4 }}
   {{- end }}

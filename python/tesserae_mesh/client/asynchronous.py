@@ -89,19 +89,9 @@ class AsyncClient:
         return device
 
     async def workers(self) -> list[Worker]:
-        """The processes that work on jobs. Needs a token of the operator's (``--admin``)."""
+        """The processes that work on jobs. Needs a token that was made with ``--metrics``."""
         found: WorkerList = await self._connection.run(results.info("listWorkers", self._patience))
         return found["workers"]
-
-    async def drain(self, worker: str) -> Worker:
-        """Lets a worker claim no more jobs, by its id; it ends those that it has."""
-        drained: Worker = await self._connection.run(results.info("drainWorker", self._patience, worker))
-        return drained
-
-    async def resume(self, worker: str) -> Worker:
-        """Lets a worker that drains claim jobs again."""
-        resumed: Worker = await self._connection.run(results.info("resumeWorker", self._patience, worker))
-        return resumed
 
     async def formats(self) -> Formats:
         """Formats of meshes and of labels."""

@@ -379,7 +379,6 @@ class Worker(TypedDict):
     name: str
     version: str
     device: str | None
-    draining: bool
     started_at: str
     seen_at: str
     jobs: list[str]

@@ -45,7 +45,7 @@ class Operation:
         Parameters
         ----------
         id : str
-            The job, the upload or the worker.
+            The job or the upload.
         query, headers : mapping
             Values by name.
         accept : str
@@ -94,8 +94,6 @@ _ALL = [
     _of_job("getRemesh", "remesh", "format", "clusters", "placement"),
     _of_job("getRemeshSource", "remesh-source", "format", "clusters", "placement"),
     Operation("listWorkers", "GET", "/v1/workers"),
-    Operation("drainWorker", "POST", "/v1/workers/{id}/drain"),
-    Operation("resumeWorker", "DELETE", "/v1/workers/{id}/drain"),
     Operation("getDevice", "GET", "/v1/device"),
     Operation("getFormats", "GET", "/v1/formats"),
     Operation("getVersion", "GET", "/v1/version"),

@@ -113,9 +113,9 @@ def table(job: str, query: Query, patience: float) -> Steps[list[Cluster]]:
     return cast("ClusterTable", document_)["clusters"]
 
 
-def info(id: str, patience: float, worker: str = "") -> Steps[Any]:
-    """What the service says about itself, or about one of its workers, as JSON."""
-    return members((yield from exchange(OPERATIONS[id].request(worker), patience)))
+def info(id: str, patience: float) -> Steps[Any]:
+    """What the service says about itself, as JSON."""
+    return members((yield from exchange(OPERATIONS[id].request(), patience)))
 
 
 def answers(id: str) -> Steps[bool]:

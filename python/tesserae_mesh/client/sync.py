@@ -140,19 +140,9 @@ class Client:
         return device
 
     def workers(self) -> list[Worker]:
-        """The processes that work on jobs. Needs a token of the operator's (``--admin``)."""
+        """The processes that work on jobs. Needs a token that was made with ``--metrics``."""
         found: WorkerList = self._connection.run(results.info("listWorkers", self._patience))
         return found["workers"]
-
-    def drain(self, worker: str) -> Worker:
-        """Lets a worker claim no more jobs, by its id; it ends those that it has."""
-        drained: Worker = self._connection.run(results.info("drainWorker", self._patience, worker))
-        return drained
-
-    def resume(self, worker: str) -> Worker:
-        """Lets a worker that drains claim jobs again."""
-        resumed: Worker = self._connection.run(results.info("resumeWorker", self._patience, worker))
-        return resumed
 
     def formats(self) -> Formats:
         """Formats of meshes and of labels."""

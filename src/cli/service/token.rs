@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use crate::cli::files::Target;
 use crate::cli::{Failure, print, print_line};
 use crate::error::{Error, Kind, wrong_json};
-use crate::service::{Quotas, StoreUrl, TokenFile};
+use crate::service::{Quotas, TokenFile};
 
 /// Arguments of `tesserae token`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A service that runs with the file takes the change within seconds, and so do all that run with the database. Quotas of \
-a tenant are set by `token quota`, or in the file, which is JSON:
+A service that runs with the file takes the change within seconds. Quotas of a tenant are set by `token quota`, or in \
+the file, which is JSON:
   \"quotas\": {\"max_queued_jobs\": 100, \"max_request_rate\": 50,
     \"max_requests_at_once\": 16, \"max_streams\": 64, \"max_running_jobs\": 4,
     \"weight\": 2}
@@ -33,13 +33,9 @@ enum Command {
         #[arg(value_parser = tenant_name)]
         tenant: String,
 
-        /// Let the tenant read /metrics, which tell about everybody
+        /// Let the tenant read /metrics and /v1/workers, which tell about all tenants
         #[arg(long)]
         metrics: bool,
-
-        /// Let the tenant list and drain the workers, which have jobs of everybody
-        #[arg(long)]
-        admin: bool,
 
         #[command(flatten)]
         place: Place,
@@ -76,61 +72,8 @@ enum Command {
 #[derive(Debug, clap::Args)]
 struct Place {
     /// File of tokens; `new` makes it if it is not there
-    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE", required_unless_present = "store")]
-    tokens: Option<PathBuf>,
-
-    /// Database that services share, as for `tesserae serve --tokens-in-store`; not looked at beside a file
-    #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true)]
-    store: Option<StoreUrl>,
-}
-
-impl Place {
-    /// The tokens.
-    fn read(&self) -> Result<TokenFile, Failure> {
-        match &self.tokens {
-            Some(path) => Ok(TokenFile::read(path)?),
-            None => Ok(in_store::read(self.store()?)?),
-        }
-    }
-
-    /// Changes the tokens, whole or not at all.
-    fn change<T>(&self, change: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
-        match &self.tokens {
-            Some(path) => TokenFile::try_change(path, change),
-            None => in_store::change(self.store()?, change),
-        }
-    }
-
-    /// The database, where no file is named.
-    fn store(&self) -> Result<&StoreUrl, Failure> {
-        self.store.as_ref().ok_or_else(|| Error::parameter("give --tokens FILE, or --store URL").into())
-    }
-}
-
-/// Tokens in a database.
-#[cfg(feature = "postgres")]
-mod in_store {
-    pub use crate::service::{change_tokens as change, read_tokens as read};
-}
-
-/// Refuses a database: this build knows none.
-#[cfg(not(feature = "postgres"))]
-mod in_store {
-    use crate::cli::Failure;
-    use crate::error::{Error, Result};
-    use crate::service::{StoreUrl, TokenFile};
-
-    pub fn read(_: &StoreUrl) -> Result<TokenFile> {
-        Err(refused())
-    }
-
-    pub fn change<T>(_: &StoreUrl, _: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
-        Err(refused().into())
-    }
-
-    fn refused() -> Error {
-        Error::parameter("this build has no --store: build tesserae with the cargo feature postgres")
-    }
+    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
+    tokens: PathBuf,
 }
 
 fn tenant_name(name: &str) -> Result<String, String> {
@@ -144,20 +87,19 @@ fn quotas(text: &str) -> Result<Quotas, String> {
 /// Does what the arguments say.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.command {
-        Command::New { tenant, metrics, admin, place } => {
+        Command::New { tenant, metrics, place } => {
             Target::Stdout.check()?;
             // printed before the file is written: a token that was never shown is never valid
-            place.change(|file| {
+            TokenFile::try_change(&place.tokens, |file| {
                 let token = file.add(tenant)?;
                 if let Some(entry) = file.tenants.get_mut(tenant) {
                     entry.metrics |= *metrics;
-                    entry.admin |= *admin;
                 }
                 print(|out| writeln!(out, "{}", token.reveal()))
             })
         }
         Command::List { place } => {
-            let file = place.read()?;
+            let file = TokenFile::read(&place.tokens)?;
             print(|out| {
                 file.tenants.iter().try_for_each(|(name, tenant)| {
                     let ids: Vec<&str> = tenant.tokens.iter().map(|token| token.id.as_str()).collect();
@@ -165,14 +107,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 })
             })
         }
-        Command::Quota { tenant, quotas, place } => place.change(|file| {
+        Command::Quota { tenant, quotas, place } => TokenFile::try_change(&place.tokens, |file| {
             file.tenants.entry(tenant.clone()).or_default().quotas = *quotas;
             Ok(file.check()?)
         }),
         Command::Revoke { id, place } => {
-            let tenant = place.change(|file| match file.revoke(id) {
+            let tenant = TokenFile::change(&place.tokens, |file| match file.revoke(id) {
                 Some(tenant) => Ok(tenant.to_owned()),
-                None => Err(Error::new(Kind::NotFound, format_args!("there is no token with this id: {id:?}")).into()),
+                None => Err(Error::new(Kind::NotFound, format_args!("there is no token with this id: {id:?}"))),
             })?;
             print_line(&format!("{tenant}: {id} is no longer a token"))
         }

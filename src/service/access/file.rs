@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 use std::path::Path;
+use std::time::SystemTime;
 
 use super::tokens::{TokenFile, Tokens};
 use crate::error::{Error, Kind, Result};
@@ -60,6 +61,18 @@ impl Tokens {
     pub fn read(path: &Path) -> Result<Self> {
         check_permissions(path)?;
         Self::of(&TokenFile::read(path)?)
+    }
+}
+
+/// What changes when the file does: when it was written, and its length. None while it is not there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Stamp(Option<(Option<SystemTime>, u64)>);
+
+impl Stamp {
+    /// The stamp of the file as it is now.
+    pub fn of(path: &Path) -> Self {
+        let metadata = std::fs::metadata(path);
+        Self(metadata.ok().map(|metadata| (metadata.modified().ok(), metadata.len())))
     }
 }
 

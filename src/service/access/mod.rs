@@ -5,12 +5,10 @@
 //! an error.
 
 mod file;
-#[cfg(feature = "postgres")]
-mod in_store;
-mod place;
 pub(super) mod tokens;
 
 use std::net::IpAddr;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
@@ -20,19 +18,18 @@ use axum::http::{HeaderMap, header};
 use tokio::sync::{Notify, watch};
 use tokio_util::sync::CancellationToken;
 
-#[cfg(feature = "postgres")]
-pub use self::in_store::{change_tokens, read_tokens};
-use self::place::{Place, Stamp};
+use self::file::Stamp;
 use self::tokens::{Tenant, TokenName, Tokens};
+use super::blocking::blocking;
 use super::health::{Health, Part};
 use super::problem::Failure;
 use super::settings::AccessSettings;
+use super::store::LOCAL_TENANT;
 use super::store::fairness::Shares;
-use super::store::{LOCAL_TENANT, TokenStore};
 use super::trace::Origin;
 use crate::error::{Error, Kind, Result};
 
-/// How often is looked whether the tokens changed.
+/// How often the file of tokens is looked at for a change.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
@@ -51,8 +48,8 @@ const OPEN: [&str; 12] = [
     "/knot.tsr",
 ];
 
-/// The path with data of all tenants.
-const METRICS: &str = "/metrics";
+/// Paths with data of all tenants.
+const OF_ALL_TENANTS: [&str; 2] = ["/metrics", "/v1/workers"];
 
 /// The sender of a request.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,22 +86,6 @@ impl Caller {
         self.token.as_ref().map(TokenName::id)
     }
 
-    /// Refuses callers that may not see and change what is of all tenants.
-    pub fn operator(&self) -> Result<()> {
-        let tenant = self.tenant()?;
-        match tenant.admin {
-            true => Ok(()),
-            false => Err(Error::new(
-                Kind::Forbidden,
-                format_args!(
-                    "workers have jobs of all tenants; the operator makes a token for them with `tesserae token new \
-                     NAME --admin`, which this one is not: {}",
-                    tenant.name
-                ),
-            )),
-        }
-    }
-
     /// The tenant whose jobs it may see.
     pub fn tenant(&self) -> Result<&Tenant> {
         self.tenant.as_ref().ok_or_else(missing)
@@ -124,12 +105,12 @@ pub(super) struct Access {
     shares: watch::Sender<Arc<Shares>>,
 }
 
-/// The tokens, and where they were read from.
+/// The tokens, and the file that they were read from.
 #[derive(Debug)]
 struct Kept {
-    place: Place,
-    /// When they were read first.
-    first: Option<Stamp>,
+    path: PathBuf,
+    /// Of the file when it was read first.
+    first: Stamp,
     tokens: RwLock<Arc<Tokens>>,
 }
 
@@ -141,19 +122,15 @@ impl Kept {
 }
 
 impl Access {
-    /// Reads the tokens, if there are to be some: of a file, or of the store where the settings say so.
-    pub async fn open(settings: &AccessSettings, store: Option<Arc<dyn TokenStore>>) -> Result<Self> {
-        let place = match (&settings.tokens, store.filter(|_| settings.tokens_in_store)) {
-            (Some(path), _) => Some(Place::File(path.clone())),
-            (None, store) => store.map(Place::Store),
-        };
-        let kept = match place {
-            Some(place) => {
+    /// Reads the tokens, if there are to be some.
+    pub async fn open(settings: &AccessSettings) -> Result<Self> {
+        let kept = match settings.tokens.clone() {
+            Some(path) => {
                 // before they are read: what changes meanwhile is read again
-                let first = place.stamp().await;
-                let tokens = Arc::new(place.read().await?);
-                tracing::info!(tokens = tokens.len(), "read {}", place.name());
-                Some(Kept { place, first, tokens: RwLock::new(tokens) })
+                let first = on_file(&path, Stamp::of).await?;
+                let tokens = Arc::new(on_file(&path, Tokens::read).await.flatten()?);
+                tracing::info!(tokens = tokens.len(), "read {}", path.display());
+                Some(Kept { path, first, tokens: RwLock::new(tokens) })
             }
             None => None,
         };
@@ -169,8 +146,7 @@ impl Access {
     /// The caller of a request with these headers to `path`; an error where access is denied.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
         let Some(kept) = &self.kept else {
-            let local =
-                Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true, admin: true };
+            let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
             return Ok(Caller { tenant: Some(local), token: None, origin: None });
         };
         if OPEN.contains(&path) {
@@ -180,12 +156,12 @@ impl Access {
         let (tenant, token) = tokens.tenant(bearer(headers)?).ok_or_else(|| {
             Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
         })?;
-        if path == METRICS && !tenant.metrics {
+        if OF_ALL_TENANTS.contains(&path) && !tenant.metrics {
             return Err(Error::new(
                 Kind::Forbidden,
                 format_args!(
-                    "metrics tell about all tenants; the operator makes a token that may read them with `tesserae \
-                     token new NAME --metrics`, which this one may not: {}",
+                    "{path} tells about all tenants; the operator makes a token that may read it with `tesserae token \
+                     new NAME --metrics`, which this one may not: {}",
                     tenant.name
                 ),
             ));
@@ -197,7 +173,7 @@ impl Access {
     /// from this machine, and not through a proxy, where there are no tokens.
     pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
         match self.kept {
-            Some(_) => self.caller(METRICS, headers).is_ok(),
+            Some(_) => self.caller(OF_ALL_TENANTS[0], headers).is_ok(),
             None => {
                 client.is_loopback() && !["forwarded", "x-forwarded-for"].iter().any(|name| headers.contains_key(*name))
             }
@@ -231,14 +207,13 @@ impl Access {
                 () = tokio::time::sleep(LOOK_EVERY) => false,
                 () = reload.notified() => true,
             };
-            let stamp = kept.place.stamp().await;
-            // a store that is away shows in the health of the store
-            if !is_asked && (stamp.is_none() || stamp == seen) {
+            let Ok(stamp) = on_file(&kept.path, Stamp::of).await else { continue };
+            if !is_asked && stamp == seen {
                 continue;
             }
-            match kept.place.read().await {
+            match on_file(&kept.path, Tokens::read).await.flatten() {
                 Ok(tokens) => {
-                    tracing::info!(tokens = tokens.len(), "read {} again", kept.place.name());
+                    tracing::info!(tokens = tokens.len(), "read {} again", kept.path.display());
                     self.shares.send_replace(Arc::new(tokens.shares()));
                     *kept.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
                     self.changes.send_replace(());
@@ -252,6 +227,12 @@ impl Access {
     }
 }
 
+/// What `work` finds in a file, away from the runtime.
+async fn on_file<T: Send + 'static>(path: &Path, work: fn(&Path) -> T) -> Result<T> {
+    let path = path.to_owned();
+    blocking(move || work(&path)).await
+}
+
 /// The token of a request (RFC 6750 §2.1).
 fn bearer(headers: &HeaderMap) -> Result<&str> {
     let unauthorized = |message| Error::new(Kind::Unauthorized, message);
@@ -263,59 +244,5 @@ fn bearer(headers: &HeaderMap) -> Result<&str> {
     match scheme.eq_ignore_ascii_case("bearer") {
         true => Ok(token.trim()),
         false => Err(unauthorized("Authorization must be `Bearer TOKEN`")),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::atomic::{AtomicU64, Ordering};
-
-    use async_trait::async_trait;
-    use serde_json::json;
-
-    use super::*;
-    use crate::service::store::TokenRows;
-
-    /// A store whose rows cannot be read a few times.
-    #[derive(Debug, Default)]
-    struct Rows {
-        version: AtomicU64,
-        failures: AtomicU64,
-    }
-
-    #[async_trait]
-    impl TokenStore for Rows {
-        async fn token_version(&self) -> Result<u64> {
-            Ok(self.version.load(Ordering::SeqCst))
-        }
-
-        async fn token_rows(&self) -> Result<TokenRows> {
-            let fails = self.failures.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
-            if fails.is_ok() {
-                return Err(Error::new(Kind::Unavailable, "away"));
-            }
-            let entry = json!({"quotas": {"weight": 1 + self.token_version().await?}});
-            Ok(TokenRows::from([("acme".to_owned(), entry)]))
-        }
-    }
-
-    #[tokio::test]
-    async fn a_change_of_tokens_that_could_not_be_read_once_is_read_at_the_next_look() {
-        let rows = Arc::new(Rows::default());
-        let settings = AccessSettings { tokens_in_store: true, ..AccessSettings::default() };
-        let access = Access::open(&settings, Some(rows.clone())).await.expect("opened");
-        let (health, stop) = (Health::default(), CancellationToken::new());
-        let mut shares = access.shares();
-        assert_eq!(shares.borrow_and_update().of("acme").weight, 1);
-        rows.failures.store(1, Ordering::SeqCst);
-        rows.version.store(1, Ordering::SeqCst);
-        let read = async {
-            tokio::time::timeout(Duration::from_secs(60), shares.changed()).await.expect("in time").expect("followed");
-            assert_eq!(shares.borrow().of("acme").weight, 2);
-            stop.cancel();
-        };
-        tokio::join!(access.follow(&health, Arc::default(), stop.clone()), read);
-        assert_eq!(rows.failures.load(Ordering::SeqCst), 0, "it was read twice");
-        assert!(health.conditions().is_empty(), "and is in order again");
     }
 }

@@ -66,12 +66,9 @@ pub struct TokenFile {
 pub struct TenantEntry {
     /// What it may use.
     pub quotas: Quotas,
-    /// Whether it may read `/metrics`, which cover all tenants.
+    /// Whether it may read `/metrics` and `/v1/workers`, which cover all tenants.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub metrics: bool,
-    /// Whether it may see and drain workers.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub admin: bool,
     /// Its tokens, any of which will do.
     pub tokens: Vec<TokenEntry>,
 }
@@ -184,8 +181,7 @@ impl TokenFile {
                      number, or set max_queued_jobs to 0 to take no jobs of {name:?}"
                 )));
             }
-            let owner =
-                Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics, admin: tenant.admin };
+            let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
             for token in &tenant.tokens {
                 let known = token.known(owner.clone()).ok_or_else(|| {
                     Error::parameter(format_args!("a token is not as this program writes them, of {name:?}"))
@@ -250,10 +246,8 @@ pub(in crate::service) struct Tenant {
     pub name: String,
     /// What it may use.
     pub quotas: Quotas,
-    /// Whether it may read `/metrics`.
+    /// Whether it may read `/metrics` and `/v1/workers`.
     pub metrics: bool,
-    /// Whether it may see and drain workers.
-    pub admin: bool,
 }
 
 impl Tokens {

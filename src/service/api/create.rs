@@ -106,7 +106,8 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
         None => false,
     };
     let uploads = Arc::clone(&shared.traffic.uploads);
-    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
+    let traffic = &shared.settings.traffic;
+    let rules = Rules::new(shared.settings.max_upload_bytes, traffic.constants.body_timeout, uploads);
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
         let room = match shared.admission.check(&tenant).await {
@@ -120,7 +121,7 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
             return Err(refusal);
         }
     }
-    let wait = prefer::wait(request.headers(), shared.settings.max_wait());
+    let wait = prefer::wait(request.headers());
     let parent = request.extensions().get::<TraceParent>().map(TraceParent::to_string);
     let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
     upload.spec.trace_parent = parent;

@@ -111,7 +111,6 @@ pub(in crate::service) async fn stream(
     let reader = Reader {
         tokens: shared.access.changes(),
         caller,
-        keep_alive: shared.settings.keep_alive(),
         shared,
         id,
         after,
@@ -128,6 +127,9 @@ async fn is_beyond(shared: &Shared, id: JobId, number: u64) -> Result<bool> {
     Ok(page.is_none_or(|page| page.is_empty()))
 }
 
+/// Time between the comments that keep a quiet stream open: proxies close one after a minute, the shortest after 20 s.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
 /// One reader of a job's log.
 struct Reader {
     shared: Arc<Shared>,
@@ -139,7 +141,6 @@ struct Reader {
     /// Who reads, and what changes when that may be over.
     caller: Caller,
     tokens: watch::Receiver<()>,
-    keep_alive: Duration,
     /// Whether the last event was the last one.
     closing: bool,
 }
@@ -217,7 +218,7 @@ impl Reader {
 
 impl IntoResponse for Reader {
     fn into_response(self) -> Response {
-        let keep_alive = KeepAlive::new().interval(self.keep_alive);
+        let keep_alive = KeepAlive::new().interval(KEEP_ALIVE);
         let events = stream::unfold(self, |mut reader| async move {
             let event = reader.next().await?;
             Some((Ok::<_, Infallible>(event), reader))

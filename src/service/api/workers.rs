@@ -1,17 +1,14 @@
-//! The workers, for the operator: which there are, and draining one.
+//! The list of workers, for the operator.
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
 use axum::Json;
-use axum::extract::{Path, State as Extract};
+use axum::extract::State as Extract;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::error::{Error, Kind};
-use crate::service::access::Caller;
-use crate::service::audit::{self, Action};
 use crate::service::problem::Answer;
-use crate::service::state::{App, Shared};
+use crate::service::state::App;
 use crate::service::store::{JobId, Worker, WorkerId};
 use crate::service::timestamp::rfc3339;
 
@@ -28,8 +25,6 @@ pub(in crate::service) struct WorkerView {
     version: String,
     /// Name of its device; null where its version does not tell.
     device: Option<String>,
-    /// Whether it claims no more jobs. Without `jobs`, it can be stopped.
-    draining: bool,
     /// When it was first heard of.
     #[schema(format = DateTime)]
     started_at: String,
@@ -47,7 +42,6 @@ impl From<Worker> for WorkerView {
             name: worker.name,
             version: worker.version,
             device: worker.device,
-            draining: worker.drains,
             started_at: rfc3339(worker.started_at),
             seen_at: rfc3339(worker.seen_at),
             jobs: worker.jobs,
@@ -65,53 +59,12 @@ pub(in crate::service) struct WorkerList {
 /// List workers
 ///
 /// The processes that work on jobs of this store, front ends aside, that were heard of in the last five minutes or have
-/// jobs. Needs a token that was made with `--admin`.
+/// jobs. Needs a token that was made with `--metrics`.
 #[utoipa::path(
     get, path = "/v1/workers", tag = "service", operation_id = "listWorkers",
     responses((status = 200, description = "The workers", body = WorkerList)),
 )]
-pub(in crate::service) async fn list(Extract(shared): App, caller: Caller) -> Answer<Json<WorkerList>> {
-    caller.operator()?;
+pub(in crate::service) async fn list(Extract(shared): App) -> Answer<Json<WorkerList>> {
     let workers = shared.store.workers().await?.into_iter().map(WorkerView::from).collect();
     Ok(Json(WorkerList { workers }))
-}
-
-/// Drain a worker
-///
-/// It claims no more jobs, and ends those that it has; it goes on answering requests. It drains until it is resumed or
-/// its process ends. Needs a token that was made with `--admin`.
-#[utoipa::path(
-    post, path = "/v1/workers/{id}/drain", tag = "service", operation_id = "drainWorker",
-    responses((status = 200, description = "The worker, with the jobs that it still has", body = WorkerView)),
-)]
-pub(in crate::service) async fn drain(
-    Extract(shared): App,
-    caller: Caller,
-    Path(id): Path<String>,
-) -> Answer<Json<WorkerView>> {
-    set(&shared, &caller, &id, true).await
-}
-
-/// Resume a worker
-///
-/// A worker that drains claims jobs again. Needs a token that was made with `--admin`.
-#[utoipa::path(
-    delete, path = "/v1/workers/{id}/drain", tag = "service", operation_id = "resumeWorker",
-    responses((status = 200, description = "The worker", body = WorkerView)),
-)]
-pub(in crate::service) async fn resume(
-    Extract(shared): App,
-    caller: Caller,
-    Path(id): Path<String>,
-) -> Answer<Json<WorkerView>> {
-    set(&shared, &caller, &id, false).await
-}
-
-async fn set(shared: &Shared, caller: &Caller, id: &str, drains: bool) -> Answer<Json<WorkerView>> {
-    caller.operator()?;
-    let id: WorkerId = id.parse()?;
-    let worker = shared.store.drain(id, drains).await?;
-    let worker = worker.ok_or_else(|| Error::new(Kind::NotFound, format_args!("there is no such worker: {id}")))?;
-    audit::record(if drains { Action::Drained } else { Action::Resumed }, caller, id);
-    Ok(Json(worker.into()))
 }

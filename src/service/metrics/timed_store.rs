@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::service::store::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, JobStore, ListQuery, Maintenance, NewJob, Notice,
     Notices, Page, Presence, Progress, Pulse, Queue, Release, Retried, State, Statistics, Ticket, What, Worker,
-    WorkerId, Workers,
+    Workers,
 };
 
 /// Another store, timed.
@@ -107,7 +107,6 @@ timed!(Notices {
 timed!(Workers {
     "announce": announce(presence: &Presence) -> ();
     "workers": workers() -> Vec<Worker>;
-    "drain": drain(id: WorkerId, drains: bool) -> Option<Worker>;
 } and {});
 
 timed!(Maintenance {

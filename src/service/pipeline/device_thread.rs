@@ -174,10 +174,7 @@ impl DeviceThread {
                 *self.thread.lock() = thread;
                 Err(Error::new(
                     Kind::DeviceLost,
-                    format_args!(
-                        "the device showed no sign of life for {:?} (the service's --device-timeout)",
-                        self.timeout
-                    ),
+                    format_args!("the device showed no sign of life for {:?}", self.timeout),
                 ))
             }
         }

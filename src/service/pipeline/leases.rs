@@ -11,6 +11,10 @@ use tokio_util::sync::CancellationToken;
 
 use crate::service::store::{Queue, Ticket};
 
+/// For how long a job is leased at a time: a database may restart within it, and clients wait no longer for another
+/// worker.
+pub(super) const TERM: Duration = Duration::from_secs(30);
+
 /// Parts of a lease after which it is prolonged.
 const PARTS: u32 = 3;
 
@@ -18,24 +22,12 @@ const PARTS: u32 = 3;
 const AGAIN: Duration = Duration::from_secs(1);
 
 /// The leases of this process.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Leases {
-    /// For how long a job is leased at a time.
-    term: Duration,
     held: Mutex<HashMap<Ticket, CancellationToken>>,
 }
 
 impl Leases {
-    /// No leases, and the term of those to come.
-    pub fn new(term: Duration) -> Self {
-        Self { term, held: Mutex::default() }
-    }
-
-    /// For how long a job is leased at a time.
-    pub fn term(&self) -> Duration {
-        self.term
-    }
-
     /// Prolongs the lease of a job until this is dropped.
     pub fn hold(self: &Arc<Self>, ticket: Ticket) -> Lease {
         let lost = CancellationToken::new();
@@ -45,7 +37,7 @@ impl Leases {
 
     /// Prolongs leases and reclaims those that are over, until `stop`.
     pub async fn keep(&self, store: &dyn Queue, stop: CancellationToken) {
-        let heartbeat = self.term / PARTS;
+        let heartbeat = TERM / PARTS;
         let mut pause = heartbeat;
         loop {
             tokio::select! {
@@ -61,7 +53,7 @@ impl Leases {
         let tickets: Vec<Ticket> = self.held.lock().keys().copied().collect();
         let lost = match tickets.is_empty() {
             true => Ok(Vec::new()),
-            false => store.heartbeat(&tickets, self.term).await,
+            false => store.heartbeat(&tickets, TERM).await,
         };
         match lost {
             Ok(lost) => lost.iter().for_each(|ticket| self.lose(*ticket)),
@@ -119,8 +111,6 @@ mod tests {
     use super::*;
     use crate::service::store::tests::{new_job, store_in};
 
-    const LEASE: Duration = Duration::from_secs(30);
-
     #[tokio::test]
     async fn held_leases_are_prolonged_and_others_reclaimed() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -128,8 +118,8 @@ mod tests {
         for _ in 0..2 {
             store.create(new_job()).await.expect("created");
         }
-        let claimed = store.claim(2, LEASE).await.expect("claimable");
-        let leases = Arc::new(Leases::new(LEASE));
+        let claimed = store.claim(2, TERM).await.expect("claimable");
+        let leases = Arc::new(Leases::default());
         let held = leases.hold(claimed[0].0);
         leases.beat(&store).await;
         assert_eq!(store.counts().await.expect("counted")[..2], [0, 2]);

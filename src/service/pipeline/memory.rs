@@ -123,8 +123,7 @@ async fn acquire(left: &Arc<Semaphore>, bytes: u64) -> Result<OwnedSemaphorePerm
 fn check(total: u64, needed: u64, what: impl std::fmt::Display) -> Result<()> {
     if needed / UNIT > total / UNIT {
         return Err(Error::too_large(format_args!(
-            "the mesh needs more memory, for {what}, than the service has for meshes: {needed} bytes of {total} \
-             (the service's --memory-budget)"
+            "the mesh needs more memory, for {what}, than the service has for meshes: {needed} bytes of {total}"
         )));
     }
     Ok(())

@@ -50,8 +50,6 @@ pub(in crate::service) struct Costs {
     pub memory: Option<u64>,
     /// Time that the device may take for a job.
     pub time: Option<Duration>,
-    /// For how long a job is leased at a time.
-    pub lease: Duration,
 }
 
 /// What works on jobs.
@@ -93,7 +91,7 @@ impl Pipeline {
             faults,
             memory: Memory::new(costs.memory),
             small: SmallMeshes::start()?,
-            leases: Arc::new(Leases::new(costs.lease)),
+            leases: Arc::new(Leases::default()),
             metrics,
         })
     }

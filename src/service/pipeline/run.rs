@@ -104,7 +104,7 @@ impl Pipeline {
             let claiming = Claiming {
                 limit: slots.len(),
                 newcomers: usize::from(newcomer.is_some()),
-                lease: self.leases.term(),
+                lease: super::leases::TERM,
                 worker: Arc::clone(&self.worker),
                 shares: Arc::clone(&shares.borrow_and_update()),
             };

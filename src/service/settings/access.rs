@@ -4,33 +4,25 @@ use std::path::PathBuf;
 
 use axum::http::HeaderValue;
 
+use super::heading;
+
 /// Settings of access.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 pub struct AccessSettings {
     /// File of tokens, as `tesserae token new` makes it; read again when it changes. When left out, no request needs a
     /// token
-    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
+    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE", help_heading = heading::ACCESS)]
     pub tokens: Option<PathBuf>,
-
-    /// Tokens are in the database of --store, as `tesserae token new --store` puts them there
-    #[arg(long, env = "TESSERAE_TOKENS_IN_STORE", conflicts_with = "tokens")]
-    pub tokens_in_store: bool,
 
     /// Listen to other machines without tokens, and answer for any name (Host): every client that reaches the service
     /// can read and delete every job
-    #[arg(long, env = "TESSERAE_INSECURE_NO_AUTH")]
+    #[arg(long, env = "TESSERAE_INSECURE_NO_AUTH", help_heading = heading::ACCESS)]
     pub insecure_no_auth: bool,
 
     /// Origins whose web pages may use the service (CORS), such as https://a.example; none when left out
-    #[arg(long, env = "TESSERAE_CORS_ORIGINS", value_name = "ORIGIN,…", value_delimiter = ',', value_parser = origin)]
+    #[arg(long, env = "TESSERAE_CORS_ORIGINS", value_name = "ORIGIN,…", value_delimiter = ',', value_parser = origin,
+          help_heading = heading::ACCESS, hide_short_help = true)]
     pub cors_origins: Vec<String>,
-}
-
-impl AccessSettings {
-    /// Whether requests need a token.
-    pub fn has_tokens(&self) -> bool {
-        self.tokens.is_some() || self.tokens_in_store
-    }
 }
 
 /// Checks an origin: scheme, host and port as browsers send them; any other text would never match.

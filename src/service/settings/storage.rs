@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::heading;
 use crate::error::Result;
 use crate::service::blobs::place::BlobPlace;
 use crate::service::files::DiskLimits;
@@ -13,37 +14,33 @@ pub struct StorageSettings {
     /// Database that keeps the jobs of several services together, postgres://USER:PASSWORD@HOST/DATABASE; in the data
     /// folder when left out. Connections to other machines are encrypted, and the server is verified, unless the URL
     /// says ?sslmode=disable; ?sslrootcert=FILE names the certificates that it is verified by
-    #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true)]
+    #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true, help_heading = heading::PLACES,
+          hide_short_help = true)]
     pub store: Option<StoreUrl>,
-
-    /// Connections to that database at a time, beside one that listens
-    #[arg(long, env = "TESSERAE_STORE_CONNECTIONS", value_name = "N",
-          default_value_t = StorageSettings::default().store_connections,
-          value_parser = clap::value_parser!(u32).range(2..=1000))]
-    pub store_connections: u32,
 
     /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with
     /// keys, region and endpoint in the usual variables AWS_…; in the data folder when left out
-    #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE")]
+    #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE", help_heading = heading::PLACES, hide_short_help = true)]
     pub blobs: Option<BlobPlace>,
 
     /// Where jobs may name meshes that lie in a bucket (mesh_url): s3://BUCKET/PREFIX, with the keys of --blobs.
     /// {tenant} in it stands for the name of the tenant. Nowhere when left out
-    #[arg(long, env = "TESSERAE_MESH_PREFIXES", value_name = "URL,…", value_delimiter = ',')]
+    #[arg(long, env = "TESSERAE_MESH_PREFIXES", value_name = "URL,…", value_delimiter = ',',
+          help_heading = heading::PLACES, hide_short_help = true)]
     pub mesh_prefixes: Vec<BlobPlace>,
 
     /// Time for which a job that has ended is kept with its results, in seconds; 0 until it is deleted
-    #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS",
+    #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS", help_heading = heading::ROOM,
           default_value_t = StorageSettings::default().retention)]
     pub retention: u64,
 
     /// Bytes in the data folder above which uploads are refused; no limit when left out. What lies elsewhere (--blobs)
     /// does not count
-    #[arg(long, env = "TESSERAE_MAX_DISK_BYTES", value_name = "BYTES")]
+    #[arg(long, env = "TESSERAE_MAX_DISK_BYTES", value_name = "BYTES", help_heading = heading::ROOM)]
     pub max_disk_bytes: Option<u64>,
 
     /// Free bytes of the disk below which uploads are refused, so that what was accepted can end
-    #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES",
+    #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES", help_heading = heading::ROOM,
           default_value_t = StorageSettings::default().min_free_bytes)]
     pub min_free_bytes: u64,
 }
@@ -52,7 +49,6 @@ impl Default for StorageSettings {
     fn default() -> Self {
         Self {
             store: None,
-            store_connections: 8,
             blobs: None,
             mesh_prefixes: Vec::new(),
             retention: 7 * 86_400,

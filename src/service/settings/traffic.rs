@@ -1,84 +1,32 @@
 //! Limits of traffic.
 
+use std::time::Duration;
+
+use super::heading;
 use crate::service::Network;
 
 /// Settings of traffic. A client is a tenant, or an address where there are no tokens.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct TrafficSettings {
     /// Jobs of one tenant that may wait; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N",
-          default_value_t = Self::default().max_queued_jobs_per_tenant)]
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N", help_heading = heading::LIMITS,
+          hide_short_help = true, default_value_t = Self::default().max_queued_jobs_per_tenant)]
     pub max_queued_jobs_per_tenant: u64,
 
     /// Requests a second of one client, averaged over 5 seconds; more are answered with 429, 0 is any number
-    #[arg(long, env = "TESSERAE_MAX_REQUEST_RATE", value_name = "N",
-          default_value_t = Self::default().max_request_rate)]
+    #[arg(long, env = "TESSERAE_MAX_REQUEST_RATE", value_name = "N", help_heading = heading::LIMITS,
+          hide_short_help = true, default_value_t = Self::default().max_request_rate)]
     pub max_request_rate: u32,
-
-    /// Requests of one client at a time, event streams aside; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_REQUESTS_AT_ONCE", value_name = "N",
-          default_value_t = Self::default().max_requests_at_once)]
-    pub max_requests_at_once: u32,
-
-    /// Event streams of one client at a time; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_STREAMS_PER_CLIENT", value_name = "N",
-          default_value_t = Self::default().max_streams_per_client)]
-    pub max_streams_per_client: u32,
-
-    /// Event streams at a time; more are answered with 503
-    #[arg(long, env = "TESSERAE_MAX_STREAMS", value_name = "N", default_value_t = Self::default().max_streams)]
-    pub max_streams: u32,
-
-    /// Connections at a time; more wait to be accepted
-    #[arg(long, env = "TESSERAE_MAX_CONNECTIONS", value_name = "N", default_value_t = Self::default().max_connections,
-          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub max_connections: u32,
-
-    /// Connections from one address at a time; more are closed
-    #[arg(long, env = "TESSERAE_MAX_CONNECTIONS_PER_ADDRESS", value_name = "N",
-          default_value_t = Self::default().max_connections_per_address,
-          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub max_connections_per_address: u32,
-
-    /// Connections that the system keeps before they are accepted; it may have a lower limit of its own
-    #[arg(long, env = "TESSERAE_LISTEN_BACKLOG", value_name = "N", default_value_t = Self::default().listen_backlog,
-          value_parser = clap::value_parser!(u32).range(1..=65_535))]
-    pub listen_backlog: u32,
 
     /// Addresses of proxies, such as 10.0.0.0/8, whose X-Forwarded-For says where requests come from; without any the
     /// other end of a connection is the client
-    #[arg(long, env = "TESSERAE_TRUSTED_PROXIES", value_name = "NETWORK,…", value_delimiter = ',')]
+    #[arg(long, env = "TESSERAE_TRUSTED_PROXIES", value_name = "NETWORK,…", value_delimiter = ',',
+          help_heading = heading::ACCESS, hide_short_help = true)]
     pub trusted_proxies: Vec<Network>,
 
-    /// Bytes of all uploads that are coming in at a time; more are answered with 503
-    #[arg(long, env = "TESSERAE_MAX_BYTES_IN_FLIGHT", value_name = "BYTES",
-          default_value_t = Self::default().max_bytes_in_flight)]
-    pub max_bytes_in_flight: u64,
-
-    /// How many times as large as its compressed form (gzip, zstd) an upload may be, after the first MiB
-    #[arg(long, env = "TESSERAE_MAX_INFLATION", value_name = "N", default_value_t = Self::default().max_inflation,
-          value_parser = clap::value_parser!(u64).range(1..))]
-    pub max_inflation: u64,
-
-    /// Time for the head of a request, on a connection that is new or used before, in seconds
-    #[arg(long, env = "TESSERAE_HEADER_TIMEOUT", value_name = "SECONDS",
-          default_value_t = Self::default().header_timeout,
-          value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    pub header_timeout: u64,
-
-    /// Time without a byte of an upload after which it is given up (408), in seconds
-    #[arg(long, env = "TESSERAE_BODY_TIMEOUT", value_name = "SECONDS", default_value_t = Self::default().body_timeout,
-          value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    pub body_timeout: u64,
-
-    /// Bytes a second that an upload must bring on average, once it took longer than the body timeout
-    #[arg(long, env = "TESSERAE_MIN_UPLOAD_RATE", value_name = "N", default_value_t = Self::default().min_upload_rate)]
-    pub min_upload_rate: u64,
-
-    /// Time in which a client must take something of an answer, in seconds
-    #[arg(long, env = "TESSERAE_WRITE_TIMEOUT", value_name = "SECONDS", default_value_t = Self::default().write_timeout,
-          value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    pub write_timeout: u64,
+    /// What is the same in every service.
+    #[arg(skip)]
+    pub constants: TrafficConstants,
 }
 
 impl Default for TrafficSettings {
@@ -86,23 +34,44 @@ impl Default for TrafficSettings {
         Self {
             max_queued_jobs_per_tenant: 256,
             max_request_rate: 200,
-            max_requests_at_once: 64,
-            max_streams_per_client: 1024,
-            max_streams: 4096,
-            max_connections: 8192,
-            max_connections_per_address: 2048,
-            listen_backlog: 1024,
             trusted_proxies: Vec::new(),
-            max_bytes_in_flight: 16 << 30,
-            max_inflation: 100,
-            header_timeout: 15,
-            body_timeout: 30,
-            min_upload_rate: 1024,
-            write_timeout: 60,
+            constants: TrafficConstants::default(),
         }
     }
 }
 
-impl TrafficSettings {
-    durations!(header_timeout, body_timeout, write_timeout);
+/// Limits that no flag changes. Tests lower them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TrafficConstants {
+    /// Requests of one client at a time, event streams aside: ten times what a browser opens. Quotas have another.
+    pub requests_at_once: u32,
+    /// Event streams of one client at a time: as many as jobs may wait by default. Quotas have another.
+    pub streams_per_client: u32,
+    /// Event streams at a time: some 17 KiB of memory each.
+    pub streams: u32,
+    /// Connections at a time: an eighth of the open files that the process requests.
+    pub connections: u32,
+    /// Connections from one address at a time: one client leaves room for three others.
+    pub connections_per_address: u32,
+    /// Time for the head of a request, on a connection that is new or used before: it fits into few packets.
+    pub header_timeout: Duration,
+    /// Time without a byte of an upload: TCP repeats a lost packet several times within it.
+    pub body_timeout: Duration,
+    /// Time in which a client must take something of an answer: a page in the background may read late.
+    pub write_timeout: Duration,
+}
+
+impl Default for TrafficConstants {
+    fn default() -> Self {
+        Self {
+            requests_at_once: 64,
+            streams_per_client: 1024,
+            streams: 4096,
+            connections: 8192,
+            connections_per_address: 2048,
+            header_timeout: Duration::from_secs(15),
+            body_timeout: Duration::from_secs(30),
+            write_timeout: Duration::from_secs(60),
+        }
+    }
 }

@@ -84,7 +84,7 @@ async fn accept(
 ) {
     let settings = Arc::new(settings);
     let tasks = TaskTracker::new();
-    let places = Arc::new(Semaphore::new(settings.max_connections as usize));
+    let places = Arc::new(Semaphore::new(settings.constants.connections as usize));
     let beginnings = Arc::new(Semaphore::new(BEGINNINGS));
     let by_address = Arc::new(ByAddress::default());
     loop {
@@ -106,7 +106,7 @@ async fn accept(
         // a proxy brings the connections of many clients
         let limit = match origin::is_proxy(ip, &settings.trusted_proxies) {
             true => u32::MAX,
-            false => settings.max_connections_per_address,
+            false => settings.constants.connections_per_address,
         };
         let Some(counted) = by_address.enter(ip, limit) else {
             metrics.connection_refused();
@@ -182,9 +182,9 @@ async fn connection(
     });
     // from now on, the runtime of this task wakes it
     let Ok(stream) = TcpStream::from_std(stream) else { return };
-    let socket = TokioIo::new(Socket::new(stream, begun, settings.write_timeout()));
+    let socket = TokioIo::new(Socket::new(stream, begun, settings.constants.write_timeout));
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(settings.header_timeout());
+    http.timer(TokioTimer::new()).header_read_timeout(settings.constants.header_timeout);
     if is_probe {
         http.keep_alive(false).max_buf_size(PROBE_HEAD);
     }

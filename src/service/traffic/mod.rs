@@ -36,13 +36,16 @@ use super::access::{Access, Caller};
 use super::budget::Budget;
 use super::faults::{FaultPoint, Faults};
 use super::problem::Failure;
-use super::settings::TrafficSettings;
+use super::settings::{Settings, TrafficSettings};
 use super::trace::Origin;
 use super::{LOCAL_TENANT, audit, intake, urls};
 use crate::error::{Error, Kind};
 
 /// Paths of probes, which get an answer even when their address is over its limits.
 const PROBES: [&str; 2] = ["/healthz", "/readyz"];
+
+/// Uploads of the largest size that may come in at a time: their sum bounds the bytes in flight.
+const LARGEST_UPLOADS: u64 = 4;
 
 /// The limits, and what is in use of them.
 #[derive(Debug)]
@@ -58,28 +61,28 @@ pub(super) struct Traffic {
 
 impl Traffic {
     /// Nothing yet.
-    pub fn new(settings: &TrafficSettings, access: Arc<Access>, faults: Faults) -> Self {
+    pub fn new(settings: &Settings, access: Arc<Access>, faults: Faults) -> Self {
         Self {
             access,
-            settings: settings.clone(),
+            settings: settings.traffic.clone(),
             clients: Arc::default(),
             faults,
-            streams: Arc::new(Semaphore::new(settings.max_streams as usize)),
-            uploads: Arc::new(Budget::new(settings.max_bytes_in_flight)),
+            streams: Arc::new(Semaphore::new(settings.traffic.constants.streams as usize)),
+            uploads: Arc::new(Budget::new(settings.max_upload_bytes.saturating_mul(LARGEST_UPLOADS))),
         }
     }
 
     /// Event streams that are open.
     pub fn open_streams(&self) -> u64 {
-        u64::from(self.settings.max_streams) - self.streams.available_permits() as u64
+        u64::from(self.settings.constants.streams) - self.streams.available_permits() as u64
     }
 
     fn allowance(&self, caller: Option<&Caller>) -> Allowance {
         let quotas = caller.and_then(|caller| caller.tenant.as_ref()).map(|tenant| tenant.quotas).unwrap_or_default();
         Allowance {
             rate: quotas.max_request_rate.unwrap_or(self.settings.max_request_rate),
-            requests: quotas.max_requests_at_once.unwrap_or(self.settings.max_requests_at_once),
-            streams: quotas.max_streams.unwrap_or(self.settings.max_streams_per_client),
+            requests: quotas.max_requests_at_once.unwrap_or(self.settings.constants.requests_at_once),
+            streams: quotas.max_streams.unwrap_or(self.settings.constants.streams_per_client),
         }
     }
 }
@@ -134,7 +137,7 @@ fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Fail
     let permit = traffic.clients.admit(client, traffic.allowance(caller.as_ref().ok()), is_stream)?;
     let caller = caller?;
     let stream = is_stream.then(|| Arc::clone(&traffic.streams).try_acquire_owned()).transpose().map_err(|_| {
-        let limit = traffic.settings.max_streams;
+        let limit = traffic.settings.constants.streams;
         Error::new(Kind::Overloaded, format_args!("as many event streams are open as may; try again later: {limit}"))
     })?;
     Ok((caller, (permit, stream)))

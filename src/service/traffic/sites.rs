@@ -36,7 +36,7 @@ impl Sites {
     /// As the settings say.
     pub fn new(settings: &AccessSettings) -> Self {
         Self {
-            has_tokens: settings.has_tokens(),
+            has_tokens: settings.tokens.is_some(),
             accepts_names: settings.insecure_no_auth,
             listed: settings.cors_origins.clone(),
         }

@@ -74,7 +74,6 @@ pub(in crate::service) async fn run(subject: &dyn Subject) {
     fairness::priorities_order_the_jobs_of_a_tenant(make(9).await.as_ref()).await;
     fairness::the_worker_is_known(make(9).await.as_ref()).await;
     workers::a_worker_is_known_with_its_jobs(make(9).await.as_ref()).await;
-    workers::a_worker_that_drains_claims_nothing(make(9).await.as_ref()).await;
     lists::ended_jobs_are_found_by_their_age(make(9).await.as_ref()).await;
     attempts::a_crash_loses_nothing(subject).await;
     attempts::crashes_count_for_the_job_that_caused_them_only(subject).await;

@@ -11,11 +11,8 @@ use super::super::conformance::{self, Subject};
 use super::super::tests::{RULES, new_job};
 use super::super::{
     Created, End, Events as _, JobId, JobStore, Maintenance as _, Notices as _, Queue as _, Release, Rules, State,
-    StoreUrl, Summary, Ticket, TokenRows, TokenStore as _, What,
+    StoreUrl, Summary, Ticket, What,
 };
-use super::address::Address;
-use super::connections::Connections;
-use super::read_tokens;
 use super::replica::PostgresStore;
 use crate::error::{Error, Kind};
 
@@ -167,83 +164,6 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     assert_eq!(ticket, Ticket { job: unheard, attempt: 2 });
     let job = store.get(unheard).await.expect("readable").expect("a job");
     assert_eq!(job.state, State::Running);
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn changes_of_tokens_are_whole_and_one_after_the_other() {
-    let Some(server) = Server::start() else { return };
-    let url = server.database();
-    let (one, other) = (open(&url, RULES).await, open(&url, RULES).await);
-    assert_eq!(one.token_rows().await, Ok(TokenRows::new()));
-    let add = |rows: &mut TokenRows, name: &str| {
-        let count = rows.len();
-        rows.insert(name.to_owned(), count.into());
-        Ok::<_, Error>(())
-    };
-    let changes = (0..16).map(|number| {
-        let store = if number % 2 == 0 { &one } else { &other };
-        store.change_tokens(move |rows| add(rows, &number.to_string()))
-    });
-    futures_util::future::try_join_all(changes).await.expect("changed");
-    let rows = other.token_rows().await.expect("readable");
-    // each change saw those before it
-    let mut seen: Vec<u64> = rows.values().filter_map(serde_json::Value::as_u64).collect();
-    seen.sort();
-    assert_eq!(seen, (0..16).collect::<Vec<u64>>());
-    let version = other.token_version().await.expect("readable");
-    let failed = one.change_tokens(|rows| {
-        rows.clear();
-        Err::<(), _>(Error::cancelled())
-    });
-    assert_eq!(failed.await.expect_err("refused").kind, Kind::Cancelled);
-    assert_eq!((other.token_version().await, other.token_rows().await), (Ok(version), Ok(rows)));
-    let removed = one.change_tokens(|rows| Ok::<_, Error>(rows.remove("3"))).await.expect("changed");
-    assert!(removed.is_some() && !other.token_rows().await.expect("readable").contains_key("3"));
-    assert!(other.token_version().await.expect("readable") > version);
-}
-
-#[cfg(unix)]
-#[tokio::test(flavor = "multi_thread")]
-async fn a_change_of_tokens_does_not_wait_for_ever() {
-    use rustix::process::{Pid, Signal, kill_process};
-    let Some(server) = Server::start() else { return };
-    let store = PostgresStore::open(&server.database(), 1, RULES).await.expect("it opens");
-    let pid = store
-        .connections
-        .run(|client| async move { Ok(client.query_one("SELECT pg_backend_pid()", &[]).await?.try_get::<_, i32>(0)?) });
-    let process = Pid::from_raw(pid.await.expect("readable")).expect("a process");
-    kill_process(process, Signal::STOP).expect("it stops");
-    let changed = tokio::time::timeout(Duration::from_secs(60), store.change_tokens(|_| Ok::<_, Error>(()))).await;
-    kill_process(process, Signal::CONT).expect("it goes on");
-    let error = changed.expect("in time").expect_err("no answer");
-    assert!(error.kind == Kind::Unavailable && error.message.contains("token list"), "{error}");
-    store.change_tokens(|_| Ok::<_, Error>(())).await.expect("on another connection");
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn tokens_are_read_without_a_change_of_the_tables() {
-    let Some(server) = Server::start() else { return };
-    let url = server.database();
-    let refused = async |words: &str| {
-        let error = read_tokens(&url).await.expect_err("no tokens");
-        assert!(error.message.contains(words) && error.message.contains("token new"), "{error}");
-    };
-    refused("no tables of tesserae yet").await;
-    let connections = Connections::new(&Address::parse(&url).expect("an address"), 1).expect("a pool");
-    let run = async |sql: &'static str| {
-        connections.run(|client| async move { Ok(client.batch_execute(sql).await?) }).await.expect("done");
-    };
-    // as the release before tokens left them
-    run("CREATE SCHEMA tesserae; CREATE TABLE schema_version (version integer, needs integer)").await;
-    run("INSERT INTO schema_version VALUES (2, 1)").await;
-    refused("version 2").await;
-    run("DROP SCHEMA tesserae CASCADE").await;
-    let store = open(&url, RULES).await;
-    store.change_tokens(|rows| Ok::<_, Error>(rows.insert("acme".into(), 1.into()))).await.expect("changed");
-    assert_eq!(read_tokens(&url).await, store.token_rows().await);
-    run("UPDATE schema_version SET version = 99, needs = 98").await;
-    let error = read_tokens(&url).await.expect_err("later tables");
-    assert!(error.message.contains("version 99"), "{error}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
