@@ -43,7 +43,6 @@
 //!
 //! Time alone is bounded, so a worker that is never idle starts a suspect, too.
 
-#![allow(dead_code, unused_imports, reason = "the stores still have rules of their own")]
 
 mod claim;
 mod crash;
@@ -59,4 +58,4 @@ mod tests;
 pub(in crate::service) use self::claim::{Claiming, Picks, Share, Shares, Suspect, Tenant, Turn, View, Waiting, claim};
 pub(in crate::service) use self::crash::crashed;
 pub(in crate::service) use self::job::{Change, Event, Refused, Release, Standing, State};
-pub(in crate::service) use self::rules::{Rules, given_up, lease_is_over, not_yours};
+pub(in crate::service) use self::rules::{Rules, not_yours};

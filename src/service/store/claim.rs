@@ -209,7 +209,7 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
 }
 
 fn tenant(row: &Row) -> Result<Tenant> {
-    let suspect = |number| {
+    let suspect = |number| -> Result<Suspect> {
         let not_before = row.get::<Option<SystemTime>>("not_before")?.unwrap_or(SystemTime::UNIX_EPOCH);
         Ok(Suspect { number, crashes: row.get("crashes")?, not_before })
     };

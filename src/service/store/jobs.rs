@@ -9,7 +9,9 @@ use super::change::{Live, Transaction, job, jobs};
 use super::database::rows::{Abort, Rows, json, values};
 use super::job::{Job, JobId, Progress, SMALL_BLOBS, SmallBlob, Ticket};
 use super::store::Store;
-use super::terms::{Created, Deletion, End, Ending, Event, Idempotency, NewJob, Pulse, Retried, What};
+#[cfg(test)]
+use super::terms::End;
+use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse, Retried, What};
 use crate::error::{Error, Kind, Result};
 use crate::service::queue::{Change, Refused, Release, Rules, Standing, State, not_yours};
 

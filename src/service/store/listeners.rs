@@ -68,6 +68,12 @@ struct Counters {
 }
 
 impl Listeners {
+    /// Of a store that several services share.
+    #[cfg(feature = "postgres")]
+    pub fn of_several() -> Self {
+        Self { outbox: Some(Outbox::default()), ..Self::default() }
+    }
+
     /// Does what follows from changes.
     pub fn publish(&self, effects: Effects) {
         self.counters.attempts_failed.fetch_add(effects.attempts_failed, Relaxed);

@@ -65,6 +65,12 @@ impl Store {
         Ok(counts)
     }
 
+    /// Number of jobs that wait.
+    pub async fn waiting(&self) -> Result<u64> {
+        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued'";
+        self.read("waiting_of", move |rows| rows.one(sql, Vec::new())).await?.get("jobs")
+    }
+
     /// Number of jobs of a tenant that wait.
     pub async fn waiting_of(&self, tenant: &str) -> Result<u64> {
         let values = values![tenant];

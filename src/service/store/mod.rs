@@ -43,7 +43,7 @@ pub(super) use self::job::{
 };
 pub(super) use self::store::Store;
 pub(super) use self::terms::{
-    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Page, Pulse, Retried, Statistics,
+    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, Statistics,
     What,
 };
 pub use self::url::StoreUrl;

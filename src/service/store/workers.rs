@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -16,7 +15,7 @@ use super::database::rows::{Abort, Row, values};
 use super::job::JobId;
 use super::store::Store;
 use super::terms::Notice;
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
 
 /// Time since a worker was last heard of, after which it is shown no more, and after which its row goes.
 const SHOWN: Duration = Duration::from_secs(300);
@@ -59,16 +58,6 @@ impl fmt::Display for WorkerId {
 impl Serialize for WorkerId {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
-    }
-}
-
-impl FromStr for WorkerId {
-    type Err = Error;
-
-    /// Takes the hyphenated form only, as for jobs.
-    fn from_str(text: &str) -> Result<Self> {
-        let id = Uuid::try_parse(text).ok().map(Self).filter(|id| id.to_string() == text);
-        id.ok_or_else(|| Error::new(Kind::NotFound, format_args!("there is no such worker: {text}")))
     }
 }
 

@@ -81,3 +81,21 @@ pub fn migrate(connection: &Connection, migrations: &[&str]) -> Result<(), OpenE
     connection.execute_batch("COMMIT")
         .map_err(OpenError::Database)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_migration_is_run_once_and_its_version_is_kept() {
+        let connection = Connection::open_in_memory().expect("it opens");
+        migrate(&connection, &MIGRATIONS).expect("made");
+        let later = ["ALTER TABLE jobs ADD COLUMN later TEXT"];
+        for _ in 0..2 {
+            migrate(&connection, &later).expect("up to date");
+            assert_eq!(connection.column_exists(None, "jobs", "later"), Ok(true));
+        }
+        let error = migrate(&connection, &MIGRATIONS).expect_err("too new");
+        assert!(error.to_string().contains("version 2,"), "{error}");
+    }
+}

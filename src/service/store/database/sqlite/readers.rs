@@ -83,12 +83,12 @@ impl Readers {
         };
         let outcome = work(&mut session);
         match outcome {
-            // one that failed is not used again
-            Err(Abort::Broken(error)) => Err(self.damage.note(error)),
             Ok(_) | Err(Abort::Refused(_)) => {
                 self.give_back(session);
                 Ok(outcome?)
             }
+            // a connection that failed is not used again
+            Err(abort) => Err(self.damage.note(abort.into())),
         }
     }
 

@@ -1,26 +1,18 @@
-mod claims;
-mod server;
+//! The store in a database that several services share.
 
-use std::time::Duration;
+use std::time::Instant;
 
-use async_trait::async_trait;
 use parking_lot::Mutex;
 
-use self::server::Server;
-use super::super::conformance::{self, Subject};
+use super::super::StoreUrl;
+use super::super::database::rows::values;
 use super::super::tests::{RULES, new_job};
-use super::super::{
-    Created, End, Events as _, JobId, JobStore, Maintenance as _, Notices as _, Queue as _, Release, Rules, State,
-    StoreUrl, Summary, Ticket, What,
-};
-use super::replica::PostgresStore;
-use crate::error::{Error, Kind};
-
-const LEASE: Duration = Duration::from_secs(3600);
+use super::server::Server;
+use super::*;
 
 /// A service on a database.
-async fn open(url: &StoreUrl, rules: Rules) -> PostgresStore {
-    PostgresStore::open(url, 12, rules).await.expect("it opens")
+pub async fn open(url: &StoreUrl, rules: Rules) -> Store {
+    Store::shared(url, 12, rules).await.expect("it opens")
 }
 
 /// Stores in databases of their own, on one server.
@@ -31,14 +23,14 @@ struct OnServer {
 
 #[async_trait]
 impl Subject for OnServer {
-    async fn empty(&self, rules: Rules) -> Box<dyn JobStore> {
+    async fn empty(&self, rules: Rules) -> Box<Store> {
         let url = self.server.database();
         *self.last.lock() = Some(url.clone());
         Box::new(open(&url, rules).await)
     }
 
     /// Another service on the same database, when the leases of the first are over.
-    async fn after_crash(&self, rules: Rules) -> Option<Box<dyn JobStore>> {
+    async fn after_crash(&self, rules: Rules) -> Option<Box<Store>> {
         let url = self.last.lock().clone().expect("a store was made");
         let store = open(&url, rules).await;
         expire(&store).await;
@@ -48,10 +40,11 @@ impl Subject for OnServer {
 }
 
 /// Ends the leases of all workers.
-async fn expire(store: &PostgresStore) {
-    let expired = store.connections.run(|client| async move {
-        client.batch_execute("UPDATE jobs SET lease_until = clock_timestamp() WHERE state = 'running'").await?;
-        Ok(client.batch_execute("UPDATE workers SET alive_until = clock_timestamp()").await?)
+async fn expire(store: &Store) {
+    let expired = store.change("test", |change| {
+        let now = change.now()?;
+        change.rows.write("UPDATE jobs SET lease_until = $1 WHERE state = 'running'", values![now])?;
+        change.rows.write("UPDATE workers SET alive_until = $1", values![now])
     });
     expired.await.expect("expired");
 }
@@ -59,17 +52,7 @@ async fn expire(store: &PostgresStore) {
 #[tokio::test(flavor = "multi_thread")]
 async fn conforms() {
     let Some(server) = Server::start() else { return };
-    conformance::run(&OnServer { server, last: Mutex::default() }).await;
-}
-
-async fn create(store: &PostgresStore) -> JobId {
-    match store.create(new_job()).await.expect("created") {
-        Created::New(job) | Created::Known(job) => job.id,
-    }
-}
-
-async fn claim(store: &PostgresStore) -> Ticket {
-    store.claim(1, LEASE).await.expect("claimable").pop().expect("a job").0
+    run(&OnServer { server, last: Mutex::default() }).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -81,9 +64,9 @@ async fn services_share_jobs_changes_and_cancellations() {
     // notified long before the look that follows anyway would be due
     let mut arrivals = other.arrivals();
     arrivals.borrow_and_update();
-    let job = create(&one).await;
+    let job = create(&one).await.id;
     tokio::time::timeout(Duration::from_secs(30), arrivals.changed()).await.expect("in time").expect("still there");
-    let ticket = claim(&other).await;
+    let ticket = claim(&other).await.0;
     assert_eq!(ticket.job, job);
     assert!(one.claim(9, LEASE).await.expect("claimable").is_empty(), "it is claimed once");
     let mut pulses = one.watch(job).await.expect("watchable").expect("a job");
@@ -115,7 +98,7 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
     let url = server.database();
     let first = open(&url, RULES).await;
     create(&first).await;
-    let ticket = claim(&first).await;
+    let ticket = claim(&first).await.0;
     first.begin(ticket).await.expect("begun");
     let second = open(&url, RULES).await;
     assert_eq!(second.reclaim().await, Ok(vec![]));
@@ -123,7 +106,7 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
     // the zombie: its lease is over, another one has the job, and what it writes is refused
     expire(&second).await;
     assert_eq!(second.reclaim().await, Ok(vec![ticket]));
-    let again = claim(&second).await;
+    let again = claim(&second).await.0;
     assert_eq!(again.attempt, 2);
     let summary = Summary { faces: 1, clusters: 1, labels_sha256: None, is_small: false, blobs: Default::default() };
     for refused in [
@@ -142,7 +125,7 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     let Some(server) = Server::start() else { return };
     let store = open(&server.database(), RULES).await;
     create(&store).await;
-    let ticket = claim(&store).await;
+    let ticket = claim(&store).await.0;
     let rows = || vec![What::Iteration("1".into()), What::Iteration("2".into())];
     store.append(ticket, rows(), Default::default()).await.expect("appended");
     // as if the answer had not come
@@ -156,11 +139,11 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     let other = store.finish(ticket, End::Failed(Error::new(Kind::InvalidMesh, "x"))).await;
     assert_eq!(other.expect_err("another end").kind, Kind::Conflict);
     // a claim that was made, and not heard of
-    let unheard = create(&store).await;
+    let unheard = create(&store).await.id;
     claim(&store).await;
     store.held.lock().clear();
     *store.is_unsure.lock().await = true;
-    let ticket = claim(&store).await;
+    let ticket = claim(&store).await.0;
     assert_eq!(ticket, Ticket { job: unheard, attempt: 2 });
     let job = store.get(unheard).await.expect("readable").expect("a job");
     assert_eq!(job.state, State::Running);
@@ -170,8 +153,8 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
 async fn a_server_that_stops_is_unavailable_and_loses_nothing() {
     let Some(server) = Server::start() else { return };
     let store = open(&server.database(), RULES).await;
-    let kept = create(&store).await;
-    let ticket = claim(&store).await;
+    let kept = create(&store).await.id;
+    let ticket = claim(&store).await.0;
     let pulses = store.watch(kept).await.expect("watchable").expect("a job");
     server.down();
     for failed in [
@@ -213,54 +196,68 @@ async fn one_service_cleans_up_and_each_notice_is_delivered_by_one() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_migration_of_the_next_release_disturbs_no_service_that_works() {
-    let Some(server) = Server::start() else { return };
-    let url = server.database();
-    let (old, other) = (open(&url, RULES).await, open(&url, RULES).await);
-    // every statement is prepared on its connections, and every plan of the claim is made
-    let work = async |store: &PostgresStore| {
-        let id = create(store).await;
-        store.list(&Default::default()).await.expect("listed");
-        let ticket = claim(store).await;
-        assert_eq!(ticket.job, id);
-        store.begin(ticket).await.expect("begun");
-        store.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await.expect("appended");
-        store.release(ticket, Release::Free).await.expect("released");
-        let ticket = claim(store).await;
-        store.finish(ticket, End::Cancelled).await.expect("ended");
-        assert_eq!(store.get(id).await.expect("readable").expect("a job").state, State::Cancelled);
-        assert_eq!(store.events(id, 0, 99).await.expect("readable").expect("a job").len(), 6);
-    };
-    work(&old).await;
-    work(&other).await;
-    let migrated = other.connections.run(|client| async move {
-        let sql = "ALTER TABLE jobs ADD COLUMN later text NOT NULL DEFAULT 'x', ADD COLUMN latest json; \
-                   ALTER TABLE workers ADD COLUMN later integer; UPDATE schema_version SET version = 99, needs = 1";
-        Ok(client.batch_execute(sql).await?)
-    });
-    migrated.await.expect("migrated");
-    work(&old).await;
-    work(&other).await;
-    let new = open(&url, RULES).await;
-    work(&new).await;
-    assert_eq!(old.statistics().failures, 0, "no answer was lost");
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn tables_of_a_later_release_are_refused_and_those_that_it_left_usable_are_not() {
+async fn tables_of_another_version_are_refused() {
     let Some(server) = Server::start() else { return };
     let url = server.database();
     let store = open(&url, RULES).await;
-    let set = async |version: i32, needs: i32| {
-        let changed = store.connections.run(|client| async move {
-            let sql = "UPDATE schema_version SET version = $1, needs = $2";
-            Ok(client.execute(sql, &[&version, &needs]).await?)
-        });
-        assert_eq!(changed.await, Ok(1));
-    };
-    set(99, 1).await;
     open(&url, RULES).await.close().await;
-    set(99, 98).await;
-    let error = PostgresStore::open(&url, 2, RULES).await.expect_err("too new");
+    let sql = "UPDATE schema_version SET version = 99";
+    store.change("test", move |change| change.rows.write(sql, Vec::new())).await.expect("written");
+    let error = Store::shared(&url, 2, RULES).await.expect_err("another version");
     assert!(error.message.contains("version 99"), "{error}");
+}
+
+/// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.
+#[tokio::test(flavor = "multi_thread")]
+async fn claimers_of_many_services_take_each_job_once() {
+    let Some(server) = Server::start() else { return };
+    let jobs = claims::jobs();
+    for limit in [1, 8] {
+        let url = server.database();
+        let mut services: Vec<Arc<Store>> = Vec::new();
+        for _ in 0..16 {
+            let rules = Rules { max_queued: jobs, ..RULES };
+            services.push(Arc::new(Store::shared(&url, 2, rules).await.expect("it opens")));
+        }
+        claims::claim_all(&services, limit, jobs).await;
+    }
+}
+
+/// Workers on devices that take 50 ms for a job: four do nearly four times as much as one, as none waits for another.
+/// Beside all other tests they do more than twice as much. `WORKER_JOBS=100`, with `-- --nocapture`, gives the figure
+/// in `docs/farm.md`.
+#[tokio::test(flavor = "multi_thread")]
+async fn workers_add_up() {
+    let Some(server) = Server::start() else { return };
+    let (jobs, least) = match std::env::var("WORKER_JOBS") {
+        Ok(jobs) => (jobs.parse().expect("a number"), 3.8),
+        Err(_) => (16, 2.0),
+    };
+    let rules = Rules { max_queued: 4 * jobs, ..RULES };
+    let mut rates = Vec::new();
+    for count in [1, 4, 4, 1] {
+        let url = server.database();
+        let mut stores = Vec::new();
+        for _ in 0..count {
+            stores.push(Store::shared(&url, 2, rules).await.expect("it opens"));
+        }
+        for _ in 0..jobs * count {
+            create(&stores[0]).await;
+        }
+        let started = Instant::now();
+        let workers = stores.into_iter().map(|store| {
+            tokio::spawn(async move {
+                while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
+                    tokio::time::sleep(Duration::from_millis(50)).await;
+                    store.finish(ticket, End::Cancelled).await.expect("ended");
+                }
+            })
+        });
+        futures_util::future::try_join_all(workers).await.expect("no panic");
+        let rate = (jobs * count) as f64 / started.elapsed().as_secs_f64();
+        println!("{count} workers on devices that take 50 ms: {rate:.1} jobs a second");
+        rates.push(rate);
+    }
+    let gain = (rates[1] + rates[2]) / (rates[0] + rates[3]);
+    assert!(gain >= least, "four workers do {gain:.2} times as much as one");
 }
