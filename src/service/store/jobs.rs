@@ -120,7 +120,8 @@ impl Store {
     /// Ends a running job. Small blobs of its upload go, unless it is given up. Nothing happens where this worker ended
     /// it so before: the answer to that was lost.
     pub async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
-        let ended = self.change("finish", move |change| end(change, ticket, &ending)).await;
+        let is_held = self.held.lock().contains_key(&ticket);
+        let ended = self.change("finish", move |change| end(change, ticket, &ending, is_held)).await;
         if ended.is_ok() {
             self.held.lock().remove(&ticket);
         }
@@ -274,10 +275,10 @@ fn heartbeat(change: &mut Transaction<'_>, tickets: &[Ticket], lease: Duration) 
     Ok(lost)
 }
 
-fn end(change: &mut Transaction<'_>, ticket: Ticket, ending: &Ending) -> Result<(), Abort> {
+fn end(change: &mut Transaction<'_>, ticket: Ticket, ending: &Ending, is_held: bool) -> Result<(), Abort> {
     let (state, problem, _) = ending.end.parts();
     let live = change.of_ticket(ticket)?;
-    let is_repeated = live.worker_id == Some(change.me) && live.ticket() == ticket;
+    let is_repeated = is_held && live.worker_id == Some(change.me) && live.ticket() == ticket;
     let problem = problem.cloned();
     match change.apply(live, Change::End { attempt: ticket.attempt, state, problem }, Some(ending))? {
         Err(Refused(ended)) if ended != state || !is_repeated => Err(not_yours(ticket.job).into()),

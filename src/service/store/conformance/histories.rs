@@ -170,7 +170,10 @@ mod shared {
         let empty = async || {
             let (url, rules) = (server.database(), history::RULES);
             let subject = Services([open(&url, rules).await, open(&url, rules).await, open(&url, rules).await]);
-            Workers { subject, jobs: vec![] }
+            let mut workers = Workers { subject, jobs: vec![] };
+            // the clock is set back, but not to a time before the start of the server
+            workers.wait(30 * 24 * history::HOUR).await;
+            workers
         };
         assert!(are_as_in(Altered::Nothing, empty).await);
         assert!(!are_as_in(Altered::Weights, empty).await, "other rules are noticed");

@@ -93,12 +93,6 @@ impl Place {
     /// SQLite's way to open a file for one process.
     const PRIVATE: &str = "unix-excl";
 
-    /// The file at `path`, shared.
-    #[cfg(test)]
-    pub fn shared(path: PathBuf) -> Self {
-        Self { path, is_temporary: false, is_private: AtomicBool::new(false), lock: None }
-    }
-
     /// The file at `path`, shared, and locked for this service. [`Kind::Conflict`] when another one has it.
     pub fn locked(path: PathBuf) -> Result<Self> {
         let cannot = |error| Error::io(format_args!("the store of jobs cannot be opened: {}", path.display()), error);
@@ -154,8 +148,10 @@ impl Place {
         let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE;
         flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
         let connection = self.open(flags)?;
-        // of a new file: pages of deleted jobs can be given back to the file system
-        connection.pragma_update(None, "auto_vacuum", "INCREMENTAL")?;
+        if connection.pragma_query_value(None, "page_count", |row| row.get::<_, i64>(0))? == 0 {
+            // of a new file: pages of deleted jobs can be given back to the file system
+            connection.pragma_update(None, "auto_vacuum", "INCREMENTAL")?;
+        }
         connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.pragma_update(None, "synchronous", if self.is_temporary { "OFF" } else { "FULL" })?;
         connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
