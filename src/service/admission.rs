@@ -8,13 +8,13 @@ use parking_lot::Mutex;
 use super::access::tokens::Tenant;
 use super::metrics::Metrics;
 use super::problem::Failure;
-use super::store::{LOCAL_TENANT, Queue, State};
+use super::store::{LOCAL_TENANT, Store};
 use crate::error::{Error, Kind};
 
 /// Admits jobs to the queue.
 #[derive(Debug)]
 pub(super) struct Admission {
-    store: Arc<dyn Queue>,
+    store: Arc<Store>,
     metrics: Arc<Metrics>,
     /// Most waiting jobs of a tenant whose quotas have no number.
     most: u64,
@@ -34,7 +34,7 @@ pub(super) struct Place {
 
 impl Admission {
     /// Allows `most` waiting jobs of a tenant whose quotas have no number.
-    pub fn new(store: Arc<dyn Queue>, metrics: Arc<Metrics>, most: u64) -> Self {
+    pub fn new(store: Arc<Store>, metrics: Arc<Metrics>, most: u64) -> Self {
         Self { store, metrics, most, creating: Arc::default() }
     }
 
@@ -65,7 +65,7 @@ impl Admission {
     /// The answer to a job for which the queue has no room.
     pub async fn full(&self, error: Error) -> Failure {
         let depth = match error.kind {
-            Kind::QueueFull => self.store.counts().await.ok().map(|counts| counts[State::Queued as usize]),
+            Kind::QueueFull => self.store.waiting().await.ok(),
             _ => None,
         };
         let retry_after = depth.and_then(|depth| self.metrics.seconds_to_empty(depth));

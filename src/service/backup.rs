@@ -263,9 +263,8 @@ fn sync(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::store::sqlite::SqliteStore;
-    use crate::service::store::tests::{RULES, new_job};
-    use crate::service::store::{Maintenance as _, NewJob, Queue as _, Referred, Spec};
+        use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{NewJob, Referred, Spec, Store};
 
     #[test]
     fn a_job_whose_files_went_is_lost() {
@@ -289,7 +288,7 @@ mod tests {
     #[tokio::test]
     async fn jobs_of_meshes_in_a_bucket_are_in_a_backup_with_what_came_with_them() {
         let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let store = SqliteStore::open(&from.path().join(STORE), RULES, Default::default()).await.expect("opened");
+        let store = Store::open(&from.path().join(STORE), RULES, Default::default()).await.expect("opened");
         let create = async |listed_seeds| {
             let referred = Some(Referred { url: "s3://bucket/x.obj".to_owned(), tag: None });
             let new = new_job();

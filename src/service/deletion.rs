@@ -7,11 +7,11 @@
 use std::sync::Arc;
 
 use super::files::Files;
-use super::store::{Deletion, Job, JobId, JobStore};
+use super::store::{Deletion, Job, JobId, Store};
 use crate::error::{Kind, Result};
 
 /// Deletes an ended job and its files.
-pub(super) async fn delete(files: &Arc<Files>, store: &dyn JobStore, id: JobId) -> Result<Deletion> {
+pub(super) async fn delete(files: &Arc<Files>, store: &Store, id: JobId) -> Result<Deletion> {
     let mut outcome = store.delete(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {
         outcome = store.delete(id).await;
@@ -27,7 +27,7 @@ pub(super) async fn delete(files: &Arc<Files>, store: &dyn JobStore, id: JobId) 
 }
 
 /// Cancels a job, as [`Queue::cancel`](super::store::Queue::cancel) does.
-pub(super) async fn cancel(files: &Arc<Files>, store: &dyn JobStore, id: JobId) -> Result<Option<Job>> {
+pub(super) async fn cancel(files: &Arc<Files>, store: &Store, id: JobId) -> Result<Option<Job>> {
     let mut outcome = store.cancel(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {
         outcome = store.cancel(id).await;
@@ -44,9 +44,8 @@ mod tests {
     use super::*;
     use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
-    use crate::service::store::sqlite::SqliteStore;
-    use crate::service::store::tests::{RULES, new_job};
-    use crate::service::store::{Queue, State};
+        use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{State, Store};
 
     #[tokio::test]
     async fn a_job_is_cancelled_on_a_full_disk() {
@@ -56,7 +55,7 @@ mod tests {
             Arc::new(Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens"));
         files.make_ballast();
         let path = files.database();
-        let store = SqliteStore::open(&path, RULES, faults.clone()).await.expect("a store");
+        let store = Store::open(&path, RULES, faults.clone()).await.expect("a store");
         let job = new_job();
         store.create(job.clone()).await.expect("created");
         faults.arm(FaultPoint::Commit, std::io::ErrorKind::StorageFull, 0, 1);

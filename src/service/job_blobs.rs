@@ -4,13 +4,13 @@ use object_store::GetRange;
 
 use super::blobs::Blob;
 use super::files::{Files, Folder, MESH};
-use super::store::{Job, Queue};
+use super::store::{Job, Store};
 use crate::error::{Error, Kind, Result};
 
 /// A blob of the upload of a job, or a range of it.
 pub(super) async fn upload(
     files: &Files,
-    store: &dyn Queue,
+    store: &Store,
     job: &Job,
     name: &str,
     range: Option<GetRange>,
@@ -27,7 +27,7 @@ pub(super) async fn upload(
 /// A blob of the result of a job, or a range of it. [`Kind::NotFound`] for a job without one.
 pub(super) async fn result(
     files: &Files,
-    store: &dyn Queue,
+    store: &Store,
     job: &Job,
     name: &str,
     range: Option<GetRange>,
@@ -38,7 +38,7 @@ pub(super) async fn result(
     }
 }
 
-async fn small(files: &Files, store: &dyn Queue, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
+async fn small(files: &Files, store: &Store, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
     let bytes = store.blob(job.id, name).await?;
     let bytes = bytes.ok_or_else(|| Error::new(Kind::NotFound, "the file is gone: its job was deleted"))?;
     files.held(&bytes, range)

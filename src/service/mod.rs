@@ -11,6 +11,7 @@
 //! | what a request may ask for | `request`, `query` |
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
+//! | which job is next, what follows from what | `queue` |
 //! | how jobs are kept | `store`, and their files in `files`; `job_blobs` knows which are where |
 //! | where files lie: a folder or a bucket | `blobs` |
 //! | what a job keeps of its mesh | `kept`, `kept_mesh` |
@@ -73,6 +74,7 @@ mod presence;
 mod private;
 mod problem;
 mod query;
+mod queue;
 mod request;
 mod results;
 mod retention;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio_util::sync::CancellationToken;
 
-use super::store::{JobStore, Presence};
+use super::store::{Presence, Store};
 
 /// Longest name of a host that a worker is named after, in bytes.
 const MAX_HOST: usize = 128;
@@ -23,7 +23,7 @@ pub(super) fn worker_name() -> String {
 }
 
 /// Announces a worker until `stop`.
-pub(super) async fn announce(store: &dyn JobStore, presence: Presence, stop: CancellationToken) {
+pub(super) async fn announce(store: &Store, presence: Presence, stop: CancellationToken) {
     loop {
         if let Err(error) = store.announce(&presence).await {
             tracing::debug!(%error, "the worker cannot be announced now");

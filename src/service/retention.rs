@@ -11,7 +11,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::deletion;
 use super::files::Files;
-use super::store::{Deletion, JobStore, ListQuery};
+use super::store::{Deletion, ListQuery, Store};
 use crate::error::Result;
 
 /// Jobs that are deleted at a time.
@@ -55,7 +55,7 @@ impl Reading {
 #[derive(Debug)]
 pub(super) struct Retention {
     files: Arc<Files>,
-    store: Arc<dyn JobStore>,
+    store: Arc<Store>,
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
     /// The clocks at the last look.
@@ -66,11 +66,11 @@ pub(super) struct Retention {
 
 impl Retention {
     /// For the jobs of a store. The clock was right when the newest job was created.
-    pub async fn new(files: Arc<Files>, store: Arc<dyn JobStore>, kept: Option<Duration>) -> Result<Self> {
+    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>) -> Result<Self> {
         Self::at(files, store, kept, Reading::now()).await
     }
 
-    async fn at(files: Arc<Files>, store: Arc<dyn JobStore>, kept: Option<Duration>, now: Reading) -> Result<Self> {
+    async fn at(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
         let newest = store.list(&ListQuery { limit: 1, ..ListQuery::default() }).await?.jobs.pop();
         let wall = newest.map_or(now.wall, |job| job.created_at);
         // a stop and a jump of the clock look alike
@@ -160,7 +160,7 @@ mod tests {
     use crate::service::faults::Faults;
     use crate::service::files::DiskLimits;
     use crate::service::store::tests::{new_job, store_in};
-    use crate::service::store::{End, Queue};
+    use crate::service::store::End;
 
     #[tokio::test]
     async fn a_clock_that_jumps_forward_makes_no_job_expire_at_once() {
@@ -180,7 +180,7 @@ mod tests {
         let start = Reading::now();
         let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
         let from = async |now| {
-            let (files, jobs) = (Arc::clone(&files), Arc::clone(&store) as Arc<dyn JobStore>);
+            let (files, jobs) = (Arc::clone(&files), Arc::clone(&store));
             Retention::at(files, jobs, Some(week), now).await.expect("readable")
         };
         let mut retention = from(start).await;

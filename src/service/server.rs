@@ -17,17 +17,13 @@ use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
 use super::metrics::Metrics;
-use super::metrics::timed_store::TimedStore;
 use super::pipeline::device_thread::{DeviceThread, Reopen};
 use super::pipeline::{Costs, Parts, Pipeline};
 use super::retention::Retention;
 use super::router::router;
 use super::state::{DeviceDescription, Shared};
 use super::storage::{self, Storage};
-#[cfg(feature = "postgres")]
-use super::store::postgres::PostgresStore;
-use super::store::sqlite::SqliteStore;
-use super::store::{JobStore, Presence, Rules};
+use super::store::{Presence, Rules, Store};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
 use super::{Settings, Switch, lag, presence, tls};
@@ -116,23 +112,25 @@ impl Server {
         };
         let shared = open_shared(&settings, rules).await?;
         let access = Arc::new(Access::open(&settings.access).await?);
-        files.take_place(shared.as_ref().map(|(_, name)| name.as_str())).await?;
+        files.take_place(shared.as_ref().map(Store::name)).await?;
         let files = Arc::new(files);
-        let store: Arc<dyn JobStore> = match (shared, &settings.data_dir) {
-            (Some((store, _)), _) => store,
+        let store = match (shared, &settings.data_dir) {
+            (Some(store), _) => store,
             (None, Some(_)) => {
                 files.check_store().await?;
-                let store = SqliteStore::open(&files.database(), rules, faults).await?;
+                let store = Store::open(&files.database(), rules, faults).await?;
                 if !store.was_used().await? {
                     files.check_unused_store().await?;
                 }
-                Arc::new(store)
+                store
             }
-            (None, None) => Arc::new(SqliteStore::temporary(&files.database(), rules, faults).await?),
+            (None, None) => Store::temporary(&files.database(), rules, faults).await?,
         };
         let metrics = Arc::new(Metrics::new(&description.info));
         metrics.limits(&settings);
-        let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
+        let observer = Arc::clone(&metrics);
+        store.observe(move |operation, elapsed, failed| observer.stored(operation, elapsed, failed));
+        let store = Arc::new(store);
         // a place that is shared is swept by the one service that cleans up
         if !files.is_shared() {
             let (swept, unknown) = (files.sweep(store.as_ref(), None).await?, files.unknown());
@@ -278,25 +276,20 @@ impl Server {
     }
 }
 
-/// A store that the service shares with others, and the name by which its files are known.
-type SharedStore = (Arc<dyn JobStore>, String);
-
 /// Connections to a shared store, beside one that listens: ten services leave room below PostgreSQL's default of 100.
 #[cfg(feature = "postgres")]
 const STORE_CONNECTIONS: usize = 8;
 
 /// The store that the service shares with others, if it does.
 #[cfg(feature = "postgres")]
-async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<SharedStore>> {
+async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<Store>> {
     let Some(url) = &settings.storage.store else { return Ok(None) };
-    let store = PostgresStore::open(url, STORE_CONNECTIONS, rules).await?;
-    let name = store.name().to_owned();
-    Ok(Some((Arc::new(store), name)))
+    Ok(Some(Store::shared(url, STORE_CONNECTIONS, rules).await?))
 }
 
 /// None: the settings were checked.
 #[cfg(not(feature = "postgres"))]
-async fn open_shared(_: &Settings, _: Rules) -> Result<Option<SharedStore>> {
+async fn open_shared(_: &Settings, _: Rules) -> Result<Option<Store>> {
     Ok(None)
 }
 

@@ -17,7 +17,7 @@ use super::health::Health;
 use super::metrics::Metrics;
 use super::pipeline::Memory;
 use super::storage::Storage;
-use super::store::{Job, JobId, JobStore, no_such_job};
+use super::store::{Job, JobId, Store, no_such_job};
 use super::traffic::Traffic;
 use super::webhooks::Webhooks;
 use crate::device::select::AdapterReport;
@@ -48,7 +48,7 @@ pub(super) struct Shared {
     /// The settings.
     pub settings: Settings,
     /// The jobs.
-    pub store: Arc<dyn JobStore>,
+    pub store: Arc<Store>,
     /// Their files.
     pub files: Arc<Files>,
     /// Whether these two work.

@@ -14,7 +14,7 @@ use tracing::Instrument as _;
 use super::blocking::blocking;
 use super::files::Files;
 use super::health::{Health, Part};
-use super::store::{Job, JobStore, ListQuery, Retried, State};
+use super::store::{Job, ListQuery, Retried, State, Store};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 
@@ -31,7 +31,7 @@ const PAGE: usize = 1000;
 #[derive(Debug)]
 pub(super) struct Storage {
     files: Arc<Files>,
-    store: Arc<dyn JobStore>,
+    store: Arc<Store>,
     health: Arc<Health>,
     works: watch::Sender<bool>,
     /// Held while a job is made to wait again.
@@ -40,7 +40,7 @@ pub(super) struct Storage {
 
 impl Storage {
     /// Folder and store, which just worked.
-    pub fn new(files: Arc<Files>, store: Arc<dyn JobStore>, health: Arc<Health>) -> Self {
+    pub fn new(files: Arc<Files>, store: Arc<Store>, health: Arc<Health>) -> Self {
         Self { files, store, health, works: watch::Sender::new(true), retrying: Mutex::default() }
     }
 
@@ -144,7 +144,7 @@ impl Storage {
 
 /// Renews the promises of jobs that were accepted before the service was started, oldest first. The ballast is made
 /// after that, so that it takes none of their room.
-pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn JobStore, limits: &Limits) -> Result<()> {
+pub(super) async fn promise_again(files: &Arc<Files>, store: &Store, limits: &Limits) -> Result<()> {
     let mut jobs = Vec::new();
     // jobs of a shared store run anywhere
     let states: &[State] = if store.is_shared() { &[] } else { &[State::Running, State::Queued] };
@@ -172,9 +172,8 @@ mod tests {
     use super::*;
     use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
-    use crate::service::store::sqlite::SqliteStore;
-    use crate::service::store::tests::{RULES, new_job, store_in};
-    use crate::service::store::{Maintenance as _, Queue as _, Release, Rules};
+        use crate::service::store::tests::{RULES, new_job, store_in};
+    use crate::service::store::{Release, Rules, Store};
 
     /// Two retries of a job, of which the first fails: the queue is full until the second one begins.
     async fn two_retries(is_second_awaited: bool) {
@@ -183,8 +182,8 @@ mod tests {
         let files = Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens");
         let (files, rules) = (Arc::new(files), Rules { max_queued: 1, max_attempts: 1, ..RULES });
         let path = files.database();
-        let store: Arc<dyn JobStore> =
-            Arc::new(SqliteStore::open(&path, rules, faults.clone()).await.expect("a store"));
+        let store: Arc<Store> =
+            Arc::new(Store::open(&path, rules, faults.clone()).await.expect("a store"));
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::default()));
         let given_up = new_job().id;
         let mut job = new_job();
@@ -265,8 +264,8 @@ mod tests {
         let limits = DiskLimits { min_free_bytes: total - 1, ..DiskLimits::default() };
         let files = Arc::new(Files::open(Some(folder.path()), None, limits, Faults::default()).expect("it opens"));
         let path = files.database();
-        let store = Arc::new(SqliteStore::open(&path, RULES, Faults::default()).await.expect("a store"));
-        let storage = Storage::new(Arc::clone(&files), Arc::clone(&store) as Arc<dyn JobStore>, Arc::default());
+        let store = Arc::new(Store::open(&path, RULES, Faults::default()).await.expect("a store"));
+        let storage = Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::default());
         let mut job = new_job();
         job.spec.buffers = vec!["x".repeat(10 << 20)];
         store.create(job.clone()).await.expect("created");

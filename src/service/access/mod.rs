@@ -25,7 +25,7 @@ use super::health::{Health, Part};
 use super::problem::Failure;
 use super::settings::AccessSettings;
 use super::store::LOCAL_TENANT;
-use super::store::fairness::Shares;
+use super::queue::Shares;
 use super::trace::Origin;
 use crate::error::{Error, Kind, Result};
 

@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
 use crate::error::{Error, Kind, Result, wrong_json_at};
-use crate::service::store::fairness::{Share, Shares};
+use crate::service::queue::{Share, Shares};
 
 /// What every token begins with, so that scanners for leaked secrets find it.
 const PREFIX: &str = "tess_";

@@ -197,7 +197,7 @@ mod tests {
     use crate::service::faults::Faults;
     use crate::service::files::{DiskLimits, Folder, MESH};
     use crate::service::store::tests::{new_job, store_in};
-    use crate::service::store::{JobId, Queue as _};
+    use crate::service::store::JobId;
 
     fn place(path: &Path) -> BlobPlace {
         path.to_str().expect("a name").parse().expect("a place")

@@ -16,7 +16,7 @@ use object_store::path::Path as BlobPath;
 use super::folder::Files;
 use super::names::{Folder, MESH, RESULTS, UPLOADS};
 use crate::error::Result;
-use crate::service::store::{Job, JobId, Queue, State};
+use crate::service::store::{Job, JobId, State, Store};
 
 /// Age at which blobs without a job go from a place that is shared. An upload that takes longer is lost.
 const OLD: Duration = Duration::from_secs(86_400);
@@ -25,7 +25,7 @@ impl Files {
     /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a
     /// retry, and results of attempts that did not make it. Uploads that are coming in stay, and so do files of unknown
     /// jobs that were stored after `old`, all of them when none. Returns how many folders went.
-    pub async fn sweep(&self, store: &dyn Queue, old: Option<SystemTime>) -> Result<usize> {
+    pub async fn sweep(&self, store: &Store, old: Option<SystemTime>) -> Result<usize> {
         let (mut removed, mut unknown) = (0, 0);
         let old = match self.is_shared() {
             true => self.blobs.probe().await?.checked_sub(OLD),

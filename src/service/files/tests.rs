@@ -10,7 +10,7 @@ use crate::mesh::Limits;
 use crate::service::blobs::folder::size;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::tests::{new_job, store_in};
-use crate::service::store::{Created, End, Job, JobId, NewJob, Queue, Referred, SMALL_BLOBS, Spec, Summary};
+use crate::service::store::{Created, End, Job, JobId, NewJob, Referred, SMALL_BLOBS, Spec, Summary};
 
 fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
     Arc::new(Files::open(Some(path), None, limits, faults).expect("it opens"))

@@ -7,7 +7,6 @@ mod busy;
 mod families;
 mod process;
 mod tenants;
-pub(super) mod timed_store;
 
 use std::borrow::Cow;
 use std::fmt;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use parking_lot::Mutex;
 use tokio_util::sync::CancellationToken;
 
-use crate::service::store::{Queue, Ticket};
+use crate::service::store::{Store, Ticket};
 
 /// For how long a job is leased at a time: a database may restart within it, and clients wait no longer for another
 /// worker.
@@ -36,7 +36,7 @@ impl Leases {
     }
 
     /// Prolongs leases and reclaims those that are over, until `stop`.
-    pub async fn keep(&self, store: &dyn Queue, stop: CancellationToken) {
+    pub async fn keep(&self, store: &Store, stop: CancellationToken) {
         let heartbeat = TERM / PARTS;
         let mut pause = heartbeat;
         loop {
@@ -49,7 +49,7 @@ impl Leases {
     }
 
     /// Whether the store took it.
-    async fn beat(&self, store: &dyn Queue) -> bool {
+    async fn beat(&self, store: &Store) -> bool {
         let tickets: Vec<Ticket> = self.held.lock().keys().copied().collect();
         let lost = match tickets.is_empty() {
             true => Ok(Vec::new()),

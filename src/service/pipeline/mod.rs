@@ -25,6 +25,7 @@ mod small;
 mod stages;
 mod task;
 mod turns;
+mod virtual_times;
 
 pub(super) use self::memory::Memory;
 pub(super) use self::parts::{Costs, Parts, Pipeline};

@@ -15,14 +15,14 @@ use crate::service::faults::Faults;
 use crate::service::files::Files;
 use crate::service::metrics::Metrics;
 use crate::service::storage::Storage;
-use crate::service::store::JobStore;
-use crate::service::store::fairness::Shares;
+use crate::service::store::Store;
+use crate::service::queue::Shares;
 
 /// What a pipeline is made of.
 #[derive(Debug)]
 pub(in crate::service) struct Parts {
     /// The jobs.
-    pub store: Arc<dyn JobStore>,
+    pub store: Arc<Store>,
     /// Their files.
     pub files: Arc<Files>,
     /// Whether these two work.
@@ -55,7 +55,7 @@ pub(in crate::service) struct Costs {
 /// What works on jobs.
 #[derive(Debug)]
 pub(in crate::service) struct Pipeline {
-    pub(super) store: Arc<dyn JobStore>,
+    pub(super) store: Arc<Store>,
     pub(super) files: Arc<Files>,
     pub(super) storage: Arc<Storage>,
     pub(super) device: DeviceThread,

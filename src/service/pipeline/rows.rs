@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::bounds::AGAIN;
 use crate::error::{Error, Kind, Result};
 use crate::report::Row;
-use crate::service::store::{Events, Progress, Ticket, What};
+use crate::service::store::{Progress, Store, Ticket, What};
 
 /// Rows that are appended to the job's events at once.
 const ROWS_AT_ONCE: usize = 1024;
@@ -58,7 +58,7 @@ impl Inbox {
 
     /// Appends rows to the events of a job, all that came meanwhile at once, until it is clustered; what is left then
     /// goes to `log`. A row wakes nothing by itself.
-    pub async fn tell(mut self, store: Arc<dyn Events>, ticket: Ticket, log: Arc<Log>) -> Result<()> {
+    pub async fn tell(mut self, store: Arc<Store>, ticket: Ticket, log: Arc<Log>) -> Result<()> {
         let mut progress = Progress::default();
         let mut events = Vec::new();
         loop {

@@ -1,9 +1,9 @@
 //! Turns at the device: which of the meshes that wait for it is next, and which are clustered beside it.
 //!
-//! Turns are shared fairly among tenants by the time that each used the device, divided by its weight ([`fairness`]); a
+//! Turns are shared fairly among tenants by the time that each used the device, divided by its weight ([`virtual_times`]); a
 //! tenant's own meshes come in the order of their arrival. Knows no device.
 //!
-//! [`fairness`]: crate::service::store::fairness
+//! [`virtual_times`]: super::virtual_times
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -11,7 +11,8 @@ use std::time::Instant;
 use parking_lot::Mutex;
 use tokio::sync::oneshot;
 
-use crate::service::store::fairness::{Share, VirtualTimes};
+use super::virtual_times::VirtualTimes;
+use crate::service::queue::Share;
 
 /// A mesh is short beside another one of at least this multiple of its cost.
 const SHORT: u64 = 4;

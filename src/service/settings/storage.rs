@@ -69,7 +69,7 @@ impl StorageSettings {
     /// Checks the URL of the database.
     #[cfg(feature = "postgres")]
     pub(in crate::service) fn check_store(&self) -> Result<()> {
-        self.store.as_ref().map_or(Ok(()), |url| crate::service::store::postgres::Address::parse(url).map(drop))
+        self.store.as_ref().map_or(Ok(()), |url| crate::service::store::Address::parse(url).map(drop))
     }
 
     /// Refuses a database: this build knows none.

@@ -15,6 +15,7 @@ use crate::mesh::Format;
 use crate::parameters::Parameters;
 use crate::report::Phase;
 use crate::service::kept::Kept;
+pub(in crate::service) use crate::service::queue::State;
 
 /// The tenant of every job of a service without tokens.
 pub(in crate::service) const LOCAL_TENANT: &str = "local";
@@ -28,18 +29,6 @@ impl JobId {
     /// A new one.
     pub fn random() -> Self {
         Self(Uuid::new_v4())
-    }
-
-    /// As a database keeps it.
-    #[cfg(feature = "postgres")]
-    pub(in crate::service::store) fn uuid(self) -> Uuid {
-        self.0
-    }
-
-    /// As a database kept it.
-    #[cfg(feature = "postgres")]
-    pub(in crate::service::store) fn from_uuid(uuid: Uuid) -> Self {
-        Self(uuid)
     }
 }
 
@@ -67,46 +56,6 @@ impl FromStr for JobId {
 /// The error for a job that does not exist.
 pub(in crate::service) fn no_such_job(id: impl fmt::Display) -> Error {
     Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
-}
-
-/// Where a job is in its life.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub(in crate::service) enum State {
-    /// Accepted; waits for its turn.
-    Queued,
-    /// Being read, clustered or written.
-    Running,
-    /// Ended; labels and report are there.
-    Succeeded,
-    /// Ended; `problem` says why.
-    Failed,
-    /// Ended on request.
-    Cancelled,
-}
-
-impl State {
-    /// Every state.
-    pub const ALL: [State; 5] = [State::Queued, State::Running, State::Succeeded, State::Failed, State::Cancelled];
-
-    /// As it is written in JSON and in queries.
-    pub fn name(self) -> &'static str {
-        match self {
-            State::Queued => "queued",
-            State::Running => "running",
-            State::Succeeded => "succeeded",
-            State::Failed => "failed",
-            State::Cancelled => "cancelled",
-        }
-    }
-
-    /// Whether nothing about the job will change any more.
-    pub fn is_ended(self) -> bool {
-        match self {
-            State::Queued | State::Running => false,
-            State::Succeeded | State::Failed | State::Cancelled => true,
-        }
-    }
 }
 
 /// An upload: its tenant, its files, and what to do with it.

@@ -1,18 +1,48 @@
-//! The processes that work on jobs: what each says about itself.
+//! The processes that work on jobs, what each says about itself, and what they do for all.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
-use async_trait::async_trait;
-use parking_lot::Mutex;
 use serde::{Serialize, Serializer};
+use tokio::sync::watch;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::job::{JobId, State};
-use super::queue::{ListQuery, Queue};
+use super::change::Transaction;
+use super::database::rows::{Abort, Row, values};
+use super::job::JobId;
+use super::store::Store;
+use super::terms::Notice;
 use crate::error::Result;
+
+/// Time since a worker was last heard of, after which it is shown no more, and after which its row goes.
+const SHOWN: Duration = Duration::from_secs(300);
+const KEPT: Duration = Duration::from_secs(3600);
+
+/// For how long a service has a duty, or a notice to deliver, before another one may take it.
+const TERM: Duration = Duration::from_secs(90);
+
+const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
+    VALUES ($1, $2, $3, $4, $5, $5) ON CONFLICT (id) DO UPDATE SET name = excluded.name, device = excluded.device, \
+    seen_at = excluded.seen_at";
+
+/// A worker that was killed leaves its row.
+const FORGET: &str = "DELETE FROM workers WHERE seen_at < $1 \
+    AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = workers.id AND state = 'running')";
+
+const DUTY: &str = "INSERT INTO duties (name, holder, until) VALUES ('clean-up', $1, $2) \
+    ON CONFLICT (name) DO UPDATE SET holder = excluded.holder, until = excluded.until \
+    WHERE duties.holder = excluded.holder OR duties.until <= $3 RETURNING name";
+
+/// Takes notices that no living service delivers, some at a time.
+const TAKE: &str = "UPDATE notices SET teller = $1, lease_until = $2 \
+    WHERE place IN (SELECT place FROM notices WHERE lease_until IS NULL OR lease_until <= $3 ORDER BY place LIMIT 256) \
+    AND (lease_until IS NULL OR lease_until <= $3)";
+
+/// Prolongs those that it has, well before they are over.
+const KEEP: &str = "UPDATE notices SET lease_until = $2 WHERE teller = $1 AND lease_until < $3";
 
 /// Name of a worker, new at every start of its process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
@@ -61,50 +91,110 @@ pub(in crate::service) struct Worker {
     pub jobs: Vec<JobId>,
 }
 
-/// Knows the workers.
-#[async_trait]
-pub(in crate::service) trait Workers: fmt::Debug + Send + Sync {
+fn worker(row: &Row, jobs: Vec<JobId>) -> Result<Worker> {
+    Ok(Worker {
+        id: WorkerId(row.get("id")?),
+        name: row.get("name")?,
+        version: row.get("version")?,
+        device: row.get("device")?,
+        started_at: row.get("started_at")?,
+        seen_at: row.get("seen_at")?,
+        jobs,
+    })
+}
+
+impl Store {
     /// Says that this process works on jobs; to be repeated every few seconds.
-    async fn announce(&self, presence: &Presence) -> Result<()>;
+    pub async fn announce(&self, presence: &Presence) -> Result<()> {
+        let Presence { name, version, device } = presence.clone();
+        let announced = self.change("announce", move |change| {
+            let now = change.now()?;
+            change.rows.write(ANNOUNCE, values![change.me, &*name, version, &*device, now])?;
+            change.rows.write(FORGET, values![now - KEPT])
+        });
+        announced.await
+    }
 
     /// The workers that were heard of in the last minutes or have jobs, the oldest first.
-    async fn workers(&self) -> Result<Vec<Worker>>;
-}
+    pub async fn workers(&self) -> Result<Vec<Worker>> {
+        let found = self.read_much("workers", |rows| {
+            let since = rows.now()? - SHOWN;
+            let sql = "SELECT worker_id, id FROM jobs WHERE state = 'running' ORDER BY number";
+            let found = rows.all(&[("SELECT * FROM workers ORDER BY started_at, id", Vec::new()), (sql, Vec::new())])?;
+            let mut jobs = HashMap::<Option<Uuid>, Vec<JobId>>::new();
+            for row in found.get(1).into_iter().flatten() {
+                jobs.entry(row.get("worker_id")?).or_default().push(row.get("id")?);
+            }
+            let mut workers = Vec::new();
+            for row in found.first().into_iter().flatten() {
+                workers.push(worker(row, jobs.remove(&row.get("id")?).unwrap_or_default())?);
+            }
+            workers.retain(|worker| worker.seen_at > since || !worker.jobs.is_empty());
+            Ok(workers)
+        });
+        found.await
+    }
 
-/// The worker of a store that one process has.
-#[derive(Debug)]
-pub(super) struct OnlyWorker {
-    id: WorkerId,
-    /// What it said, first and last.
-    known: Mutex<Option<(Presence, SystemTime, SystemTime)>>,
-}
+    /// Whether this process is the one that cleans up for all: deletes jobs that expired, sweeps files of no job.
+    pub async fn may_clean_up(&self) -> Result<bool> {
+        if !self.is_shared() {
+            return Ok(true);
+        }
+        let taken = self.change("may_clean_up", |change| {
+            let now = change.now()?;
+            Ok(change.rows.first(DUTY, values![change.me, now + TERM, now])?.is_some())
+        });
+        taken.await
+    }
 
-impl Default for OnlyWorker {
-    fn default() -> Self {
-        Self { id: WorkerId(Uuid::new_v4()), known: Mutex::default() }
+    /// Leaves duties and notices to other services.
+    pub(super) async fn leave(&self) -> Result<()> {
+        let left = self.change("close", |change| {
+            let me = change.me;
+            change.rows.write("UPDATE notices SET teller = NULL, lease_until = NULL WHERE teller = $1", values![me])?;
+            change.rows.write("DELETE FROM duties WHERE holder = $1", values![me])?;
+            let sql = "DELETE FROM workers WHERE id = $1 \
+                       AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = $1 AND state = 'running')";
+            change.rows.write(sql, values![me])
+        });
+        left.await
+    }
+
+    /// Changes whenever a job with a webhook ended: the delivery task waits for it. Marked as changed from the start.
+    pub fn endings(&self) -> watch::Receiver<u64> {
+        self.listeners.endings.subscribe()
+    }
+
+    /// Jobs whose webhook is not settled, in the order of their ends, deleted jobs included: of a shared store those that
+    /// this service delivers while it lives. As durable as jobs.
+    pub async fn untold(&self) -> Result<Vec<JobId>> {
+        let ids = |rows: Vec<Row>| rows.iter().map(|row| row.get("job")).collect::<Result<Vec<_>>>();
+        let rows = match self.is_shared() {
+            true => self.change("untold", take).await?,
+            false => self.read_much("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?,
+        };
+        ids(rows)
+    }
+
+    /// The notice of one of the [untold](Self::untold) jobs; none for another job.
+    pub async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
+        let sql = "SELECT * FROM notices WHERE job = $1";
+        let row = self.read("notice", move |rows| rows.first(sql, values![id])).await?;
+        row.as_ref().map(Notice::of).transpose()
+    }
+
+    /// Removes the notice of the end of a job at `ended_at`: its webhook was delivered or given up. Nothing happens for
+    /// an unknown job, or one that was retried and has ended again since.
+    pub async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()> {
+        let sql = "DELETE FROM notices WHERE job = $1 AND ended_at = $2";
+        self.change("settle_webhook", move |change| change.rows.write(sql, values![id, ended_at])).await
     }
 }
 
-impl OnlyWorker {
-    pub fn announce(&self, presence: &Presence) {
-        let mut known = self.known.lock();
-        let now = SystemTime::now();
-        let first = known.as_ref().map_or(now, |(_, first, _)| *first);
-        *known = Some((presence.clone(), first, now));
-    }
-
-    /// The worker with all running jobs of the store; none before it was announced.
-    pub async fn worker(&self, queue: &dyn Queue) -> Result<Option<Worker>> {
-        let Some((presence, started_at, seen_at)) = self.known.lock().clone() else { return Ok(None) };
-        let running = ListQuery { state: Some(State::Running), limit: 1000, ..ListQuery::default() };
-        Ok(Some(Worker {
-            id: self.id,
-            name: presence.name.to_string(),
-            version: presence.version.to_owned(),
-            device: Some(presence.device.to_string()),
-            started_at,
-            seen_at,
-            jobs: queue.list(&running).await?.jobs.into_iter().map(|job| job.id).collect(),
-        }))
-    }
+/// The notices that this service delivers.
+fn take(change: &mut Transaction<'_>) -> Result<Vec<Row>, Abort> {
+    let (now, me) = (change.now()?, change.me);
+    change.rows.write(KEEP, values![me, now + TERM, now + TERM / 2])?;
+    change.rows.write(TAKE, values![me, now + TERM, now])?;
+    change.rows.query("SELECT job FROM notices WHERE teller = $1 ORDER BY place", values![me])
 }

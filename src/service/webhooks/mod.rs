@@ -30,7 +30,7 @@ pub use self::target::WebhookHost;
 use super::metrics::Metrics;
 use super::problem::Problem;
 use super::settings::WebhookSettings;
-use super::store::{JobId, Notice, Notices, State};
+use super::store::{JobId, Notice, State, Store};
 use super::timestamp::rfc3339;
 use super::urls;
 use crate::error::{Error, Kind, Result};
@@ -135,13 +135,13 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
 /// Delivers notices.
 #[derive(Debug)]
 pub(super) struct Teller {
-    store: Arc<dyn Notices>,
+    store: Arc<Store>,
     webhooks: Arc<Webhooks>,
     metrics: Arc<Metrics>,
 }
 
 impl Teller {
-    pub fn new(store: Arc<dyn Notices>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
+    pub fn new(store: Arc<Store>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
         Self { store, webhooks, metrics }
     }
 

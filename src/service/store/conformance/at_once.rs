@@ -2,7 +2,7 @@
 
 use super::*;
 
-pub(super) async fn a_key_stands_for_one_request(store: &dyn JobStore) {
+pub(super) async fn a_key_stands_for_one_request(store: &Store) {
     assert!(!store.knows_key("a", "k").await.expect("readable"));
     let Created::New(first) = store.create(with_key("a", "k", "digest")).await.expect("created") else {
         panic!("the key is new")
@@ -25,7 +25,7 @@ pub(super) async fn a_key_stands_for_one_request(store: &dyn JobStore) {
     assert!(matches!(store.create(with_key("a", "k", "another digest")).await, Ok(Created::New(_))));
 }
 
-pub(super) async fn the_same_key_at_once_gives_one_job(store: Arc<dyn JobStore>) {
+pub(super) async fn the_same_key_at_once_gives_one_job(store: Arc<Store>) {
     let clients: Vec<_> = (0..40)
         .map(|client| {
             let store = Arc::clone(&store);
@@ -47,7 +47,7 @@ pub(super) async fn the_same_key_at_once_gives_one_job(store: Arc<dyn JobStore>)
     assert_eq!(store.counts().await.expect("counted"), [2, 0, 0, 0, 0]);
 }
 
-pub(super) async fn arrivals_wake_a_worker(store: Arc<dyn JobStore>) {
+pub(super) async fn arrivals_wake_a_worker(store: Arc<Store>) {
     let mut arrivals = store.arrivals();
     assert!(arrivals.has_changed().expect("still there"), "a worker looks before it waits");
     arrivals.borrow_and_update();
@@ -63,7 +63,7 @@ pub(super) async fn arrivals_wake_a_worker(store: Arc<dyn JobStore>) {
     assert_eq!(claimed.expect("in time").expect("no panic"), id);
 }
 
-pub(super) async fn many_at_once_lose_nothing(store: Arc<dyn JobStore>) {
+pub(super) async fn many_at_once_lose_nothing(store: Arc<Store>) {
     let clients: Vec<_> = (0..50)
         .map(|_| {
             let store = Arc::clone(&store);

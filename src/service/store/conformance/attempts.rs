@@ -2,7 +2,7 @@
 
 use super::*;
 
-pub(super) async fn a_released_job_runs_again_in_its_place(store: &dyn JobStore) {
+pub(super) async fn a_released_job_runs_again_in_its_place(store: &Store) {
     let first = create(store).await.id;
     let second = create(store).await.id;
     let mut arrivals = store.arrivals();
@@ -29,7 +29,7 @@ pub(super) async fn a_released_job_runs_again_in_its_place(store: &dyn JobStore)
     assert_eq!(whats[4].what, What::Started(2, "test".to_owned()));
 }
 
-pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &dyn JobStore) {
+pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &Store) {
     let id = create(store).await.id;
     let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
     for attempt in 1..=4 {
@@ -49,7 +49,7 @@ pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &dyn JobStore)
     assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
 }
 
-pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &dyn JobStore) {
+pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &Store) {
     let lost = create(store).await.id;
     let kept = create(store).await.id;
     let tickets: Vec<_> =
@@ -65,7 +65,7 @@ pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &dyn JobStore) {
     assert_eq!(store.heartbeat(&tickets, LEASE).await, Ok(vec![tickets[0]]), "another one's by now");
 }
 
-pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &dyn JobStore) {
+pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &Store) {
     let id = create(store).await.id;
     let count = || {
         let Statistics { attempts_failed, given_up, .. } = store.statistics();
@@ -86,7 +86,7 @@ pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &dyn JobStor
     assert!(get(store, id).await.keeps_upload(), "it was given up");
 }
 
-pub(super) async fn a_released_job_that_was_to_end_ends(store: &dyn JobStore) {
+pub(super) async fn a_released_job_that_was_to_end_ends(store: &Store) {
     let id = create(store).await.id;
     let (ticket, _) = claim(store).await;
     store.cancel(id).await.expect("asked");
@@ -145,7 +145,7 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
     assert_eq!(page.jobs[0].id, next.id);
 }
 
-pub(super) async fn claims_that_never_began_count_for_nothing(store: &dyn JobStore) {
+pub(super) async fn claims_that_never_began_count_for_nothing(store: &Store) {
     let id = create(store).await.id;
     let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
     for _ in 0..5 {
@@ -159,7 +159,7 @@ pub(super) async fn claims_that_never_began_count_for_nothing(store: &dyn JobSto
     assert_eq!(get(store, id).await.state, State::Queued);
 }
 
-pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(store: &dyn JobStore) {
+pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(store: &Store) {
     let mesh = SmallBlob { name: "mesh".to_owned(), bytes: vec![1, 2, 3].into() };
     let webhook = Some("https://a.example/".to_owned());
     let spec = Spec { is_small: true, webhook, ..spec("x") };

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::super::tests::new_job;
-use super::super::{Claiming, End, JobStore, Spec};
+use super::super::{Claiming, End, Spec, Store};
 use super::LEASE;
 
 /// How many jobs are claimed: `CLAIM_JOBS` says it for the figures in `docs/farm.md`.
@@ -14,7 +14,7 @@ pub fn jobs() -> usize {
 
 /// Claims empty jobs by one claimer a store, each of which ends those that it claimed before it claims again. All
 /// stores have the same jobs.
-pub async fn claim_all(stores: &[Arc<dyn JobStore>], limit: usize, jobs: usize) {
+pub async fn claim_all(stores: &[Arc<Store>], limit: usize, jobs: usize) {
     let creators = (0..8).map(|creator| {
         let store = Arc::clone(&stores[creator % stores.len()]);
         tokio::spawn(async move {

@@ -1,15 +1,15 @@
 //! Which job is claimed next.
 
 use super::*;
-use crate::service::store::fairness::{Share, Shares};
+use crate::service::queue::{Share, Shares};
 
-async fn add_for(store: &dyn JobStore, tenant: &str, priority: i8) -> JobId {
+async fn add_for(store: &Store, tenant: &str, priority: i8) -> JobId {
     let spec = Spec { tenant: tenant.to_owned(), priority, ..spec("x") };
     add(store, JobId::random(), spec).await.id
 }
 
 async fn claim_with(
-    store: &dyn JobStore,
+    store: &Store,
     limit: usize,
     newcomers: usize,
     shares: &[(&str, Share)],
@@ -23,7 +23,7 @@ fn tenants(claimed: &[(Ticket, Job)]) -> Vec<&str> {
     claimed.iter().map(|(_, job)| job.spec.tenant.as_str()).collect()
 }
 
-pub(super) async fn a_tenant_with_many_jobs_holds_no_other_tenant_up(store: &dyn JobStore) {
+pub(super) async fn a_tenant_with_many_jobs_holds_no_other_tenant_up(store: &Store) {
     for _ in 0..20 {
         add_for(store, "many", 0).await;
     }
@@ -47,7 +47,7 @@ pub(super) async fn a_tenant_with_many_jobs_holds_no_other_tenant_up(store: &dyn
     assert_eq!(served, ["few", "many"]);
 }
 
-pub(super) async fn weights_limits_and_newcomers_are_kept(store: &dyn JobStore) {
+pub(super) async fn weights_limits_and_newcomers_are_kept(store: &Store) {
     for _ in 0..12 {
         add_for(store, "a", 0).await;
         add_for(store, "b", 0).await;
@@ -71,7 +71,7 @@ pub(super) async fn weights_limits_and_newcomers_are_kept(store: &dyn JobStore) 
     assert_eq!(tenants(&found), ["a", "b"]);
 }
 
-pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &dyn JobStore) {
+pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &Store) {
     let low = add_for(store, "a", -100).await;
     let old = add_for(store, "a", 0).await;
     let new = add_for(store, "a", 0).await;
@@ -85,7 +85,7 @@ pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &dyn JobStore) 
     assert_eq!(claimed, [high, other, old, new, low]);
 }
 
-pub(super) async fn the_worker_is_known(store: &dyn JobStore) {
+pub(super) async fn the_worker_is_known(store: &Store) {
     let id = add_for(store, "a", 0).await;
     assert_eq!(get(store, id).await.worker, None);
     claim_with(store, 1, 0, &[]).await;

@@ -2,7 +2,7 @@
 
 use super::*;
 
-pub(super) async fn a_new_job_is_as_it_was_created(store: &dyn JobStore) {
+pub(super) async fn a_new_job_is_as_it_was_created(store: &Store) {
     let id = JobId::random();
     let job = add(store, id, spec("größe.gltf")).await;
     assert_eq!((job.id, job.state), (id, State::Queued));
@@ -14,7 +14,7 @@ pub(super) async fn a_new_job_is_as_it_was_created(store: &dyn JobStore) {
     assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::State(State::Queued) }]);
 }
 
-pub(super) async fn jobs_are_claimed_in_order_and_once(store: &dyn JobStore) {
+pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
     let first = create(store).await;
     let second = create(store).await;
     let (ticket, job) = claim(store).await;
@@ -27,7 +27,7 @@ pub(super) async fn jobs_are_claimed_in_order_and_once(store: &dyn JobStore) {
     assert_eq!(store.counts().await.expect("counted"), [0, 2, 0, 0, 0]);
 }
 
-pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &dyn JobStore) {
+pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {
     create(store).await;
     store.check_room().await.expect("room for one more");
     create(store).await;
@@ -41,7 +41,7 @@ pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &dyn JobStore
     create(store).await;
 }
 
-pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &dyn JobStore) {
+pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &Store) {
     let id = create(store).await.id;
     let (ticket, _) = claim(store).await;
     let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
@@ -66,7 +66,7 @@ pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &dyn JobSt
     assert_eq!(events(store, id, u64::MAX, usize::MAX).await, []);
 }
 
-pub(super) async fn every_end_is_told(store: &dyn JobStore) {
+pub(super) async fn every_end_is_told(store: &Store) {
     let error = Error::new(Kind::InvalidMesh, "line 3: \"x\" is no number");
     for (end, state, problem, summary) in [
         (End::Succeeded(SUMMARY), State::Succeeded, None, Some(SUMMARY)),
@@ -87,7 +87,7 @@ pub(super) async fn every_end_is_told(store: &dyn JobStore) {
     }
 }
 
-pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &dyn JobStore) {
+pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &Store) {
     let id = create(store).await.id;
     let (ticket, _) = claim(store).await;
     let other = Ticket { attempt: ticket.attempt + 1, ..ticket };
@@ -105,7 +105,7 @@ pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &dyn JobStore) {
     }
 }
 
-pub(super) async fn a_queued_job_is_cancelled_at_once(store: &dyn JobStore) {
+pub(super) async fn a_queued_job_is_cancelled_at_once(store: &Store) {
     let first = create(store).await.id;
     let second = create(store).await.id;
     let cancelled = store.cancel(first).await.expect("asked").expect("a job");
@@ -116,7 +116,7 @@ pub(super) async fn a_queued_job_is_cancelled_at_once(store: &dyn JobStore) {
     assert_eq!(events(store, first, 1, 9).await[0].what, What::End(State::Cancelled, None));
 }
 
-pub(super) async fn a_running_job_is_asked_to_end(store: &dyn JobStore) {
+pub(super) async fn a_running_job_is_asked_to_end(store: &Store) {
     let id = create(store).await.id;
     let (ticket, _) = claim(store).await;
     let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
@@ -128,7 +128,7 @@ pub(super) async fn a_running_job_is_asked_to_end(store: &dyn JobStore) {
     assert_eq!(get(store, id).await.state, State::Cancelled);
 }
 
-pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &dyn JobStore) {
+pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &Store) {
     let id = create(store).await.id;
     assert_eq!(store.delete(id).await.expect("asked"), Deletion::Live);
     let (ticket, _) = claim(store).await;
@@ -145,7 +145,7 @@ pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &
 }
 
 pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(
-    store: &dyn JobStore,
+    store: &Store,
 ) {
     let blob = |name: &str, bytes: Vec<u8>| SmallBlob { name: name.to_owned(), bytes: bytes.into() };
     let upload = [blob("mesh", (0..200_000).map(|at| at as u8).collect()), blob("ü/β", Vec::new())];
@@ -194,7 +194,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     keeps(succeeded, &[]).await;
 }
 
-pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &dyn JobStore) {
+pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &Store) {
     let id = JobId::random();
     assert_eq!(store.get(id).await.expect("readable"), None);
     assert_eq!(store.cancel(id).await.expect("asked"), None);

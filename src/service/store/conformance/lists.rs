@@ -2,7 +2,7 @@
 
 use super::*;
 
-pub(super) async fn pages_hold_every_job_once(store: &dyn JobStore) {
+pub(super) async fn pages_hold_every_job_once(store: &Store) {
     let mut newest_first = Vec::new();
     for _ in 0..7 {
         newest_first.insert(0, create(store).await.id);
@@ -34,7 +34,7 @@ pub(super) async fn pages_hold_every_job_once(store: &dyn JobStore) {
     assert_eq!(queued.jobs[0].queue_position, Some(9));
 }
 
-pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
+pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &Store) {
     let mut mine = Vec::new();
     for turn in 0..5 {
         let tenant = ["mine", "Mine"][turn % 2].to_owned();
@@ -58,7 +58,7 @@ pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
     assert_eq!(store.list(&unknown).await.expect("listed"), Page::default());
 }
 
-pub(super) async fn the_oldest_job_that_waits_is_known(store: &dyn JobStore) {
+pub(super) async fn the_oldest_job_that_waits_is_known(store: &Store) {
     assert_eq!(store.oldest_queued().await, Ok(None));
     let first = create(store).await;
     let second = create(store).await;
@@ -69,7 +69,7 @@ pub(super) async fn the_oldest_job_that_waits_is_known(store: &dyn JobStore) {
     assert_eq!(store.oldest_queued().await, Ok(None));
 }
 
-pub(super) async fn a_foreign_cursor_is_refused(store: &dyn JobStore) {
+pub(super) async fn a_foreign_cursor_is_refused(store: &Store) {
     for cursor in ["", "7", "%%", "AAAA", "ü"] {
         let query = ListQuery { cursor: Some(cursor.to_owned()), limit: 5, ..ListQuery::default() };
         let refused = store.list(&query).await.expect_err(cursor);
@@ -77,7 +77,7 @@ pub(super) async fn a_foreign_cursor_is_refused(store: &dyn JobStore) {
     }
 }
 
-pub(super) async fn ended_jobs_are_found_by_their_age(store: &dyn JobStore) {
+pub(super) async fn ended_jobs_are_found_by_their_age(store: &Store) {
     let mut ended = Vec::new();
     for _ in 0..3 {
         create(store).await;
@@ -96,7 +96,7 @@ pub(super) async fn ended_jobs_are_found_by_their_age(store: &dyn JobStore) {
     assert_eq!(store.ended_before(later, 99).await.expect("readable"), all[1..]);
 }
 
-pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn JobStore) {
+pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &Store) {
     let mut endings = store.endings();
     assert!(endings.has_changed().expect("still there"), "the teller looks before it waits");
     endings.borrow_and_update();

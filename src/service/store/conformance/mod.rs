@@ -6,10 +6,11 @@ use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 
+use super::terms::Page;
 use super::{
-    Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob,
-    Notice, Page, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics, Summary, Ticket,
-    What,
+    Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob,
+    Notice, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics, Store, Summary,
+    Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
@@ -19,21 +20,28 @@ use crate::service::kept::Kept;
 
 mod at_once;
 mod attempts;
-pub mod claims;
+mod claims;
 mod fairness;
+mod histories;
 mod life;
 mod lists;
+mod opening;
+#[cfg(feature = "postgres")]
+mod postgres;
+#[cfg(feature = "postgres")]
+mod server;
+mod sqlite;
 mod workers;
 
 /// What is tested.
 #[async_trait]
 pub(in crate::service) trait Subject: Sync {
     /// An empty store.
-    async fn empty(&self, rules: Rules) -> Box<dyn JobStore>;
+    async fn empty(&self, rules: Rules) -> Box<Store>;
 
     /// What the last store that [`empty`](Self::empty) made has on disk right now, opened as after a crash; none when a
     /// crash leaves nothing.
-    async fn after_crash(&self, _rules: Rules) -> Option<Box<dyn JobStore>> {
+    async fn after_crash(&self, _rules: Rules) -> Option<Box<Store>> {
         None
     }
 }
@@ -104,26 +112,26 @@ fn spec(name: &str) -> Spec {
     }
 }
 
-async fn create(store: &dyn JobStore) -> Job {
+async fn create(store: &Store) -> Job {
     add(store, JobId::random(), spec("mesh.gltf")).await
 }
 
-async fn add(store: &dyn JobStore, id: JobId, spec: Spec) -> Job {
+async fn add(store: &Store, id: JobId, spec: Spec) -> Job {
     match store.create(NewJob { id, spec, idempotency: None, upload: Vec::new() }).await.expect("created") {
         Created::New(job) => job,
         Created::Known(job) => panic!("no key was given: {job:?}"),
     }
 }
 
-async fn claim(store: &dyn JobStore) -> (Ticket, Job) {
+async fn claim(store: &Store) -> (Ticket, Job) {
     store.claim(1, LEASE).await.expect("claimable").pop().expect("a job")
 }
 
-async fn get(store: &dyn JobStore, id: JobId) -> Job {
+async fn get(store: &Store, id: JobId) -> Job {
     store.get(id).await.expect("readable").expect("a job")
 }
 
-async fn events(store: &dyn JobStore, id: JobId, after: u64, limit: usize) -> Vec<Event> {
+async fn events(store: &Store, id: JobId, after: u64, limit: usize) -> Vec<Event> {
     store.events(id, after, limit).await.expect("readable").expect("a job")
 }
 

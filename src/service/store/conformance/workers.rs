@@ -3,7 +3,7 @@
 use super::*;
 use crate::service::store::{Presence, Worker};
 
-async fn announced(store: &dyn JobStore) -> Worker {
+async fn announced(store: &Store) -> Worker {
     let presence = Presence { name: "w".into(), version: "1.2.3", device: "a device".into() };
     store.announce(&presence).await.expect("announced");
     let mut workers = store.workers().await.expect("readable");
@@ -11,7 +11,7 @@ async fn announced(store: &dyn JobStore) -> Worker {
     workers.remove(0)
 }
 
-pub(super) async fn a_worker_is_known_with_its_jobs(store: &dyn JobStore) {
+pub(super) async fn a_worker_is_known_with_its_jobs(store: &Store) {
     assert_eq!(store.workers().await, Ok(vec![]), "it was not announced");
     let worker = announced(store).await;
     assert_eq!((&*worker.name, &*worker.version, worker.device.as_deref()), ("w", "1.2.3", Some("a device")));

@@ -1,0 +1,221 @@
+//! Claims: which jobs a worker gets.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use super::crash::{Allowed, allowed};
+use super::job::Standing;
+use super::rules::Rules;
+
+/// What the operator grants a tenant of the queue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) struct Share {
+    /// At least 1: a tenant of weight 2 gets twice as many running jobs as one of weight 1.
+    pub weight: u32,
+    /// Jobs that may run at a time; any number when none.
+    pub max_running: Option<u64>,
+}
+
+impl Default for Share {
+    fn default() -> Self {
+        Self { weight: 1, max_running: None }
+    }
+}
+
+/// The shares of all tenants; a tenant that is not in it has the default share.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(in crate::service) struct Shares(HashMap<String, Share>);
+
+impl FromIterator<(String, Share)> for Shares {
+    fn from_iter<I: IntoIterator<Item = (String, Share)>>(shares: I) -> Self {
+        Self(shares.into_iter().collect())
+    }
+}
+
+impl Shares {
+    /// The share of a tenant.
+    pub fn of(&self, tenant: &str) -> Share {
+        self.0.get(tenant).copied().unwrap_or_default()
+    }
+}
+
+/// What a worker claims.
+#[derive(Debug, Clone)]
+pub(in crate::service) struct Claiming {
+    /// Most jobs.
+    pub limit: usize,
+    /// Most further jobs, only of tenants without a running job.
+    pub newcomers: usize,
+    /// For how long the jobs are leased.
+    pub lease: Duration,
+    /// Name of the worker.
+    pub worker: Arc<str>,
+    /// What each tenant may use.
+    pub shares: Arc<Shares>,
+}
+
+/// What a store loads for a claim, in the transaction of the claim. One claim at a time sees the queue.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct View {
+    /// The tenants with waiting jobs, in any order.
+    pub tenants: Vec<Tenant>,
+    /// The latest start of a turn of any tenant: the largest `served`, 0 when there is none.
+    pub clock: f64,
+    /// The running jobs of this worker.
+    pub mine: Vec<Standing>,
+    /// Whether no other worker comes before this one by (number of running jobs, id). Only workers count that run a
+    /// job, run no suspect and do not drain. True in a store of one worker.
+    pub is_least_busy: bool,
+}
+
+/// A tenant with waiting jobs.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Tenant {
+    /// Its name.
+    pub name: String,
+    /// Its jobs that run, on any worker.
+    pub running: u64,
+    /// When its next turn starts, in virtual time: `next` of its last [`Turn`], 0 before the first one.
+    pub next: f64,
+    /// Its first waiting jobs that are no suspects, by urgency, then by number: as many as are claimed, if there are.
+    pub waiting: Vec<Waiting>,
+    /// Of its waiting suspects the one with the earliest `not_before`, then the smallest number.
+    pub suspect: Option<Suspect>,
+}
+
+/// A waiting job. The order is that in which a tenant's jobs are claimed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::service) struct Waiting {
+    /// The priority, negated.
+    pub urgency: i16,
+    /// Counts the jobs ever created.
+    pub number: i64,
+}
+
+/// A waiting job that is a suspect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) struct Suspect {
+    /// Counts the jobs ever created.
+    pub number: i64,
+    /// Its [`Standing::suspicion`].
+    pub crashes: u32,
+    /// Its [`Standing::not_before`].
+    pub not_before: SystemTime,
+}
+
+/// What is claimed.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(in crate::service) struct Picks {
+    /// Numbers of the jobs, in the order of their claims. The store applies [`Change::Claim`](super::Change) to each.
+    pub numbers: Vec<i64>,
+    /// The last turn of each tenant that has one now. The store keeps it in the row of the tenant, which it may forget
+    /// once `next` is not above the clock.
+    pub turns: Vec<Turn>,
+    /// When more may be claimed, if that needs time only.
+    pub again: Option<SystemTime>,
+}
+
+/// A turn of a tenant, in virtual time.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Turn {
+    /// Name of the tenant.
+    pub tenant: String,
+    /// When the turn started.
+    pub served: f64,
+    /// When its next turn starts.
+    pub next: f64,
+}
+
+/// The jobs that a worker gets now: a suspect alone, or others by [start-time fair queueing](Fair).
+pub(in crate::service) fn claim(view: View, claiming: &Claiming, rules: &Rules, now: SystemTime) -> Picks {
+    let Claiming { limit, newcomers, shares, .. } = claiming;
+    let mut fair = Fair::new(view.clock, &view.tenants, shares);
+    let again = match allowed(&view, *limit, |index| fair.is_below_limit(index), rules, now) {
+        Allowed::Nothing(until) => return Picks { again: Some(until), ..Picks::default() },
+        Allowed::Suspect(index) => {
+            let suspect = view.tenants[index].suspect.map(|suspect| suspect.number);
+            fair.serve(index);
+            return Picks { numbers: suspect.into_iter().collect(), turns: fair.turns(), again: None };
+        }
+        Allowed::Others(again) => again,
+    };
+    let mut numbers = Vec::new();
+    while numbers.len() < limit + newcomers {
+        let Some((index, number)) = fair.next(numbers.len() >= *limit) else { break };
+        fair.serve(index);
+        fair.tenants[index].taken += 1;
+        numbers.push(number);
+    }
+    Picks { numbers, turns: fair.turns(), again }
+}
+
+/// Start-time fair queueing over tenants (Goyal et al. 1996). A tenant has a virtual time, which each claimed job
+/// advances by 1 / weight. A tenant that comes back after a pause starts at the clock: it neither waits for what it did
+/// not use, nor gets credit for it.
+struct Fair<'v> {
+    clock: f64,
+    tenants: Vec<Served<'v>>,
+}
+
+/// A tenant during a claim.
+struct Served<'v> {
+    tenant: &'v Tenant,
+    share: Share,
+    running: u64,
+    /// Of its waiting jobs.
+    taken: usize,
+    next: f64,
+    turn: Option<f64>,
+}
+
+impl<'v> Fair<'v> {
+    fn new(clock: f64, tenants: &'v [Tenant], shares: &Shares) -> Self {
+        let served = |tenant: &'v Tenant| {
+            let share = shares.of(&tenant.name);
+            Served { tenant, share, running: tenant.running, taken: 0, next: tenant.next, turn: None }
+        };
+        Self { clock, tenants: tenants.iter().map(served).collect() }
+    }
+
+    fn is_below_limit(&self, index: usize) -> bool {
+        let Served { share, running, .. } = &self.tenants[index];
+        share.max_running.is_none_or(|most| *running < most)
+    }
+
+    /// The next tenant, and its next job.
+    fn next(&self, is_for_newcomer: bool) -> Option<(usize, i64)> {
+        let entitled = (0..self.tenants.len()).filter(|index| self.is_below_limit(*index));
+        let candidates = entitled.filter_map(|index| {
+            let Served { tenant, share, running, taken, next, .. } = &self.tenants[index];
+            let job = tenant.waiting.get(*taken).filter(|_| !is_for_newcomer || *running == 0)?;
+            let place = *running as f64 / weight(*share);
+            Some((place, next.max(self.clock), job, index))
+        });
+        let first = candidates.min_by(|(place, start, job, _), (other_place, other_start, other_job, _)| {
+            place.total_cmp(other_place).then(start.total_cmp(other_start)).then(job.cmp(other_job))
+        });
+        first.map(|(_, _, job, index)| (index, job.number))
+    }
+
+    /// Gives the tenant a turn.
+    fn serve(&mut self, index: usize) {
+        let tenant = &mut self.tenants[index];
+        self.clock = tenant.next.max(self.clock);
+        tenant.running += 1;
+        tenant.turn = Some(self.clock);
+        tenant.next = self.clock + 1.0 / weight(tenant.share);
+    }
+
+    /// The last turns of the tenants that were served.
+    fn turns(self) -> Vec<Turn> {
+        let turn = |Served { tenant, next, turn, .. }: Served<'_>| {
+            turn.map(|served| Turn { tenant: tenant.name.clone(), served, next })
+        };
+        self.tenants.into_iter().filter_map(turn).collect()
+    }
+}
+
+fn weight(share: Share) -> f64 {
+    f64::from(share.weight.max(1))
+}

@@ -1,0 +1,224 @@
+//! A job as the rules see it, and its changes.
+
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::rules::{Rules, given_up, lease_is_over};
+use crate::error::Error;
+
+/// Where a job is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(in crate::service) enum State {
+    /// Accepted; waits for its turn.
+    Queued,
+    /// Being read, clustered or written.
+    Running,
+    /// Ended; labels and report are there.
+    Succeeded,
+    /// Ended; `problem` says why.
+    Failed,
+    /// Ended on request.
+    Cancelled,
+}
+
+impl State {
+    /// Every state.
+    pub const ALL: [State; 5] = [State::Queued, State::Running, State::Succeeded, State::Failed, State::Cancelled];
+
+    /// As it is written in JSON and in queries.
+    pub fn name(self) -> &'static str {
+        match self {
+            State::Queued => "queued",
+            State::Running => "running",
+            State::Succeeded => "succeeded",
+            State::Failed => "failed",
+            State::Cancelled => "cancelled",
+        }
+    }
+
+    /// Whether nothing about the job will change any more.
+    pub fn is_ended(self) -> bool {
+        match self {
+            State::Queued | State::Running => false,
+            State::Succeeded | State::Failed | State::Cancelled => true,
+        }
+    }
+}
+
+/// What the rules know of a job: columns of its row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) struct Standing {
+    /// Where it is in its life.
+    pub state: State,
+    /// Claims so far: the fence of every write by a worker.
+    pub attempt: u32,
+    /// Of them, those that do not count: broken off without fault, or before the last retry.
+    pub uncounted: u32,
+    /// Whether the reading of the mesh began in the current attempt.
+    pub has_begun: bool,
+    /// Crashes of workers while the job had begun; a job with any is a suspect.
+    pub suspicion: u32,
+    /// When a waiting job that is a suspect may start.
+    pub not_before: Option<SystemTime>,
+    /// When it was claimed last.
+    pub started_at: Option<SystemTime>,
+    /// When the lease of a running job is over.
+    pub lease_until: Option<SystemTime>,
+    /// Whether a client requested its end.
+    pub cancel_requested: bool,
+}
+
+/// Why a running job is given back.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) enum Release {
+    /// The attempt failed, and another one may not. It counts if it had begun.
+    Failed(Error),
+    /// The attempt was broken off without fault; it does not count.
+    Free,
+}
+
+/// What happens to a job. A worker names its attempt.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) enum Change {
+    /// A worker claims it; the attempt begins at once if the upload is small.
+    Claim { worker: Arc<str>, lease: Duration, is_small: bool },
+    /// The worker begins to read the mesh: from now on the attempt counts. Nothing happens when it has begun already.
+    Begin { attempt: u32 },
+    /// The worker is alive: its lease ends this long after now.
+    Heartbeat { attempt: u32, lease: Duration },
+    /// The worker gives it back.
+    Release { attempt: u32, release: Release },
+    /// The worker ends it in that state, with the problem of a failed job.
+    End { attempt: u32, state: State, problem: Option<Error> },
+    /// Its lease is over, but the worker is alive: it stood still.
+    LeaseOver,
+    /// The worker crashed: see [`crashed`](super::crashed).
+    Crashed { counts: bool },
+    /// A client requests its end: a waiting job ends at once, a running one when its worker stops, an ended one stays.
+    Cancel,
+    /// A client runs a failed job again.
+    Retry,
+}
+
+/// A change of the state, which the store appends to the events of the job.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) enum Event {
+    /// It waits.
+    Queued,
+    /// It runs: the number of the attempt, and the worker.
+    Started(u32, Arc<str>),
+    /// It ended: the state, and the problem of a failed job.
+    End(State, Option<Error>),
+}
+
+/// The change is not allowed: the job is in this state, or a later attempt holds it. Nothing changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) struct Refused(pub State);
+
+impl Standing {
+    /// A new job, and its first event.
+    pub fn created() -> (Self, Event) {
+        let standing = Self {
+            state: State::Queued,
+            attempt: 0,
+            uncounted: 0,
+            has_begun: false,
+            suspicion: 0,
+            not_before: None,
+            started_at: None,
+            lease_until: None,
+            cancel_requested: false,
+        };
+        (standing, Event::Queued)
+    }
+
+    /// The job after a change, and the event if the state changed.
+    pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<Event>), Refused> {
+        self.check(&change)?;
+        let after = match change {
+            Change::Claim { worker, lease, is_small } => return Ok(self.claimed(worker, lease, is_small, now)),
+            Change::Begin { .. } => (Self { has_begun: true, ..self }, None),
+            Change::Heartbeat { lease, .. } => (Self { lease_until: Some(now + lease), ..self }, None),
+            Change::Release { release: Release::Failed(error), .. } => self.given_back(Some(error), rules, now),
+            Change::Release { release: Release::Free, .. } => self.given_back(None, rules, now),
+            Change::End { state, problem, .. } => self.ended(state, problem),
+            Change::LeaseOver => self.given_back(Some(lease_is_over()), rules, now),
+            Change::Crashed { counts } => {
+                let suspicion = self.suspicion.saturating_add(self.has_begun.into());
+                let fault = counts.then(lease_is_over);
+                Self { suspicion, ..self }.given_back(fault, rules, now + rules.crash_pause)
+            }
+            Change::Cancel if self.state.is_ended() => (self, None),
+            Change::Cancel if self.state == State::Queued => {
+                Self { cancel_requested: true, ..self }.ended(State::Cancelled, None)
+            }
+            Change::Cancel => (Self { cancel_requested: true, ..self }, None),
+            Change::Retry => self.retried(now),
+        };
+        Ok(after)
+    }
+
+    /// Refuses a change that the state does not allow, or that an earlier attempt names.
+    fn check(&self, change: &Change) -> Result<(), Refused> {
+        let is_allowed = match change {
+            Change::Claim { .. } => self.state == State::Queued,
+            Change::Begin { attempt }
+            | Change::Heartbeat { attempt, .. }
+            | Change::Release { attempt, .. }
+            | Change::End { attempt, .. } => self.state == State::Running && self.attempt == *attempt,
+            Change::LeaseOver | Change::Crashed { .. } => self.state == State::Running,
+            Change::Cancel => true,
+            Change::Retry => self.state == State::Failed,
+        };
+        is_allowed.then_some(()).ok_or(Refused(self.state))
+    }
+
+    /// Starts the next attempt.
+    fn claimed(self, worker: Arc<str>, lease: Duration, is_small: bool, now: SystemTime) -> (Self, Option<Event>) {
+        let attempt = self.attempt + 1;
+        let claimed = Self {
+            state: State::Running,
+            attempt,
+            has_begun: is_small,
+            not_before: None,
+            started_at: Some(now),
+            lease_until: Some(now + lease),
+            ..self
+        };
+        (claimed, Some(Event::Started(attempt, worker)))
+    }
+
+    /// Puts the job back to its place in the queue, or ends it where that was requested, or where as many attempts
+    /// failed as may. A fault counts if the attempt had begun: before that, the mesh cannot be its cause.
+    fn given_back(mut self, fault: Option<Error>, rules: &Rules, not_before: SystemTime) -> (Self, Option<Event>) {
+        let fault = fault.filter(|_| self.has_begun);
+        if fault.is_none() {
+            self.uncounted += 1;
+        }
+        let counted = self.attempt.saturating_sub(self.uncounted);
+        match fault {
+            _ if self.cancel_requested => self.ended(State::Cancelled, None),
+            Some(error) if counted >= rules.max_attempts => self.ended(State::Failed, Some(given_up(counted, &error))),
+            _ => self.queued(not_before),
+        }
+    }
+
+    /// Lets a failed job wait again, with no attempt counted. A suspect still starts alone, as after one crash.
+    fn retried(self, now: SystemTime) -> (Self, Option<Event>) {
+        let suspicion = self.suspicion.min(1);
+        Self { uncounted: self.attempt, suspicion, cancel_requested: false, ..self }.queued(now)
+    }
+
+    fn queued(self, not_before: SystemTime) -> (Self, Option<Event>) {
+        let not_before = (self.suspicion > 0).then_some(not_before);
+        (Self { state: State::Queued, has_begun: false, not_before, lease_until: None, ..self }, Some(Event::Queued))
+    }
+
+    fn ended(self, state: State, problem: Option<Error>) -> (Self, Option<Event>) {
+        (Self { state, not_before: None, lease_until: None, ..self }, Some(Event::End(state, problem)))
+    }
+}

@@ -1,0 +1,53 @@
+//! What the operator allows, and the texts of the rules.
+
+use std::fmt::Display;
+use std::time::Duration;
+
+use crate::error::{Error, Kind, Result};
+
+/// What the operator allows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) struct Rules {
+    /// Jobs that may wait at a time.
+    pub max_queued: usize,
+    /// Counted attempts after which a job that keeps being given back has failed.
+    pub max_attempts: u32,
+    /// Pause of a suspect after each crash: long enough that a supervisor does not take the crashes for a service that
+    /// cannot start.
+    pub crash_pause: Duration,
+}
+
+impl Rules {
+    /// [`Kind::QueueFull`] when as many jobs wait as may.
+    pub fn check_room(&self, waiting: u64) -> Result<()> {
+        match waiting < self.max_queued as u64 {
+            true => Ok(()),
+            false => Err(Error::new(
+                Kind::QueueFull,
+                format_args!("as many jobs wait as may; try again later: {}", self.max_queued),
+            )),
+        }
+    }
+}
+
+/// The error of a job that was given back too often.
+pub(in crate::service) fn given_up(attempts: u32, last: &Error) -> Error {
+    Error::new(
+        Kind::Poison,
+        format_args!(
+            "the job was given up after {attempts} attempt{}, of which the last failed: {last}; its upload is kept \
+             until the job is deleted: to run it again, POST to its path followed by /retry",
+            if attempts == 1 { "" } else { "s" }
+        ),
+    )
+}
+
+/// Why an attempt failed whose worker is gone.
+pub(in crate::service) fn lease_is_over() -> Error {
+    Error::new(Kind::Unavailable, "the service ended, or stood still, while the job ran")
+}
+
+/// The error of a worker that holds a job no longer.
+pub(in crate::service) fn not_yours(job: impl Display) -> Error {
+    Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {job}"))
+}

@@ -1,0 +1,307 @@
+//! A change of jobs: its transaction, and the row of a job that changes.
+//!
+//! [`queue`](crate::service::queue) says what a change makes of a job; this writes the row and the events.
+
+use std::time::SystemTime;
+
+use uuid::Uuid;
+
+use super::database::rows::{Abort, Row, Rows, json, values};
+use super::job::{Job, JobId, Progress, Spec, Ticket, no_such_job};
+use super::listeners::Effects;
+use super::terms::{Ending, Pulse, What};
+use crate::error::{Error, Kind, Result};
+use crate::service::queue::{Change, Event, Refused, Rules, Standing, State, not_yours};
+
+/// The transaction of a change.
+pub struct Transaction<'t> {
+    pub rows: &'t mut dyn Rows,
+    pub effects: &'t mut Effects,
+    pub rules: Rules,
+    /// This process among the workers.
+    pub me: Uuid,
+    /// Microseconds that a test adds to the clock.
+    pub offset: i64,
+}
+
+/// A `SELECT` for [`job`]: all columns, and the place in the tenant's queue.
+macro_rules! jobs {
+    ($rest:literal) => {
+        concat!(
+            "SELECT *, CASE state WHEN 'queued' THEN (SELECT count(*) FROM jobs AS before \
+             WHERE before.state = 'queued' AND before.tenant = jobs.tenant \
+             AND (before.urgency, before.number) <= (jobs.urgency, jobs.number)) END AS queue_position FROM jobs ",
+            $rest
+        )
+    };
+}
+pub(in crate::service::store) use jobs;
+
+/// A job, from a row that [`jobs!`] selected.
+pub fn job(row: &Row) -> Result<Job> {
+    Ok(Job { queue_position: row.get("queue_position")?, ..unplaced(row)? })
+}
+
+/// A job without its place in the queue.
+pub fn unplaced(row: &Row) -> Result<Job> {
+    Ok(Job {
+        id: row.get("id")?,
+        state: row.get("state")?,
+        spec: row.json("spec")?,
+        queue_position: None,
+        attempt: row.get("attempt")?,
+        worker: row.get("worker")?,
+        progress: row.json("progress")?,
+        cancel_requested: row.get("cancel_requested")?,
+        problem: row.optional_json("problem")?,
+        summary: row.optional_json("summary")?,
+        created_at: row.get("created_at")?,
+        started_at: row.get("started_at")?,
+        ended_at: row.get("ended_at")?,
+    })
+}
+
+/// What the rules know of a job.
+pub fn standing(row: &Row) -> Result<Standing> {
+    Ok(Standing {
+        state: row.get("state")?,
+        attempt: row.get("attempt")?,
+        uncounted: row.get("uncounted")?,
+        has_begun: row.get("begun")?,
+        suspicion: row.get("suspicion")?,
+        not_before: row.get("not_before")?,
+        started_at: row.get("started_at")?,
+        lease_until: row.get("lease_until")?,
+        cancel_requested: row.get("cancel_requested")?,
+    })
+}
+
+/// The columns of a [`Live`].
+macro_rules! live {
+    ($rest:literal) => {
+        concat!(
+            "SELECT number, id, webhook, state, attempt, uncounted, begun, suspicion, not_before, worker, worker_id, \
+             started_at, lease_until, cancel_requested, last_seq, ends FROM jobs ",
+            $rest
+        )
+    };
+}
+pub(in crate::service::store) use live;
+
+const FIND: &str = live!("WHERE id = $1 FOR UPDATE");
+
+const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, begun = $5, suspicion = $6, \
+    not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker = $11, worker_id = $12, \
+    last_seq = $13, ends = $14, problem = $15, summary = $16, ended_at = $17, progress = coalesce($18, progress) \
+    WHERE number = $1";
+
+const NOTICE: &str = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
+    VALUES ($1, $2, $3, $4, $5, $6, $7)";
+
+/// The row of a job that changes.
+#[derive(Debug)]
+pub struct Live {
+    pub id: JobId,
+    pub number: i64,
+    pub standing: Standing,
+    pub last_seq: u64,
+    pub worker: Option<String>,
+    pub worker_id: Option<Uuid>,
+    webhook: Option<String>,
+    ends: u32,
+}
+
+impl Live {
+    pub fn of(row: &Row) -> Result<Self> {
+        Ok(Self {
+            id: row.get("id")?,
+            number: row.get("number")?,
+            standing: standing(row)?,
+            last_seq: row.get("last_seq")?,
+            worker: row.get("worker")?,
+            worker_id: row.get("worker_id")?,
+            webhook: row.get("webhook")?,
+            ends: row.get("ends")?,
+        })
+    }
+
+    pub fn ticket(&self) -> Ticket {
+        Ticket { job: self.id, attempt: self.standing.attempt }
+    }
+}
+
+impl Transaction<'_> {
+    /// Now by the clock of the store.
+    pub fn now(&mut self) -> Result<SystemTime, Abort> {
+        Ok(moved(self.rows.now()?, self.offset))
+    }
+
+    /// The job of that id, locked.
+    pub fn find(&mut self, id: JobId) -> Result<Option<Live>, Abort> {
+        Ok(self.rows.first(FIND, values![id])?.as_ref().map(Live::of).transpose()?)
+    }
+
+    /// The job of a ticket, which the rules check.
+    pub fn of_ticket(&mut self, ticket: Ticket) -> Result<Live, Abort> {
+        self.find(ticket.job)?.ok_or_else(|| no_such_job(ticket.job).into())
+    }
+
+    /// A job of a worker after a change, or [`Kind::Conflict`].
+    pub fn worked(&mut self, live: Live, change: Change, ending: Option<&Ending>) -> Result<Live, Abort> {
+        let id = live.id;
+        self.apply(live, change, ending)?.map_err(|Refused(_)| not_yours(id).into())
+    }
+
+    /// The job after a change that the rules allow.
+    pub fn apply(
+        &mut self,
+        mut live: Live,
+        change: Change,
+        ending: Option<&Ending>,
+    ) -> Result<Result<Live, Refused>, Abort> {
+        let now = self.now()?;
+        let (before, rules) = (live.standing, self.rules);
+        let is_gone = matches!(change, Change::LeaseOver | Change::Crashed { .. });
+        let is_fault = match change {
+            Change::LeaseOver => before.has_begun,
+            Change::Crashed { counts } => counts,
+            _ => false,
+        };
+        let (standing, event) = match before.apply(change, &rules, now) {
+            Ok(after) => after,
+            Err(refused) => return Ok(Err(refused)),
+        };
+        live.standing = standing;
+        if standing.state == State::Queued {
+            live.worker_id = None;
+        }
+        let is_told = event.is_some();
+        if standing == before && event.is_none() {
+            return Ok(Ok(live));
+        }
+        if is_gone && is_fault {
+            self.effects.attempts_failed += 1;
+            self.effects.given_up += u64::from(standing.state == State::Failed);
+        }
+        let rest = ending.and_then(|ending| ending.rest.as_ref());
+        if let Some((events, _)) = rest {
+            self.tell(&mut live, events)?;
+        }
+        match event {
+            Some(event) => {
+                let (is_queued, problem) = match &event {
+                    Event::Queued => (true, None),
+                    Event::Started(..) => (false, None),
+                    Event::End(_, problem) => (false, problem.clone()),
+                };
+                self.effects.arrivals |= is_queued;
+                self.tell(&mut live, &[event.into()])?;
+                match standing.state.is_ended() {
+                    true => self.ended(&mut live, problem, ending, now)?,
+                    false => self.save(&live, None, None, None, None)?,
+                }
+            }
+            None => self.save(&live, None, None, None, None)?,
+        }
+        if is_told || standing.cancel_requested != before.cancel_requested {
+            self.pulse(&live);
+        }
+        Ok(Ok(live))
+    }
+
+    /// Writes an ended job, its blobs and its notice.
+    fn ended(
+        &mut self,
+        live: &mut Live,
+        problem: Option<Error>,
+        ending: Option<&Ending>,
+        now: SystemTime,
+    ) -> Result<(), Abort> {
+        live.ends += 1;
+        let progress = ending.and_then(|ending| ending.rest.as_ref()).map(|(_, progress)| progress);
+        let summary = ending.and_then(|ending| ending.end.parts().2).map(json).transpose()?;
+        let text = problem.as_ref().map(json).transpose()?;
+        self.save(live, text.clone(), summary, Some(now), progress)?;
+        if let Some(webhook) = live.webhook.clone() {
+            let spec: Spec = self.rows.one("SELECT spec FROM jobs WHERE number = $1", values![live.number])?.json("spec")?;
+            let state = live.standing.state;
+            self.rows.write("DELETE FROM notices WHERE job = $1", values![live.id])?;
+            self.rows.write(NOTICE, values![live.id, webhook, spec.trace_parent, state, text, now, live.ends])?;
+            self.effects.endings = true;
+        }
+        // a job that was given up may be run again
+        if problem.is_none_or(|problem| problem.kind != Kind::Poison) {
+            self.rows.write("DELETE FROM blobs WHERE job = $1", values![live.number])?;
+        }
+        for blob in ending.iter().flat_map(|ending| &ending.result) {
+            self.keep(live.number, &blob.name, &blob.bytes)?;
+        }
+        self.effects.ends = true;
+        Ok(())
+    }
+
+    /// Keeps a small blob of a job.
+    pub fn keep(&mut self, job: i64, name: &str, bytes: &tokio_util::bytes::Bytes) -> Result<(), Abort> {
+        let sql = "INSERT INTO blobs (job, name, bytes) VALUES ($1, $2, $3)";
+        self.rows.write(sql, values![job, name, bytes.clone()])
+    }
+
+    /// Appends events. The caller writes `last_seq` to the row.
+    pub fn tell(&mut self, live: &mut Live, events: &[What]) -> Result<(), Abort> {
+        for event in events {
+            live.last_seq += 1;
+            let [kind, data] = event.columns()?;
+            let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
+            self.rows.write(sql, values![live.number, live.last_seq, kind, data])?;
+        }
+        Ok(())
+    }
+
+    fn save(
+        &mut self,
+        live: &Live,
+        problem: Option<String>,
+        summary: Option<String>,
+        ended_at: Option<SystemTime>,
+        progress: Option<&Progress>,
+    ) -> Result<(), Abort> {
+        let Standing { state, attempt, uncounted, has_begun, suspicion, .. } = live.standing;
+        let Standing { not_before, started_at, lease_until, cancel_requested, .. } = live.standing;
+        self.rows.write(
+            SAVE,
+            values![
+                live.number,
+                state,
+                attempt,
+                uncounted,
+                has_begun,
+                suspicion,
+                not_before,
+                started_at,
+                lease_until,
+                cancel_requested,
+                live.worker.clone(),
+                live.worker_id,
+                live.last_seq,
+                live.ends,
+                problem,
+                summary,
+                ended_at,
+                progress.map(json).transpose()?,
+            ],
+        )
+    }
+
+    /// Wakes the tasks that wait for the job, after the commit.
+    pub fn pulse(&mut self, live: &Live) {
+        let Standing { state, cancel_requested, .. } = live.standing;
+        let pulse = Pulse { last_seq: live.last_seq, cancel_requested, ended: state.is_ended() };
+        self.effects.pulses.push((live.id, pulse));
+    }
+}
+
+/// A time that a test moves.
+pub fn moved(time: SystemTime, micros: i64) -> SystemTime {
+    let by = std::time::Duration::from_micros(micros.unsigned_abs());
+    if micros < 0 { time - by } else { time + by }
+}

@@ -1,0 +1,282 @@
+//! Claims, and jobs of workers that were lost.
+//!
+//! A worker whose leases are all over is lost, with all its jobs: the rules judge them together. A job whose lease is
+//! over although its worker lives was given up by that worker. While the server of the database was stopped, no worker
+//! could prolong a lease, so a lease that was over when the server started is valid for another term.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant, SystemTime};
+
+use super::change::{Live, Transaction, live, standing, unplaced};
+use super::database::rows::{Abort, Query, Row, Rows, values};
+use super::job::{Job, Ticket};
+use super::store::Store;
+use crate::error::Result;
+use crate::service::queue::{
+    self, Change, Claiming, Picks, Release, Standing, Suspect, Tenant, Turn, View, Waiting, crashed,
+};
+
+/// Tenants with waiting jobs, each with its first one and its first suspect. Each step goes to the next tenant.
+const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
+        SELECT min(tenant) FROM jobs WHERE state = 'queued' \
+        UNION ALL SELECT (SELECT min(tenant) FROM jobs WHERE state = 'queued' AND tenant > names.tenant) \
+        FROM names WHERE names.tenant IS NOT NULL\
+    ) SELECT names.tenant AS tenant, \
+        (SELECT count(*) FROM jobs WHERE state = 'running' AND tenant = names.tenant) AS running, \
+        coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next, \
+        head.number AS number, head.urgency AS urgency, suspect.number AS suspect, \
+        suspect.suspicion AS crashes, suspect.not_before AS not_before \
+    FROM names \
+    LEFT JOIN jobs AS head ON head.number = (SELECT number FROM jobs \
+        WHERE state = 'queued' AND suspicion = 0 AND tenant = names.tenant ORDER BY urgency, number LIMIT 1) \
+    LEFT JOIN jobs AS suspect ON suspect.number = (SELECT number FROM jobs \
+        WHERE state = 'queued' AND suspicion > 0 AND tenant = names.tenant ORDER BY not_before, number LIMIT 1) \
+    WHERE names.tenant IS NOT NULL";
+
+const CLOCK: &str = "SELECT coalesce(max(served), 0.0) AS clock FROM tenants";
+
+/// The running jobs of a worker.
+const MINE: &str = live!("WHERE state = 'running' AND worker_id = $1");
+
+/// The first waiting jobs of a tenant.
+const HEADS: &str = "SELECT urgency, number FROM jobs \
+    WHERE state = 'queued' AND suspicion = 0 AND tenant = $1 ORDER BY urgency, number LIMIT $2";
+
+/// Workers that run jobs, and no suspect.
+const BUSY: &str = "SELECT worker_id, count(*) AS jobs FROM jobs WHERE state = 'running' \
+    GROUP BY worker_id HAVING max(suspicion) = 0";
+
+const TAKE: &str = "SELECT * FROM jobs WHERE number = $1 FOR UPDATE";
+
+const TURN: &str = "INSERT INTO tenants (name, served, next) VALUES ($1, $2, $3) \
+    ON CONFLICT (name) DO UPDATE SET served = excluded.served, next = excluded.next";
+
+/// A turn that is over is the same as none.
+const FORGET: &str = "DELETE FROM tenants WHERE next < $1";
+
+const ALIVE: &str = "INSERT INTO workers (id, name, version, started_at, seen_at, lease, alive_until) \
+    VALUES ($1, $2, $3, $4, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
+    seen_at = excluded.seen_at, lease = excluded.lease, alive_until = CASE \
+        WHEN workers.alive_until < excluded.alive_until THEN excluded.alive_until ELSE workers.alive_until END";
+
+/// Running jobs whose lease is over, and what is known of their workers.
+const OVER: &str = "SELECT number, id, webhook, state, attempt, uncounted, begun, suspicion, not_before, worker, \
+    worker_id, started_at, lease_until, cancel_requested, last_seq, ends, \
+    (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
+    (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
+    FROM jobs WHERE state = 'running' AND lease_until <= $1 ORDER BY number FOR UPDATE";
+
+/// A claimed job with its ticket, and the number of its last event.
+type Taken = (Ticket, u64, Job);
+
+impl Store {
+    /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on.
+    pub async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
+        let mut is_unsure = self.is_unsure.lock().await;
+        if *is_unsure {
+            self.give_back_unknown().await?;
+            *is_unsure = false;
+        }
+        *self.next_start.lock() = None;
+        // a look without the lock: many workers are woken by an arrival
+        let waits = |rows: &mut dyn Rows| {
+            rows.first("SELECT number FROM jobs WHERE state = 'queued' LIMIT 1", Vec::new())
+        };
+        if self.read("look", waits).await?.is_none() {
+            return Ok(Vec::new());
+        }
+        *is_unsure = true;
+        let is_alone = !self.is_shared();
+        let taken = self.change("claim", move |change| claim(change, &claiming, is_alone)).await;
+        let (taken, wait) = taken?;
+        *is_unsure = false;
+        *self.next_start.lock() = wait.map(|wait| Instant::now() + wait);
+        let mut held = self.held.lock();
+        held.extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
+        Ok(taken.into_iter().map(|(ticket, _, job)| (ticket, job)).collect())
+    }
+
+    /// Claims jobs of tenants with equal shares.
+    #[cfg(test)]
+    pub async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
+        let (worker, shares) = ("test".into(), Default::default());
+        self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await
+    }
+
+    /// Time until a job that the last claim passed over may be claimed, if that needs time only.
+    pub fn next_start(&self) -> Option<Duration> {
+        self.next_start.lock().map(|start| start.saturating_duration_since(Instant::now()))
+    }
+
+    /// Gives back the jobs that a claim without an answer took.
+    async fn give_back_unknown(&self) -> Result<()> {
+        let (me, known) = (self.me, self.held.lock().clone());
+        let given_back = self.change("release", move |change| {
+            let mut jobs = 0;
+            for row in change.rows.query(live!("WHERE state = 'running' AND worker_id = $1 FOR UPDATE"), values![me])? {
+                let live = Live::of(&row)?;
+                if !known.contains_key(&live.ticket()) {
+                    let release = Change::Release { attempt: live.standing.attempt, release: Release::Free };
+                    change.worked(live, release, None)?;
+                    jobs += 1;
+                }
+            }
+            Ok(jobs)
+        });
+        let jobs = given_back.await?;
+        if jobs > 0 {
+            tracing::info!(jobs, "claims without an answer were given back");
+        }
+        Ok(())
+    }
+
+    /// Releases the running jobs whose lease is over by the clock of the store; returns the tickets that held them.
+    pub async fn reclaim(&self) -> Result<Vec<Ticket>> {
+        let lost = self.change("reclaim", reclaim).await?;
+        self.held.lock().retain(|ticket, _| !lost.contains(ticket));
+        Ok(lost)
+    }
+
+    /// Releases all running jobs, as their process died, and forgets it; how many they were.
+    pub(super) async fn recover(&self) -> Result<usize> {
+        let recovered = self.change("reclaim", |change| {
+            let rows = change.rows.query(live!("WHERE state = 'running' ORDER BY number"), Vec::new())?;
+            let jobs = rows.iter().map(Live::of).collect::<Result<Vec<_>>>()?;
+            let count = jobs.len();
+            judge(change, jobs)?;
+            change.rows.write("DELETE FROM workers WHERE id <> $1", values![change.me])?;
+            Ok(count)
+        });
+        recovered.await
+    }
+}
+
+/// Claims jobs; the time until more may be claimed.
+fn claim(
+    change: &mut Transaction<'_>,
+    claiming: &Claiming,
+    is_alone: bool,
+) -> Result<(Vec<Taken>, Option<Duration>), Abort> {
+    change.rows.lock_queue(Some(change.me));
+    let view = view(change, claiming, is_alone)?;
+    let (now, clock) = (change.now()?, view.clock);
+    let Picks { numbers, turns, again } = queue::claim(view, claiming, &change.rules, now);
+    let wait = again.map(|again| again.duration_since(now).unwrap_or_default());
+    if numbers.is_empty() {
+        return Ok((Vec::new(), wait));
+    }
+    let queries: Vec<Query> = numbers.iter().map(|number| (TAKE, values![*number])).collect();
+    let mut taken = Vec::new();
+    for row in change.rows.all(&queries)?.iter().flatten() {
+        taken.extend(start(change, claiming, row)?);
+    }
+    for Turn { tenant, served, next } in turns {
+        change.rows.write(TURN, values![tenant, served, next])?;
+    }
+    change.rows.write(FORGET, values![clock])?;
+    let Claiming { worker, lease, .. } = claiming;
+    let version = env!("CARGO_PKG_VERSION");
+    change.rows.write(ALIVE, values![change.me, &**worker, version, now, *lease, now + *lease])?;
+    Ok((taken, wait))
+}
+
+/// What the rules see of the queue.
+fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<View, Abort> {
+    let me = change.me;
+    let found = change.rows.all(&[(TENANTS, Vec::new()), (CLOCK, Vec::new()), (MINE, values![me])])?;
+    let mut found = found.into_iter();
+    let mut next = || found.next().unwrap_or_default();
+    let (tenants, clock, mine) = (next(), next(), next());
+    let mut tenants = tenants.iter().map(tenant).collect::<Result<Vec<_>>>()?;
+    let most = claiming.limit + claiming.newcomers;
+    if most > 1 {
+        let queries: Vec<Query> = tenants.iter().map(|tenant| (HEADS, values![&*tenant.name, most])).collect();
+        for (tenant, rows) in tenants.iter_mut().zip(change.rows.all(&queries)?) {
+            tenant.waiting = rows.iter().map(waiting).collect::<Result<_>>()?;
+        }
+    }
+    let is_least_busy = match is_alone || tenants.iter().all(|tenant| tenant.suspect.is_none()) {
+        true => true,
+        false => {
+            let load = (mine.len() as u64, me.to_string());
+            let busy = change.rows.query(BUSY, Vec::new())?;
+            let loads = busy.iter().map(|row| Ok((row.get("jobs")?, row.get("worker_id")?)));
+            loads.collect::<Result<Vec<(u64, String)>>>()?.iter().all(|other| load <= *other)
+        }
+    };
+    let clock = clock.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
+    Ok(View { tenants, clock, mine: mine.iter().map(standing).collect::<Result<_>>()?, is_least_busy })
+}
+
+fn tenant(row: &Row) -> Result<Tenant> {
+    let suspect = |number| -> Result<Suspect> {
+        let not_before = row.get::<Option<SystemTime>>("not_before")?.unwrap_or(SystemTime::UNIX_EPOCH);
+        Ok(Suspect { number, crashes: row.get("crashes")?, not_before })
+    };
+    let head: Option<i64> = row.get("number")?;
+    Ok(Tenant {
+        name: row.get("tenant")?,
+        running: row.get("running")?,
+        next: row.get("next")?,
+        waiting: head.map(|_| waiting(row)).transpose()?.into_iter().collect(),
+        suspect: row.get::<Option<i64>>("suspect")?.map(suspect).transpose()?,
+    })
+}
+
+fn waiting(row: &Row) -> Result<Waiting> {
+    Ok(Waiting { urgency: row.get("urgency")?, number: row.get("number")? })
+}
+
+/// Starts the next attempt at a job; none where it was cancelled in this moment.
+fn start(change: &mut Transaction<'_>, claiming: &Claiming, row: &Row) -> Result<Option<Taken>, Abort> {
+    let mut live = Live::of(row)?;
+    let job = unplaced(row)?;
+    live.worker = Some(claiming.worker.to_string());
+    live.worker_id = Some(change.me);
+    let (worker, lease, is_small) = (claiming.worker.clone(), claiming.lease, job.spec.is_small);
+    let Ok(live) = change.apply(live, Change::Claim { worker, lease, is_small }, None)? else { return Ok(None) };
+    let Standing { state, attempt, started_at, .. } = live.standing;
+    let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..job };
+    Ok(Some((live.ticket(), live.last_seq, job)))
+}
+
+/// Gives back jobs whose lease is over; the tickets that held them.
+fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
+    change.rows.lock_queue(None);
+    let now = change.now()?;
+    let rows = change.rows.query(OVER, values![now])?;
+    if rows.is_empty() {
+        return Ok(Vec::new());
+    }
+    let up_since = change.rows.up_since()?;
+    let (mut lost, mut workers) = (Vec::new(), BTreeMap::<_, Vec<Live>>::new());
+    for row in &rows {
+        let live = Live::of(row)?;
+        let (lease, alive_until): (Option<u64>, Option<SystemTime>) = (row.get("lease")?, row.get("alive_until")?);
+        let lease = Duration::from_micros(lease.unwrap_or_default());
+        let until = live.standing.lease_until.unwrap_or(now);
+        let is_gone = alive_until.is_none_or(|until| until <= now);
+        let was_given_up = alive_until.is_some_and(|alive| until + lease / 2 <= alive);
+        if until <= up_since && up_since + lease >= now || !is_gone && !was_given_up {
+            continue;
+        }
+        lost.push(live.ticket());
+        match is_gone {
+            true => workers.entry(live.worker_id).or_default().push(live),
+            false => drop(change.worked(live, Change::LeaseOver, None)?),
+        }
+    }
+    for jobs in workers.into_values() {
+        judge(change, jobs)?;
+    }
+    Ok(lost)
+}
+
+/// Gives back the jobs of a worker that was lost.
+fn judge(change: &mut Transaction<'_>, jobs: Vec<Live>) -> Result<(), Abort> {
+    let standings: Vec<Standing> = jobs.iter().map(|job| job.standing).collect();
+    for (job, what) in jobs.into_iter().zip(crashed(&standings)) {
+        change.worked(job, what, None)?;
+    }
+    Ok(())
+}

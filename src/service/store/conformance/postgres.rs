@@ -1,0 +1,263 @@
+//! The store in a database that several services share.
+
+use std::time::Instant;
+
+use parking_lot::Mutex;
+
+use super::super::StoreUrl;
+use super::super::database::rows::values;
+use super::super::tests::{RULES, new_job};
+use super::server::Server;
+use super::*;
+
+/// A service on a database.
+pub async fn open(url: &StoreUrl, rules: Rules) -> Store {
+    Store::shared(url, 12, rules).await.expect("it opens")
+}
+
+/// Stores in databases of their own, on one server.
+struct OnServer {
+    server: Server,
+    last: Mutex<Option<StoreUrl>>,
+}
+
+#[async_trait]
+impl Subject for OnServer {
+    async fn empty(&self, rules: Rules) -> Box<Store> {
+        let url = self.server.database();
+        *self.last.lock() = Some(url.clone());
+        Box::new(open(&url, rules).await)
+    }
+
+    /// Another service on the same database, when the leases of the first are over.
+    async fn after_crash(&self, rules: Rules) -> Option<Box<Store>> {
+        let url = self.last.lock().clone().expect("a store was made");
+        let store = open(&url, rules).await;
+        expire(&store).await;
+        store.reclaim().await.expect("reclaimed");
+        Some(Box::new(store))
+    }
+}
+
+/// Ends the leases of all workers.
+async fn expire(store: &Store) {
+    let expired = store.change("test", |change| {
+        let now = change.now()?;
+        change.rows.write("UPDATE jobs SET lease_until = $1 WHERE state = 'running'", values![now])?;
+        change.rows.write("UPDATE workers SET alive_until = $1", values![now])
+    });
+    expired.await.expect("expired");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn conforms() {
+    let Some(server) = Server::start() else { return };
+    run(&OnServer { server, last: Mutex::default() }).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn services_share_jobs_changes_and_cancellations() {
+    let Some(server) = Server::start() else { return };
+    let url = server.database();
+    let (one, other) = (open(&url, RULES).await, open(&url, RULES).await);
+    assert!(one.is_shared() && one.is_durable());
+    // notified long before the look that follows anyway would be due
+    let mut arrivals = other.arrivals();
+    arrivals.borrow_and_update();
+    let job = create(&one).await.id;
+    tokio::time::timeout(Duration::from_secs(30), arrivals.changed()).await.expect("in time").expect("still there");
+    let ticket = claim(&other).await.0;
+    assert_eq!(ticket.job, job);
+    assert!(one.claim(9, LEASE).await.expect("claimable").is_empty(), "it is claimed once");
+    let mut pulses = one.watch(job).await.expect("watchable").expect("a job");
+    let mut asked = other.watch(job).await.expect("watchable").expect("a job");
+    one.cancel(job).await.expect("asked");
+    let patience = Duration::from_secs(30);
+    let cancelled = asked.wait_for(|pulse| pulse.cancel_requested);
+    tokio::time::timeout(patience, cancelled).await.expect("in time").expect("told");
+    assert_eq!(
+        one.finish(Ticket { attempt: 2, ..ticket }, End::Cancelled).await.expect_err("other").kind,
+        Kind::Conflict
+    );
+    other.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await.expect("appended");
+    other.finish(ticket, End::Cancelled).await.expect("finished");
+    let ended = pulses.wait_for(|pulse| pulse.ended);
+    tokio::time::timeout(patience, ended).await.expect("in time").expect("told");
+    assert_eq!(one.events(job, 0, 99).await.expect("readable").expect("a job").len(), 4);
+    other.delete(job).await.expect("deleted");
+    let gone = async { while pulses.changed().await.is_ok() {} };
+    tokio::time::timeout(patience, gone).await.expect("a deletion is noticed");
+    for store in [&one, &other] {
+        store.close().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_happens_to_running_jobs_because_a_service_starts() {
+    let Some(server) = Server::start() else { return };
+    let url = server.database();
+    let first = open(&url, RULES).await;
+    create(&first).await;
+    let ticket = claim(&first).await.0;
+    first.begin(ticket).await.expect("begun");
+    let second = open(&url, RULES).await;
+    assert_eq!(second.reclaim().await, Ok(vec![]));
+    assert_eq!(second.get(ticket.job).await.expect("readable").expect("a job").state, State::Running);
+    // the zombie: its lease is over, another one has the job, and what it writes is refused
+    expire(&second).await;
+    assert_eq!(second.reclaim().await, Ok(vec![ticket]));
+    let again = claim(&second).await.0;
+    assert_eq!(again.attempt, 2);
+    let summary = Summary { faces: 1, clusters: 1, labels_sha256: None, is_small: false, blobs: Default::default() };
+    for refused in [
+        first.finish(ticket, End::Succeeded(summary.clone())).await,
+        first.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await,
+        first.release(ticket, Release::Free).await.map(drop),
+        first.begin(ticket).await,
+    ] {
+        assert_eq!(refused.expect_err("it is another's").kind, Kind::Conflict);
+    }
+    second.finish(again, End::Succeeded(summary)).await.expect("finished");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn changes_whose_answer_was_lost_are_not_made_twice() {
+    let Some(server) = Server::start() else { return };
+    let store = open(&server.database(), RULES).await;
+    create(&store).await;
+    let ticket = claim(&store).await.0;
+    let rows = || vec![What::Iteration("1".into()), What::Iteration("2".into())];
+    store.append(ticket, rows(), Default::default()).await.expect("appended");
+    // as if the answer had not come
+    *store.held.lock().get_mut(&ticket).expect("held") -= 2;
+    store.append(ticket, rows(), Default::default()).await.expect("known");
+    assert_eq!(store.events(ticket.job, 2, 99).await.expect("readable").expect("a job").len(), 2);
+    store.finish(ticket, End::Cancelled).await.expect("ended");
+    store.held.lock().insert(ticket, 5);
+    store.finish(ticket, End::Cancelled).await.expect("the same end again");
+    store.held.lock().insert(ticket, 5);
+    let other = store.finish(ticket, End::Failed(Error::new(Kind::InvalidMesh, "x"))).await;
+    assert_eq!(other.expect_err("another end").kind, Kind::Conflict);
+    // a claim that was made, and not heard of
+    let unheard = create(&store).await.id;
+    claim(&store).await;
+    store.held.lock().clear();
+    *store.is_unsure.lock().await = true;
+    let ticket = claim(&store).await.0;
+    assert_eq!(ticket, Ticket { job: unheard, attempt: 2 });
+    let job = store.get(unheard).await.expect("readable").expect("a job");
+    assert_eq!(job.state, State::Running);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_that_stops_is_unavailable_and_loses_nothing() {
+    let Some(server) = Server::start() else { return };
+    let store = open(&server.database(), RULES).await;
+    let kept = create(&store).await.id;
+    let ticket = claim(&store).await.0;
+    let pulses = store.watch(kept).await.expect("watchable").expect("a job");
+    server.down();
+    for failed in [
+        store.create(new_job()).await.map(drop),
+        store.get(kept).await.map(drop),
+        store.probe().await,
+        store.heartbeat(&[ticket], LEASE).await.map(drop),
+    ] {
+        let error = failed.expect_err("the server is down");
+        assert_eq!(error.kind, Kind::Unavailable, "{error}");
+    }
+    assert!(store.statistics().failures >= 4);
+    server.up();
+    store.probe().await.expect("it works again");
+    assert_eq!(store.reclaim().await, Ok(vec![]), "no lease is over");
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+    assert!(pulses.borrow().ended);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_service_cleans_up_and_each_notice_is_delivered_by_one() {
+    let Some(server) = Server::start() else { return };
+    let url = server.database();
+    let (one, other) = (open(&url, RULES).await, open(&url, RULES).await);
+    assert_eq!((one.may_clean_up().await, other.may_clean_up().await), (Ok(true), Ok(false)));
+    assert_eq!(one.may_clean_up().await, Ok(true));
+    let mut job = new_job();
+    job.spec.webhook = Some("https://a.example/".to_owned());
+    let id = job.id;
+    one.create(job).await.expect("created");
+    one.cancel(id).await.expect("cancelled");
+    assert_eq!(other.untold().await, Ok(vec![id]));
+    assert_eq!(one.untold().await, Ok(vec![]), "the other one delivers it");
+    other.close().await;
+    assert_eq!(one.untold().await, Ok(vec![id]));
+    one.close().await;
+    let third = open(&url, RULES).await;
+    assert_eq!(third.may_clean_up().await, Ok(true), "a service that stops leaves its duties");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn tables_of_another_version_are_refused() {
+    let Some(server) = Server::start() else { return };
+    let url = server.database();
+    let store = open(&url, RULES).await;
+    open(&url, RULES).await.close().await;
+    let sql = "UPDATE schema_version SET version = 99";
+    store.change("test", move |change| change.rows.write(sql, Vec::new())).await.expect("written");
+    let error = Store::shared(&url, 2, RULES).await.expect_err("another version");
+    assert!(error.message.contains("version 99"), "{error}");
+}
+
+/// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.
+#[tokio::test(flavor = "multi_thread")]
+async fn claimers_of_many_services_take_each_job_once() {
+    let Some(server) = Server::start() else { return };
+    let jobs = claims::jobs();
+    for limit in [1, 8] {
+        let url = server.database();
+        let mut services: Vec<Arc<Store>> = Vec::new();
+        for _ in 0..16 {
+            let rules = Rules { max_queued: jobs, ..RULES };
+            services.push(Arc::new(Store::shared(&url, 2, rules).await.expect("it opens")));
+        }
+        claims::claim_all(&services, limit, jobs).await;
+    }
+}
+
+/// Workers on devices that take 50 ms for a job: four do nearly four times as much as one, as none waits for another.
+/// Beside all other tests they do more than twice as much. `WORKER_JOBS=100`, with `-- --nocapture`, gives the figure
+/// in `docs/farm.md`.
+#[tokio::test(flavor = "multi_thread")]
+async fn workers_add_up() {
+    let Some(server) = Server::start() else { return };
+    let (jobs, least) = match std::env::var("WORKER_JOBS") {
+        Ok(jobs) => (jobs.parse().expect("a number"), 3.8),
+        Err(_) => (16, 2.0),
+    };
+    let rules = Rules { max_queued: 4 * jobs, ..RULES };
+    let mut rates = Vec::new();
+    for count in [1, 4, 4, 1] {
+        let url = server.database();
+        let mut stores = Vec::new();
+        for _ in 0..count {
+            stores.push(Store::shared(&url, 2, rules).await.expect("it opens"));
+        }
+        for _ in 0..jobs * count {
+            create(&stores[0]).await;
+        }
+        let started = Instant::now();
+        let workers = stores.into_iter().map(|store| {
+            tokio::spawn(async move {
+                while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
+                    tokio::time::sleep(Duration::from_millis(50)).await;
+                    store.finish(ticket, End::Cancelled).await.expect("ended");
+                }
+            })
+        });
+        futures_util::future::try_join_all(workers).await.expect("no panic");
+        let rate = (jobs * count) as f64 / started.elapsed().as_secs_f64();
+        println!("{count} workers on devices that take 50 ms: {rate:.1} jobs a second");
+        rates.push(rate);
+    }
+    let gain = (rates[1] + rates[2]) / (rates[0] + rates[3]);
+    assert!(gain >= least, "four workers do {gain:.2} times as much as one");
+}

@@ -1,0 +1,67 @@
+//! Opening the database: with the tables as they are to be.
+
+use tokio::time::{Instant, timeout_at};
+use tokio_postgres::Client;
+
+use super::super::super::schema::{self, MIGRATIONS, for_postgres};
+use super::super::rows::Abort;
+use super::connections::{Connections, PATIENCE, failure};
+use crate::error::{Error, Kind, Result};
+
+/// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes that are not compressed,
+/// which for meshes and labels costs more time than it saves.
+const STORAGE: &str = "\
+    ALTER TABLE jobs SET (fillfactor = 70, autovacuum_vacuum_scale_factor = 0.02, autovacuum_vacuum_threshold = 500); \
+    ALTER TABLE workers SET (fillfactor = 50); ALTER TABLE tenants SET (fillfactor = 50); \
+    ALTER TABLE blobs ALTER COLUMN bytes SET STORAGE EXTERNAL";
+
+/// The table with the version.
+const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version bigint NOT NULL)";
+
+/// Oldest server that is worked with, as it tells its version.
+const OLDEST_SERVER: i32 = 150_000;
+
+/// Makes the tables, or brings them up to date.
+pub async fn open(connections: &Connections) -> Result<()> {
+    let deadline = Instant::now() + PATIENCE;
+    let mut client = connections.get(deadline).await?;
+    match timeout_at(deadline, migrate(&mut client, &MIGRATIONS)).await {
+        Ok(migrated) => Ok(migrated?),
+        Err(_) => Err(connections.too_late().into()),
+    }
+}
+
+/// One service migrates at a time, under an advisory lock.
+pub async fn migrate(client: &mut Client, migrations: &[&str]) -> Result<(), Abort> {
+    let version = |row: tokio_postgres::Row| row.try_get::<_, i64>(0).map_err(failure);
+    let server = client.query_one("SHOW server_version_num", &[]).await.map_err(failure)?;
+    let server: String = server.try_get(0).map_err(failure)?;
+    if server.parse::<i32>().is_ok_and(|version| version < OLDEST_SERVER) {
+        let message = format_args!("the store of jobs needs PostgreSQL 15 or later; the server is {server}");
+        return Err(Error::new(Kind::Io, message).into());
+    }
+    let transaction = client.transaction().await.map_err(failure)?;
+    let run = async |sql: &str| transaction.batch_execute(sql).await.map_err(failure);
+    run("SELECT pg_advisory_xact_lock(1953723250, 0)").await?;
+    // an operator may make it for a user that may not
+    let row = transaction.query_one("SELECT to_regnamespace('tesserae') IS NULL", &[]).await.map_err(failure)?;
+    if row.try_get(0).map_err(failure)? {
+        run("CREATE SCHEMA tesserae").await?;
+    }
+    run(VERSION).await?;
+    let found = transaction.query_opt("SELECT version FROM schema_version", &[]).await.map_err(failure)?;
+    let found = found.map(version).transpose()?.unwrap_or(0);
+    let steps = schema::steps(found, migrations)?;
+    if steps.is_empty() {
+        return Ok(());
+    }
+    for sql in steps {
+        run(&for_postgres(sql)).await?;
+    }
+    if found == 0 {
+        run(STORAGE).await?;
+    }
+    let version = schema::version(migrations);
+    run(&format!("DELETE FROM schema_version; INSERT INTO schema_version VALUES ({version})")).await?;
+    transaction.commit().await.map_err(failure)
+}

@@ -1,0 +1,260 @@
+//! Statements on a connection, few at a time on the way.
+//!
+//! A round trip takes longer than most statements. So what a transaction begins with is sent together with its first
+//! query, and changes with the next query or the commit.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use deadpool_postgres::Object;
+use futures_util::future::{join, join_all};
+use tokio::runtime::Handle;
+use tokio::time::{Instant, timeout_at};
+use tokio_postgres::types::{IsNull, ToSql, Type, to_sql_checked};
+use tokio_postgres::{SimpleQueryMessage, Statement};
+use tokio_util::bytes::{Bytes, BytesMut};
+use uuid::Uuid;
+
+use super::super::rows::{Abort, Query, Row, Rows, Value, time};
+use super::connections::{Connections, failure};
+use crate::error::{Error, Kind, Result};
+
+macro_rules! clock {
+    ($before:literal) => {
+        concat!($before, "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now")
+    };
+}
+
+const CLOCK: &str = clock!("");
+
+/// A transaction begins with a look at the clock.
+const BEGIN: &str = clock!("BEGIN; ");
+
+/// One transaction at a time holds the lock of the queue.
+const LOCK: &str = clock!("BEGIN; SELECT pg_advisory_xact_lock(1953723250, 1); ");
+
+/// The same for a commit that does not wait for the disk.
+const LOCK_BRIEFLY: &str =
+    clock!("BEGIN; SET LOCAL synchronous_commit = off; SELECT pg_advisory_xact_lock(1953723250, 1); ");
+
+/// The change that waits for the disk: both commits are in one log, so this one is on the disk only if that of the
+/// claim is.
+const SECURE: &str = "UPDATE workers SET claims = claims + 1 WHERE id = $1";
+
+/// Where a session is in its transaction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stage {
+    /// Every statement is a transaction.
+    None,
+    /// It begins with this.
+    Next(&'static str),
+    Begun,
+}
+
+/// A connection, which is closed rather than used again if its transaction was broken off.
+pub struct Session<'c> {
+    connections: &'c Connections,
+    client: Option<Object>,
+    handle: Handle,
+    deadline: Instant,
+    stage: Stage,
+    now: SystemTime,
+    /// Changes that are not sent yet.
+    changes: Vec<Query>,
+    has_changed: bool,
+    worker: Option<Uuid>,
+}
+
+impl Drop for Session<'_> {
+    fn drop(&mut self) {
+        if self.stage == Stage::Begun {
+            self.client.take().map(Object::take);
+        }
+    }
+}
+
+impl<'c> Session<'c> {
+    /// A session that reads, or one for a change.
+    pub fn new(
+        connections: &'c Connections,
+        client: Object,
+        handle: Handle,
+        deadline: Instant,
+        is_change: bool,
+    ) -> Self {
+        let stage = if is_change { Stage::Next(BEGIN) } else { Stage::None };
+        let (client, now, changes) = (Some(client), SystemTime::UNIX_EPOCH, Vec::new());
+        Self { connections, client, handle, deadline, stage, now, changes, has_changed: false, worker: None }
+    }
+
+    /// Commits, or does nothing where nothing began.
+    pub fn commit(&mut self) -> Result<(), Abort> {
+        if self.stage == Stage::None || (self.stage != Stage::Begun && self.changes.is_empty()) {
+            return Ok(());
+        }
+        self.send(&[], Some("COMMIT"))?;
+        self.stage = Stage::None;
+        if let Some(worker) = self.worker.filter(|_| self.has_changed) {
+            // not to be repeated together with the claim
+            self.query(SECURE, vec![worker.into()]).map_err(|abort| Abort::Broken(abort.into()))?;
+        }
+        Ok(())
+    }
+
+    /// Undoes what was done.
+    pub fn roll_back(&mut self) -> Result<(), Abort> {
+        self.changes.clear();
+        if self.stage == Stage::Begun {
+            self.send(&[], Some("ROLLBACK"))?;
+            self.stage = Stage::None;
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, queries: &[Query], end: Option<&'static str>) -> Result<Vec<Vec<Row>>, Abort> {
+        let changes = std::mem::take(&mut self.changes);
+        self.has_changed |= !changes.is_empty();
+        let begin = match self.stage {
+            Stage::Next(sql) => Some(sql),
+            Stage::None | Stage::Begun => None,
+        };
+        let Some(client) = &self.client else { return Err(Abort::Broken(lost())) };
+        if begin.is_some() {
+            self.stage = Stage::Begun;
+        }
+        let sent = timeout_at(self.deadline, send(client, begin, &changes, queries, end));
+        match self.handle.block_on(sent) {
+            Ok(answer) => {
+                let (now, rows) = answer.map_err(failure)?;
+                self.now = now.map_or(self.now, time);
+                rows.into_iter().map(read).collect()
+            }
+            Err(_) => Err(self.connections.too_late()),
+        }
+    }
+}
+
+fn lost() -> Error {
+    Error::new(Kind::Internal, "a transaction has no connection")
+}
+
+type Answer = (Option<i64>, Vec<Vec<tokio_postgres::Row>>);
+
+/// Sends statements without waiting for the answer to each.
+async fn send(
+    client: &Object,
+    begin: Option<&str>,
+    changes: &[Query],
+    queries: &[Query],
+    end: Option<&str>,
+) -> Result<Answer, tokio_postgres::Error> {
+    let mut statements = Vec::new();
+    for (sql, values) in changes.iter().chain(queries) {
+        statements.push((client.prepare_cached(sql).await?, values));
+    }
+    // a request is sent when its future is polled first, and they are polled in order
+    let begin = async {
+        match begin {
+            Some(sql) => client.simple_query(sql).await,
+            None => Ok(Vec::new()),
+        }
+    };
+    let rows = join_all(statements.iter().map(|(statement, values)| run(client, statement, values)));
+    let end = async {
+        match end {
+            Some(sql) => client.batch_execute(sql).await,
+            None => Ok(()),
+        }
+    };
+    let (begun, (rows, ended)) = join(begin, join(rows, end)).await;
+    let now = begun?.iter().rev().find_map(|message| match message {
+        SimpleQueryMessage::Row(row) => row.get("now")?.parse().ok(),
+        _ => None,
+    });
+    // the first statement that failed says why
+    let mut rows = rows.into_iter().collect::<Result<Vec<_>, _>>()?;
+    ended?;
+    Ok((now, rows.split_off(changes.len())))
+}
+
+async fn run(
+    client: &Object,
+    statement: &Statement,
+    values: &[Value],
+) -> Result<Vec<tokio_postgres::Row>, tokio_postgres::Error> {
+    let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
+    client.query(statement, &values).await
+}
+
+/// Rows of the driver as rows of the store.
+pub fn read(rows: Vec<tokio_postgres::Row>) -> Result<Vec<Row>, Abort> {
+    let names: Arc<[String]> =
+        rows.first().map(|row| row.columns().iter().map(|column| column.name().to_owned()).collect()).unwrap_or_default();
+    let row = |row: tokio_postgres::Row| {
+        let values = row.columns().iter().enumerate().map(|(place, column)| value(&row, place, column.type_()));
+        Ok(Row { names: Arc::clone(&names), values: values.collect::<Result<_, _>>().map_err(failure)? })
+    };
+    rows.into_iter().map(row).collect()
+}
+
+fn value(row: &tokio_postgres::Row, place: usize, kind: &Type) -> Result<Value, tokio_postgres::Error> {
+    Ok(match *kind {
+        Type::INT8 => row.try_get::<_, Option<i64>>(place)?.into(),
+        Type::INT4 => row.try_get::<_, Option<i32>>(place)?.map(i64::from).into(),
+        Type::BOOL => row.try_get::<_, Option<bool>>(place)?.into(),
+        Type::FLOAT8 => row.try_get::<_, Option<f64>>(place)?.into(),
+        Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(place)?.map(Bytes::from).into(),
+        Type::VOID => Value::Null,
+        _ => row.try_get::<_, Option<String>>(place)?.into(),
+    })
+}
+
+impl ToSql for Value {
+    fn to_sql(&self, kind: &Type, out: &mut BytesMut) -> Result<IsNull, Box<dyn std::error::Error + Sync + Send>> {
+        match self {
+            Self::Null => Ok(IsNull::Yes),
+            Self::Integer(number) if *kind == Type::INT4 => i32::try_from(*number)?.to_sql(kind, out),
+            Self::Integer(number) => number.to_sql(kind, out),
+            Self::Real(number) => number.to_sql(kind, out),
+            Self::Text(text) => text.to_sql(kind, out),
+            Self::Bytes(bytes) => (&bytes[..]).to_sql(kind, out),
+        }
+    }
+
+    fn accepts(_: &Type) -> bool {
+        true
+    }
+
+    to_sql_checked!();
+}
+
+impl Rows for Session<'_> {
+    fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort> {
+        self.send(queries, None)
+    }
+
+    fn write(&mut self, sql: &'static str, values: Vec<Value>) -> Result<(), Abort> {
+        self.changes.push((sql, values));
+        Ok(())
+    }
+
+    /// When the transaction began.
+    fn now(&mut self) -> Result<SystemTime, Abort> {
+        match self.stage {
+            Stage::None => return Ok(self.one(CLOCK, Vec::new())?.get("now")?),
+            Stage::Next(_) => drop(self.send(&[], None)?),
+            Stage::Begun => {}
+        }
+        Ok(self.now)
+    }
+
+    fn lock_queue(&mut self, worker: Option<Uuid>) {
+        self.stage = Stage::Next(if worker.is_some() { LOCK_BRIEFLY } else { LOCK });
+        self.worker = worker;
+    }
+
+    fn up_since(&mut self) -> Result<SystemTime, Abort> {
+        let sql = "SELECT CAST(extract(epoch FROM pg_postmaster_start_time()) * 1000000 AS bigint) AS started";
+        Ok(self.one(sql, Vec::new())?.get("started")?)
+    }
+}

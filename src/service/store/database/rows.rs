@@ -1,0 +1,266 @@
+//! Rows and values, as both databases know them.
+
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use tokio_util::bytes::Bytes;
+use uuid::Uuid;
+
+use super::super::job::JobId;
+use crate::error::{Error, Kind, Result};
+use crate::service::queue::State;
+
+/// A value of a row or of a parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    Null,
+    Integer(i64),
+    Real(f64),
+    Text(String),
+    Bytes(Bytes),
+}
+
+/// A statement and its values.
+pub type Query = (&'static str, Vec<Value>);
+
+/// The values of a statement.
+macro_rules! values {
+    ($($value:expr),* $(,)?) => { vec![$($crate::service::store::database::rows::Value::from($value)),*] };
+}
+pub(in crate::service::store) use values;
+
+/// Why something was not done.
+#[derive(Debug)]
+pub enum Abort {
+    /// It is not allowed; nothing was written.
+    Refused(Error),
+    /// The database failed, and the transaction with it.
+    Broken(Error),
+    /// The database broke the transaction off for the sake of another one: it may be done again.
+    #[cfg(feature = "postgres")]
+    Again(Error),
+}
+
+impl From<Error> for Abort {
+    fn from(error: Error) -> Self {
+        Self::Refused(error)
+    }
+}
+
+impl From<Abort> for Error {
+    fn from(abort: Abort) -> Self {
+        match abort {
+            Abort::Refused(error) | Abort::Broken(error) => error,
+            #[cfg(feature = "postgres")]
+            Abort::Again(error) => error,
+        }
+    }
+}
+
+/// A transaction, or a connection that reads.
+pub trait Rows {
+    /// The rows of several queries, which are sent together.
+    fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort>;
+
+    /// Changes rows: at once, or together with the next query or the commit.
+    fn write(&mut self, sql: &'static str, values: Vec<Value>) -> Result<(), Abort>;
+
+    /// Now by the clock of the database.
+    fn now(&mut self) -> Result<SystemTime, Abort>;
+
+    /// Waits until no other transaction holds the lock of the queue; to be called first. With the id of a worker, the
+    /// lock is not held while the commit waits for the disk: the worker waits afterwards, by a change of its row.
+    fn lock_queue(&mut self, worker: Option<Uuid>);
+
+    /// When the database was started, or a time before.
+    fn up_since(&mut self) -> Result<SystemTime, Abort>;
+
+    /// The rows of a query.
+    fn query(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>, Abort> {
+        Ok(self.all(&[(sql, values)])?.pop().unwrap_or_default())
+    }
+
+    /// The first row of a query, if there is one.
+    fn first(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Option<Row>, Abort> {
+        Ok(self.query(sql, values)?.into_iter().next())
+    }
+
+    /// The row of a query that always has one.
+    fn one(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Row, Abort> {
+        let none = || Error::new(Kind::Internal, "the store of jobs failed: a query that gives a row gave none");
+        self.first(sql, values)?.ok_or_else(|| Abort::Broken(none()))
+    }
+}
+
+/// A row of a query.
+#[derive(Debug, Clone)]
+pub struct Row {
+    pub names: Arc<[String]>,
+    pub values: Vec<Value>,
+}
+
+fn unreadable(column: &str, error: &dyn std::fmt::Display) -> Error {
+    Error::new(Kind::Internal, format_args!("the store of jobs cannot be read: column {column}: {error}"))
+}
+
+impl Row {
+    fn value(&self, column: &'static str) -> Result<&Value> {
+        let place = self.names.iter().position(|name| name == column);
+        place.and_then(|place| self.values.get(place)).ok_or_else(|| unreadable(column, &"there is none"))
+    }
+
+    /// A column.
+    pub fn get<T: FromValue>(&self, column: &'static str) -> Result<T> {
+        let value = self.value(column)?;
+        T::from_value(value).ok_or_else(|| unreadable(column, &format_args!("{value:?}")))
+    }
+
+    /// A column of text.
+    pub fn text(&self, column: &'static str) -> Result<&str> {
+        match self.value(column)? {
+            Value::Text(text) => Ok(text),
+            value => Err(unreadable(column, &format_args!("{value:?}"))),
+        }
+    }
+
+    /// A column of JSON.
+    pub fn json<T: DeserializeOwned>(&self, column: &'static str) -> Result<T> {
+        serde_json::from_str(self.text(column)?).map_err(|error| unreadable(column, &error))
+    }
+
+    /// A column of JSON, or none where it is null.
+    pub fn optional_json<T: DeserializeOwned>(&self, column: &'static str) -> Result<Option<T>> {
+        match self.value(column)? {
+            Value::Null => Ok(None),
+            _ => self.json(column).map(Some),
+        }
+    }
+}
+
+/// Something as a column of JSON.
+pub fn json<T: Serialize>(value: &T) -> Result<String> {
+    serde_json::to_string(value)
+        .map_err(|error| Error::new(Kind::Internal, format_args!("what is to be stored cannot be written: {error}")))
+}
+
+/// A point in time as it is stored: microseconds since 1970.
+pub fn micros(time: SystemTime) -> i64 {
+    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_micros()).unwrap_or(i64::MAX)
+}
+
+/// The point in time that is stored so.
+pub fn time(micros: i64) -> SystemTime {
+    UNIX_EPOCH + Duration::from_micros(u64::try_from(micros).unwrap_or_default())
+}
+
+/// What a column can be read as.
+pub trait FromValue: Sized {
+    fn from_value(value: &Value) -> Option<Self>;
+}
+
+impl FromValue for i64 {
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Integer(number) => Some(*number),
+            _ => None,
+        }
+    }
+}
+
+/// Types that are read from another one.
+macro_rules! read_as {
+    ($($type:ty: $from:ty, $read:expr;)*) => {
+        $(impl FromValue for $type {
+            fn from_value(value: &Value) -> Option<Self> {
+                let read: fn($from) -> Option<Self> = $read;
+                <$from>::from_value(value).and_then(read)
+            }
+        })*
+    };
+}
+
+read_as! {
+    u64: i64, |number| number.try_into().ok();
+    u32: i64, |number| number.try_into().ok();
+    i16: i64, |number| number.try_into().ok();
+    bool: i64, |number| Some(number != 0);
+    SystemTime: i64, |micros| Some(time(micros));
+    JobId: String, |text| text.parse().ok();
+    Uuid: String, |text| Uuid::try_parse(&text).ok();
+    State: String, |text| State::ALL.into_iter().find(|state| state.name() == text);
+}
+
+impl FromValue for f64 {
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Real(number) => Some(*number),
+            _ => None,
+        }
+    }
+}
+
+impl FromValue for String {
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Text(text) => Some(text.clone()),
+            _ => None,
+        }
+    }
+}
+
+impl FromValue for Bytes {
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Bytes(bytes) => Some(bytes.clone()),
+            _ => None,
+        }
+    }
+}
+
+impl<T: FromValue> FromValue for Option<T> {
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Null => Some(None),
+            _ => T::from_value(value).map(Some),
+        }
+    }
+}
+
+/// Types that become values.
+macro_rules! write_as {
+    ($($type:ty: $write:expr;)*) => {
+        $(impl From<$type> for Value {
+            fn from(value: $type) -> Self {
+                let write: fn($type) -> Self = $write;
+                write(value)
+            }
+        })*
+    };
+}
+
+write_as! {
+    i64: Self::Integer;
+    u64: |number| Self::Integer(number.try_into().unwrap_or(i64::MAX));
+    usize: |number| Self::Integer(number.try_into().unwrap_or(i64::MAX));
+    u32: |number| Self::Integer(number.into());
+    i16: |number| Self::Integer(number.into());
+    bool: |is_so| Self::Integer(is_so.into());
+    f64: Self::Real;
+    String: Self::Text;
+    &str: |text| Self::Text(text.to_owned());
+    Bytes: Self::Bytes;
+    SystemTime: |time| Self::Integer(micros(time));
+    Duration: |time| Self::Integer(time.as_micros().try_into().unwrap_or(i64::MAX));
+    JobId: |id| Self::Text(id.to_string());
+    Uuid: |id| Self::Text(id.to_string());
+    State: |state| Self::Text(state.name().to_owned());
+}
+
+impl<T: Into<Value>> From<Option<T>> for Value {
+    fn from(value: Option<T>) -> Self {
+        value.map_or(Self::Null, Into::into)
+    }
+}

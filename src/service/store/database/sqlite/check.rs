@@ -1,0 +1,89 @@
+//! Damage: whether the file is still a sound database.
+//!
+//! The file is checked when it is opened, for a bounded time. Afterwards SQLite finds damage only where it looks, so
+//! what one statement found stands until the service is started again.
+
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
+use rusqlite::{Connection, ErrorCode};
+
+use crate::error::{Error, Kind};
+
+/// Longest time that the check may take when the store is opened. 300,000 jobs in 0.9 GB took 8 s on a busy machine.
+pub const START: Duration = Duration::from_secs(10);
+
+/// What messages about damage begin with.
+const DAMAGED: &str = "the store of jobs is damaged";
+
+/// The damage that was found.
+#[derive(Debug, Default)]
+pub struct Damage(Mutex<Option<Error>>);
+
+impl Damage {
+    /// Keeps and logs an error of damage, whose remedy is for the operator; the error for clients.
+    pub fn note(&self, error: Error) -> Error {
+        if error.kind != Kind::Unavailable || !error.message.starts_with(DAMAGED) {
+            return error;
+        }
+        self.0.lock().get_or_insert_with(|| {
+            tracing::error!("{error}");
+            error
+        });
+        Error::new(Kind::Unavailable, "the storage of the service is damaged; its operator must repair it")
+    }
+
+    /// The first that was found.
+    pub fn found(&self) -> Option<Error> {
+        self.0.lock().clone()
+    }
+}
+
+/// Whether the database says that its file is broken.
+pub fn is_damage(error: &rusqlite::Error) -> bool {
+    matches!(error.sqlite_error_code(), Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase))
+}
+
+/// The error of a file that is broken.
+pub fn damaged(what: &str) -> Error {
+    Error::new(
+        Kind::Unavailable,
+        format_args!("{DAMAGED}; stop the service and put a backup in the place of jobs.sqlite3: {what}"),
+    )
+}
+
+/// Checks the structure of all tables and indices, for so long at most.
+pub fn check(connection: &Connection, longest: Duration) -> rusqlite::Result<()> {
+    let started = Instant::now();
+    let (done, waits) = channel::<()>();
+    let interrupt = connection.get_interrupt_handle();
+    let guard = thread::spawn(move || {
+        if waits.recv_timeout(longest) == Err(RecvTimeoutError::Timeout) {
+            interrupt.interrupt();
+        }
+    });
+    let found = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get::<_, String>(0));
+    drop(done);
+    let _ = guard.join();
+    match found {
+        Ok(verdict) if verdict == "ok" => {
+            tracing::debug!(milliseconds = started.elapsed().as_millis() as u64, "the store of jobs is sound");
+            Ok(())
+        }
+        Ok(verdict) => Err(broken(verdict)),
+        Err(error) if error.sqlite_error_code() == Some(ErrorCode::OperationInterrupted) => {
+            let seconds = longest.as_secs();
+            tracing::warn!(seconds, "the store of jobs is so large that only a part of it was checked for damage");
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// What the check found, as an error of the database.
+fn broken(verdict: String) -> rusqlite::Error {
+    let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+    rusqlite::Error::SqliteFailure(code, Some(verdict.replace('\n', " ")))
+}

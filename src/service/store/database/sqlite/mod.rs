@@ -1,0 +1,120 @@
+//! SQLite: a file for one process at a time.
+//!
+//! One [`writer`] makes every change; reads have connections of their own and do not wait for writes. The journal is a
+//! write-ahead log, and a commit returns when it is on the disk (`synchronous = FULL`): answered changes survive a crash
+//! of the process, of the system, and of the power. In a temporary folder no commit waits for the disk.
+//!
+//! A prepared statement takes some microseconds, less than the way to another thread and back. So the writer's thread
+//! runs changes, and a task reads a few rows itself; long reads run on a thread for blocking work.
+
+mod check;
+mod opening;
+mod place;
+mod readers;
+mod session;
+mod writer;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use self::check::Damage;
+use self::place::Place;
+use self::readers::Readers;
+use self::writer::Writer;
+use super::super::listeners::{Effects, Listeners};
+use super::rows::{Abort, Rows};
+use crate::error::{Error, Result};
+use crate::service::blocking::blocking;
+use crate::service::faults::Faults;
+
+/// A file with the tables of the store.
+#[derive(Debug)]
+pub struct Sqlite {
+    readers: Arc<Readers>,
+    writer: Writer,
+    damage: Arc<Damage>,
+    place: Arc<Place>,
+}
+
+impl Sqlite {
+    /// Opens the file at `path`, or makes it. No other process may have it open. A temporary file is one that the
+    /// process outlasts.
+    pub async fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
+        let place = match is_temporary {
+            true => Place::temporary(path.to_owned()),
+            false => Place::locked(path.to_owned())?,
+        };
+        let place = Arc::new(place);
+        let file = Arc::clone(&place);
+        let (connection, readers) = blocking(move || opening::open(&file)).await??;
+        let damage = Arc::clone(&readers.damage);
+        let writer = Writer::start(connection, Arc::clone(&place), listeners, Arc::clone(&damage), faults);
+        let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
+        Ok(Self { readers: Arc::new(readers), writer, damage, place })
+    }
+
+    /// Makes a change; returns when it is on the disk, and what follows from it is done.
+    pub async fn change<T: Send + 'static>(
+        &self,
+        command: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        self.writer.carry_out(command).await
+    }
+
+    /// Reads a few rows that an index finds.
+    pub async fn read<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
+        self.readers.read(|session| work(session)).await
+    }
+
+    /// Reads what may be many rows.
+    pub async fn read_much<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        self.readers.read_much(|session| work(session)).await
+    }
+
+    /// Whether the process outlasts the file.
+    pub fn is_temporary(&self) -> bool {
+        self.place.is_temporary
+    }
+
+    /// What was found broken in the file.
+    pub fn damage(&self) -> Option<Error> {
+        self.damage.found()
+    }
+
+    /// Lets other processes open the file, where they cannot, when the disk has room for that. `probe` writes.
+    pub async fn share(
+        &self,
+        probe: impl Fn(&mut dyn Rows, &mut Effects) -> Result<(), Abort> + Copy + Send + 'static,
+    ) -> Result<()> {
+        if !self.place.is_private() {
+            return Ok(());
+        }
+        self.change(probe).await?;
+        // privacy ends with the last connection
+        let readers = self.readers.pause().await;
+        self.place.set_private(false);
+        let reopen = |_: &mut dyn Rows, effects: &mut Effects| {
+            effects.reopens = true;
+            Ok(())
+        };
+        let shared = async {
+            self.change(reopen).await?;
+            self.change(probe).await
+        };
+        let shared = shared.await;
+        self.place.set_private(shared.is_err());
+        drop(readers);
+        shared
+    }
+
+    /// Finishes the operations under way and closes the file.
+    pub async fn close(&self) {
+        // readers first: the last connection to close empties the log
+        self.readers.close().await;
+        self.writer.close().await;
+        self.place.release();
+    }
+}

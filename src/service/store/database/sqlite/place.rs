@@ -1,0 +1,189 @@
+//! The file, how connections to it are opened, and how they fail.
+
+use std::fs::{File, TryLockError};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use rusqlite::config::DbConfig;
+use rusqlite::{Connection, ErrorCode, OpenFlags, ffi};
+
+use super::super::rows::Abort;
+use super::check::{self, is_damage};
+use crate::error::{Error, Kind, Result};
+use crate::service::private;
+
+/// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs,
+/// and what they read is in the system's memory anyway.
+const READ_CACHE: i32 = 512;
+
+/// Size to which the write-ahead log is cut back after it grew larger.
+const LOG_BYTES: u32 = 64 << 20;
+
+/// For how long a connection waits for another one's lock.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Statements that a connection keeps prepared: more than there are.
+const STATEMENTS: usize = 64;
+
+impl From<rusqlite::Error> for Abort {
+    fn from(error: rusqlite::Error) -> Self {
+        Self::Broken(error.into())
+    }
+}
+
+impl From<rusqlite::Error> for Error {
+    /// Whether there is no room, or the file cannot be reached, or something is broken.
+    fn from(error: rusqlite::Error) -> Self {
+        use ErrorCode::*;
+        if is_damage(&error) {
+            return check::damaged(&message(&error));
+        }
+        let kind = match error.sqlite_error_code() {
+            _ if lacks_room(&error) => Kind::InsufficientStorage,
+            Some(
+                PermissionDenied | DatabaseBusy | DatabaseLocked | OutOfMemory | ReadOnly | SystemIoFailure
+                | CannotOpen,
+            ) => Kind::Unavailable,
+            _ => Kind::Internal,
+        };
+        Self::new(kind, format_args!("the store of jobs failed: {}", message(&error)))
+    }
+}
+
+/// The message of the database, without the SQL.
+pub fn message(error: &rusqlite::Error) -> String {
+    match error {
+        rusqlite::Error::SqlInputError { msg, .. } => msg.clone(),
+        _ => error.to_string(),
+    }
+}
+
+/// The error of a store that was closed.
+pub fn closed() -> Error {
+    Error::new(Kind::Unavailable, "the store of jobs is closed")
+}
+
+/// Whether the database failed for want of room on the disk.
+pub fn lacks_room(error: &rusqlite::Error) -> bool {
+    const INDEX_OF_LOG: [i32; 3] = [ffi::SQLITE_IOERR_SHMSIZE, ffi::SQLITE_IOERR_SHMOPEN, ffi::SQLITE_IOERR_SHMMAP];
+    error.sqlite_error_code() == Some(ErrorCode::DiskFull)
+        || error.sqlite_error().is_some_and(|error| INDEX_OF_LOG.contains(&error.extended_code))
+}
+
+/// The file, and how connections to it are opened.
+///
+/// The index of the log is a file of 32 KiB, shared by processes, that SQLite writes when the first connection is
+/// opened: on a full disk nothing could be read. While the file is *private*, the index is in the memory of this
+/// process, and other processes (`tesserae backup`) find the file locked.
+///
+/// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
+/// whatever happened to the lock of the data folder.
+#[derive(Debug)]
+pub struct Place {
+    pub path: PathBuf,
+    /// Whether the process outlasts the file: then no commit waits for the disk.
+    pub is_temporary: bool,
+    is_private: AtomicBool,
+    /// Closed after all connections: closing a file that SQLite has locked ends SQLite's own locks (POSIX).
+    lock: Option<File>,
+}
+
+impl Place {
+    /// SQLite's way to open a file for one process.
+    const PRIVATE: &str = "unix-excl";
+
+    /// The file at `path`, shared, and locked for this service. [`Kind::Conflict`] when another one has it.
+    pub fn locked(path: PathBuf) -> Result<Self> {
+        let cannot = |error| Error::io(format_args!("the store of jobs cannot be opened: {}", path.display()), error);
+        let lock = private::options().open(&path).map_err(cannot)?;
+        // elsewhere, a lock would keep SQLite from reading
+        if cfg!(unix) {
+            match lock.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    return Err(Error::new(
+                        Kind::Conflict,
+                        format_args!(
+                            "another process works with the store of jobs; stop it, or give this one another \
+                             --data-dir: {}",
+                            path.display()
+                        ),
+                    ));
+                }
+                Err(TryLockError::Error(error)) => return Err(cannot(error)),
+            }
+        }
+        Ok(Self { path, is_temporary: false, is_private: AtomicBool::new(false), lock: Some(lock) })
+    }
+
+    /// Lets another process work with the file, once all connections are closed.
+    pub fn release(&self) {
+        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+            tracing::warn!(%error, "the store of jobs stays locked until the process ends");
+        }
+    }
+
+    /// The same in a temporary folder, which no other process knows.
+    pub fn temporary(path: PathBuf) -> Self {
+        Self { path, is_temporary: true, is_private: AtomicBool::new(false), lock: None }
+    }
+
+    /// Whether the file is private.
+    pub fn is_private(&self) -> bool {
+        self.is_private.load(Ordering::Relaxed)
+    }
+
+    /// Makes the file private, or shared again, for connections that are opened from now on.
+    pub fn set_private(&self, is_private: bool) {
+        self.is_private.store(is_private && cfg!(unix), Ordering::Relaxed);
+    }
+
+    /// Opens the connection that writes, and makes the file if that may be.
+    pub fn writing(&self, may_create: bool) -> rusqlite::Result<Connection> {
+        if may_create {
+            // SQLite gives the log the mode of this file
+            private::options().open(&self.path).map_err(|_| rusqlite::Error::InvalidPath(self.path.clone()))?;
+        }
+        let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE;
+        flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
+        let connection = self.open(flags)?;
+        if connection.pragma_query_value(None, "page_count", |row| row.get::<_, i64>(0))? == 0 {
+            // of a new file: pages of deleted jobs can be given back to the file system
+            connection.pragma_update(None, "auto_vacuum", "INCREMENTAL")?;
+        }
+        connection.pragma_update(None, "journal_mode", "WAL")?;
+        connection.pragma_update(None, "synchronous", if self.is_temporary { "OFF" } else { "FULL" })?;
+        connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
+        Ok(connection)
+    }
+
+    /// Opens a connection that reads.
+    pub fn reading(&self) -> rusqlite::Result<Connection> {
+        let connection = match self.is_private() {
+            // a file that is opened for reading only would not be locked by this process
+            true => self.open(OpenFlags::SQLITE_OPEN_READ_WRITE)?,
+            false => self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?,
+        };
+        connection.pragma_update(None, "query_only", true)?;
+        connection.pragma_update(None, "cache_size", -READ_CACHE)?;
+        Ok(connection)
+    }
+
+    fn open(&self, flags: OpenFlags) -> rusqlite::Result<Connection> {
+        let flags = flags | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = match self.is_private() {
+            true => Connection::open_with_flags_and_vfs(&self.path, flags, Self::PRIVATE)?,
+            false => Connection::open_with_flags(&self.path, flags)?,
+        };
+        prepare(connection)
+    }
+}
+
+fn prepare(connection: Connection) -> rusqlite::Result<Connection> {
+    connection.busy_timeout(PATIENCE)?;
+    connection.set_prepared_statement_cache_capacity(STATEMENTS);
+    // Plans do not depend on what is bound; without this, some statements are prepared anew whenever something else is.
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
+    Ok(connection)
+}

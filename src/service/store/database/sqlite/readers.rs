@@ -1,0 +1,98 @@
+//! Connections that read.
+
+use std::sync::Arc;
+
+use parking_lot::Mutex;
+use tokio::runtime::{Handle, RuntimeFlavor};
+use tokio::sync::{Semaphore, SemaphorePermit};
+use tokio::task::block_in_place;
+
+use super::super::rows::Abort;
+use super::check::Damage;
+use super::place::{Place, closed};
+use super::session::Session;
+use crate::error::Result;
+use crate::service::blocking::blocking;
+
+/// How many there are.
+const READERS: u32 = 4;
+
+/// Connections that read.
+#[derive(Debug)]
+pub struct Readers {
+    place: Arc<Place>,
+    /// One for each connection that may be.
+    places: Arc<Semaphore>,
+    /// What they find broken in the file.
+    pub damage: Arc<Damage>,
+    idle: Mutex<Vec<Session>>,
+}
+
+impl Readers {
+    /// For a file that is there.
+    pub fn open(place: Arc<Place>) -> rusqlite::Result<Self> {
+        let places = Arc::new(Semaphore::new(READERS as usize));
+        let readers = Self { place, places, damage: Arc::default(), idle: Mutex::default() };
+        readers.give_back(Session::new(readers.place.reading()?));
+        Ok(readers)
+    }
+
+    /// Reads a few rows that an index finds, on this thread. Where it waits for a lock or a disk, the other tasks of
+    /// this thread continue on another one.
+    pub async fn read<T>(&self, work: impl FnOnce(&mut Session) -> Result<T, Abort>) -> Result<T> {
+        let _place = self.places.acquire().await.map_err(|_| closed())?;
+        match Handle::current().runtime_flavor() {
+            RuntimeFlavor::CurrentThread => self.work(work),
+            _ => block_in_place(|| self.work(work)),
+        }
+    }
+
+    /// Reads what may be many rows, on a thread for blocking work.
+    pub async fn read_much<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&mut Session) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| closed())?;
+        let this = Arc::clone(self);
+        blocking(move || {
+            // kept to the end, also when the caller has given up
+            let _place = place;
+            this.work(work)
+        })
+        .await?
+    }
+
+    /// Waits for reads under way, and closes the connections. Others are opened once what this returns is dropped.
+    pub async fn pause(&self) -> Option<SemaphorePermit<'_>> {
+        let all = self.places.acquire_many(READERS).await.ok();
+        self.idle.lock().clear();
+        all
+    }
+
+    /// Waits for reads under way, and closes the connections.
+    pub async fn close(&self) {
+        let _all = self.pause().await;
+        self.places.close();
+    }
+
+    fn work<T>(&self, work: impl FnOnce(&mut Session) -> Result<T, Abort>) -> Result<T> {
+        let idle = self.idle.lock().pop();
+        let mut session = match idle {
+            Some(session) => session,
+            None => Session::new(self.place.reading()?),
+        };
+        let outcome = work(&mut session);
+        match outcome {
+            Ok(_) | Err(Abort::Refused(_)) => {
+                self.give_back(session);
+                Ok(outcome?)
+            }
+            // a connection that failed is not used again
+            Err(abort) => Err(self.damage.note(abort.into())),
+        }
+    }
+
+    fn give_back(&self, session: Session) {
+        self.idle.lock().push(session);
+    }
+}

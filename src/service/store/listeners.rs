@@ -1,0 +1,243 @@
+//! What follows from a change once it is committed: tasks that wait for the store wake, here and, where several services
+//! share the store, there; and the store counts.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeSet, HashMap};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use tokio::sync::{Notify, watch};
+
+use super::job::JobId;
+use super::terms::{Pulse, Statistics};
+
+/// What a change leaves to be done when it is committed.
+#[derive(Debug, Default)]
+pub struct Effects {
+    /// Jobs that changed.
+    pub pulses: Vec<(JobId, Pulse)>,
+    /// Jobs that are gone.
+    pub deleted: Vec<JobId>,
+    /// Whether a job may be claimed that could not be before.
+    pub arrivals: bool,
+    /// Whether a job ended: another one may be claimed in its stead.
+    pub ends: bool,
+    /// Whether a job with a webhook ended.
+    pub endings: bool,
+    /// As in [`Statistics`].
+    pub attempts_failed: u64,
+    /// As in [`Statistics`].
+    pub given_up: u64,
+    /// Whether the file has fewer pages, which it gives back when the log is written into it.
+    pub shrinks: bool,
+    /// Whether the next transaction gets a new connection.
+    pub reopens: bool,
+}
+
+/// Waiting tasks, and counters.
+#[derive(Debug, Default)]
+pub struct Listeners {
+    pub pulses: Pulses,
+    pub arrivals: Signal,
+    pub endings: Signal,
+    /// Of a store that several services share.
+    pub outbox: Option<Outbox>,
+    counters: Counters,
+}
+
+/// Notifications for the other services.
+#[derive(Debug, Default)]
+pub struct Outbox {
+    pub waiting: Mutex<BTreeSet<String>>,
+    pub filled: Notify,
+}
+
+/// Notifications of an arrival, and of an end with a webhook; that of a change of a job is its id.
+pub const ARRIVAL: &str = "arrival";
+pub const ENDING: &str = "ending";
+
+#[derive(Debug, Default)]
+struct Counters {
+    commits: AtomicU64,
+    commands: AtomicU64,
+    failures: AtomicU64,
+    busy_us: AtomicU64,
+    attempts_failed: AtomicU64,
+    given_up: AtomicU64,
+}
+
+impl Listeners {
+    /// Of a store that several services share.
+    #[cfg(feature = "postgres")]
+    pub fn of_several() -> Self {
+        Self { outbox: Some(Outbox::default()), ..Self::default() }
+    }
+
+    /// Does what follows from changes.
+    pub fn publish(&self, effects: Effects) {
+        self.counters.attempts_failed.fetch_add(effects.attempts_failed, Relaxed);
+        self.counters.given_up.fetch_add(effects.given_up, Relaxed);
+        if let Some(outbox) = &self.outbox {
+            outbox.put(&effects);
+        }
+        for (id, pulse) in effects.pulses {
+            self.pulses.publish(id, pulse);
+        }
+        for id in effects.deleted {
+            self.pulses.forget(id);
+        }
+        if effects.arrivals || effects.ends {
+            self.arrivals.notify();
+        }
+        if effects.endings {
+            self.endings.notify();
+        }
+    }
+
+    /// Counts a transaction of so many commands.
+    pub fn committed(&self, commands: usize, time: Duration) {
+        self.counters.commits.fetch_add(1, Relaxed);
+        self.counters.commands.fetch_add(commands as u64, Relaxed);
+        self.counters.busy_us.fetch_add(time.as_micros() as u64, Relaxed);
+    }
+
+    /// Counts a transaction that failed.
+    pub fn failed(&self, time: Duration) {
+        self.counters.failures.fetch_add(1, Relaxed);
+        self.counters.busy_us.fetch_add(time.as_micros() as u64, Relaxed);
+    }
+
+    pub fn statistics(&self) -> Statistics {
+        Statistics {
+            commits: self.counters.commits.load(Relaxed),
+            commands: self.counters.commands.load(Relaxed),
+            failures: self.counters.failures.load(Relaxed),
+            commit_seconds: self.counters.busy_us.load(Relaxed) as f64 / 1e6,
+            attempts_failed: self.counters.attempts_failed.load(Relaxed),
+            given_up: self.counters.given_up.load(Relaxed),
+        }
+    }
+}
+
+impl Outbox {
+    fn put(&self, effects: &Effects) {
+        let mut waiting = self.waiting.lock();
+        let general = [(effects.arrivals, ARRIVAL), (effects.endings, ENDING)];
+        waiting.extend(general.iter().filter(|(is_so, _)| *is_so).map(|(_, what)| (*what).to_owned()));
+        waiting.extend(effects.pulses.iter().map(|(id, _)| id.to_string()));
+        if !waiting.is_empty() {
+            self.filled.notify_one();
+        }
+    }
+}
+
+/// A count that changes with every [`notify`](Self::notify), for tasks that wait for the next one.
+#[derive(Debug, Default)]
+pub struct Signal(watch::Sender<u64>);
+
+impl Signal {
+    /// Wakes all receivers.
+    pub fn notify(&self) {
+        self.0.send_modify(|count| *count += 1);
+    }
+
+    /// A receiver that is marked as changed, so that its task looks once before it waits.
+    pub fn subscribe(&self) -> watch::Receiver<u64> {
+        let mut receiver = self.0.subscribe();
+        receiver.mark_changed();
+        receiver
+    }
+}
+
+/// Receivers by job. Jobs without a receiver are dropped when their number has doubled.
+#[derive(Debug, Default)]
+pub struct Pulses(Mutex<Waiters>);
+
+#[derive(Debug, Default)]
+struct Waiters {
+    jobs: HashMap<JobId, watch::Sender<Pulse>>,
+    /// Number of jobs at which those without a receiver are dropped.
+    sweep_at: usize,
+}
+
+impl Pulses {
+    /// A receiver of every change of a job from now on. Subscribe first, then [`publish`](Self::publish) the stored
+    /// state: no change in between is missed.
+    pub fn subscribe(&self, id: JobId) -> watch::Receiver<Pulse> {
+        let mut waiters = self.0.lock();
+        if waiters.jobs.len() >= waiters.sweep_at {
+            waiters.jobs.retain(|_, pulse| pulse.receiver_count() > 0);
+            waiters.sweep_at = 2 * waiters.jobs.len() + 64;
+        }
+        waiters.jobs.entry(id).or_default().subscribe()
+    }
+
+    /// Wakes the receivers of a job. A pulse with older events than the last one is dropped. An ended job that runs
+    /// again has newer events, so its pulse replaces the last one.
+    pub fn publish(&self, id: JobId, pulse: Pulse) {
+        if let Some(waiting) = self.0.lock().jobs.get(&id) {
+            waiting.send_if_modified(|told| {
+                let newer = match pulse.last_seq.cmp(&told.last_seq) {
+                    Ordering::Less => *told,
+                    Ordering::Greater => pulse,
+                    Ordering::Equal => Pulse {
+                        last_seq: told.last_seq,
+                        cancel_requested: told.cancel_requested || pulse.cancel_requested,
+                        ended: told.ended || pulse.ended,
+                    },
+                };
+                let changed = newer != *told;
+                *told = newer;
+                changed
+            });
+        }
+    }
+
+    /// Jobs with a receiver.
+    #[cfg(feature = "postgres")]
+    pub fn waited_for(&self) -> Vec<JobId> {
+        let waiters = self.0.lock();
+        waiters.jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
+    }
+
+    /// Whether a job has a receiver.
+    #[cfg(feature = "postgres")]
+    pub fn is_waited_for(&self, id: JobId) -> bool {
+        self.0.lock().jobs.get(&id).is_some_and(|pulse| pulse.receiver_count() > 0)
+    }
+
+    /// Drops the receivers of a deleted job.
+    pub fn forget(&self, id: JobId) {
+        self.0.lock().jobs.remove(&id);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waiters_leave_nothing_behind() {
+        let pulses = Pulses::default();
+        let kept = JobId::random();
+        let waiting = pulses.subscribe(kept);
+        for _ in 0..10_000 {
+            drop(pulses.subscribe(JobId::random()));
+        }
+        assert!(pulses.0.lock().jobs.len() < 200);
+        pulses.publish(kept, Pulse { last_seq: 7, ..Pulse::default() });
+        pulses.publish(kept, Pulse { last_seq: 3, ended: true, ..Pulse::default() });
+        assert_eq!(*waiting.borrow(), Pulse { last_seq: 7, ended: false, cancel_requested: false }, "an older one");
+        for (last_seq, ended) in [(8, true), (9, false)] {
+            pulses.publish(kept, Pulse { last_seq, ended, ..Pulse::default() });
+            assert_eq!(
+                *waiting.borrow(),
+                Pulse { last_seq, ended, cancel_requested: false },
+                "a job that is run again"
+            );
+        }
+        pulses.forget(kept);
+        assert!(waiting.has_changed().is_err());
+    }
+}

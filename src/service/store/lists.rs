@@ -1,0 +1,133 @@
+//! Which jobs there are: lists, counts, and what the care of the store needs.
+
+use std::time::{Instant, SystemTime};
+
+use super::change::{job, jobs};
+use super::database::rows::values;
+use super::job::JobId;
+use super::store::Store;
+use super::terms::{ListQuery, Page};
+use crate::error::Result;
+use crate::service::queue::State;
+
+/// For how long counts of jobs are believed where they take long.
+const COUNTS: std::time::Duration = std::time::Duration::from_secs(2);
+
+impl Store {
+    /// A page of jobs, newest first. A cursor that this store did not give is
+    /// [`Kind::InvalidParameter`](crate::Kind::InvalidParameter).
+    pub async fn list(&self, list: &ListQuery) -> Result<Page> {
+        let before = match &list.cursor {
+            Some(cursor) => self.cursors.number_of(cursor)?,
+            None => u64::MAX,
+        };
+        // one more than the limit, to know whether there is another page
+        let mut values = values![before, list.limit.saturating_add(1)];
+        // one text a filter, so that each has its index
+        let sql = match (&list.tenant, list.state) {
+            (None, None) => jobs!("WHERE number < $1 ORDER BY number DESC LIMIT $2"),
+            (None, Some(_)) => jobs!("WHERE number < $1 AND state = $3 ORDER BY number DESC LIMIT $2"),
+            (Some(_), None) => jobs!("WHERE number < $1 AND tenant = $3 ORDER BY number DESC LIMIT $2"),
+            (Some(_), Some(_)) => {
+                jobs!("WHERE number < $1 AND tenant = $3 AND state = $4 ORDER BY number DESC LIMIT $2")
+            }
+        };
+        values.extend(list.tenant.as_deref().map(Into::into));
+        values.extend(list.state.map(Into::into));
+        let found = self.read_much("list", move |rows| {
+            let rows = rows.query(sql, values.clone())?;
+            Ok(rows.iter().map(|row| Ok((row.get("number")?, job(row)?))).collect::<Result<Vec<_>>>()?)
+        });
+        let mut found = found.await?;
+        let has_more = found.len() > list.limit;
+        found.truncate(list.limit);
+        let next = found.last().filter(|_| has_more).map(|(number, _)| self.cursors.cursor_of(*number));
+        Ok(Page { jobs: found.into_iter().map(|(_, job)| job).collect(), next })
+    }
+
+    /// Number of jobs in each state, in the order of [`State::ALL`]; in a shared store as of a moment ago.
+    pub async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
+        if let Some((at, counts)) = *self.counts.lock()
+            && self.is_shared()
+            && at.elapsed() < COUNTS
+        {
+            return Ok(counts);
+        }
+        let found = self.read_much("counts", |rows| {
+            let mut counts = [0; State::ALL.len()];
+            for row in rows.query("SELECT state, count(*) AS jobs FROM jobs GROUP BY state", Vec::new())? {
+                counts[row.get::<State>("state")? as usize] = row.get("jobs")?;
+            }
+            Ok(counts)
+        });
+        let counts = found.await?;
+        *self.counts.lock() = Some((Instant::now(), counts));
+        Ok(counts)
+    }
+
+    /// Number of jobs that wait.
+    pub async fn waiting(&self) -> Result<u64> {
+        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued'";
+        self.read("waiting_of", move |rows| rows.one(sql, Vec::new())).await?.get("jobs")
+    }
+
+    /// Number of jobs of a tenant that wait.
+    pub async fn waiting_of(&self, tenant: &str) -> Result<u64> {
+        let values = values![tenant];
+        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = $1";
+        self.read("waiting_of", move |rows| rows.one(sql, values.clone())).await?.get("jobs")
+    }
+
+    /// When the job was accepted that waits longest; none when no job waits.
+    pub async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
+        let sql = "SELECT min(created_at) AS oldest FROM jobs WHERE number IN \
+                   (SELECT number FROM jobs WHERE state = 'queued')";
+        self.read("oldest_queued", move |rows| rows.one(sql, Vec::new())).await?.get("oldest")
+    }
+
+    /// Jobs that ended so long ago, at most `limit`, the longest ended first.
+    pub async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
+        // by their age: the clock of this machine may be another than that of the store
+        let age = SystemTime::now().duration_since(time).map_err(|ahead| ahead.duration());
+        let found = self.read_much("ended_before", move |rows| {
+            let now = rows.now()?;
+            let time = match age {
+                Ok(age) => now.checked_sub(age).unwrap_or(SystemTime::UNIX_EPOCH),
+                Err(ahead) => now + ahead,
+            };
+            let sql = "SELECT id FROM jobs WHERE ended_at < $1 ORDER BY ended_at LIMIT $2";
+            let rows = rows.query(sql, values![time, limit])?;
+            Ok(rows.iter().map(|row| row.get("id")).collect::<Result<_>>()?)
+        });
+        found.await
+    }
+
+    /// Whether a job was ever added to the file, deleted ones included.
+    pub async fn was_used(&self) -> Result<bool> {
+        let sql = "SELECT 1 FROM sqlite_sequence WHERE name = 'jobs' AND seq > 0";
+        Ok(self.read("open", move |rows| rows.first(sql, Vec::new())).await?.is_some())
+    }
+
+    /// Bytes on disk that the store has taken and will use again before it takes more.
+    pub async fn free_bytes(&self) -> Result<u64> {
+        if self.is_shared() {
+            return Ok(0);
+        }
+        let sql = "SELECT freelist_count * page_size AS bytes FROM pragma_freelist_count, pragma_page_size";
+        self.read("free_bytes", move |rows| rows.one(sql, Vec::new())).await?.get("bytes")
+    }
+
+    /// Gives some of the [free bytes](Self::free_bytes) back to the file system: a few megabytes, so that changes of
+    /// jobs do not wait for long.
+    pub async fn give_back(&self) -> Result<()> {
+        if self.is_shared() {
+            return Ok(());
+        }
+        let given_back = self.change("give_back", |change| {
+            change.rows.query("PRAGMA incremental_vacuum(1024)", Vec::new())?;
+            change.effects.shrinks = true;
+            Ok(())
+        });
+        given_back.await
+    }
+}

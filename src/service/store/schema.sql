@@ -1,0 +1,108 @@
+-- The tables, in SQLite's dialect; `schema.rs` says what PostgreSQL calls the same. Times are microseconds since
+-- 1970-01-01 UTC by the clock of the store. Columns named here as JSON hold it as text.
+CREATE TABLE jobs (
+    number           INTEGER PRIMARY KEY AUTOINCREMENT, -- counts the jobs ever created: the order of queue and list
+    id               TEXT    NOT NULL UNIQUE,
+    tenant           TEXT    NOT NULL,
+    state            TEXT    NOT NULL,
+    spec             TEXT    NOT NULL,                  -- JSON
+    webhook          TEXT,                              -- of the spec
+    progress         TEXT    NOT NULL,                  -- JSON
+    problem          TEXT,                              -- JSON
+    summary          TEXT,                              -- JSON
+    cancel_requested INTEGER NOT NULL DEFAULT 0,
+    attempt          INTEGER NOT NULL DEFAULT 0,        -- claims so far: the fence
+    uncounted        INTEGER NOT NULL DEFAULT 0,        -- of them, those that do not count
+    begun            INTEGER NOT NULL DEFAULT 0,        -- whether the reading of the current attempt began
+    suspicion        INTEGER NOT NULL DEFAULT 0,        -- crashes of workers while the job had begun
+    not_before       INTEGER,                           -- of a waiting suspect: when it may start
+    worker           TEXT,                              -- name of the worker that claimed the job last
+    worker_id        TEXT,                              -- its row in workers
+    lease_until      INTEGER,                           -- of a running job
+    urgency          INTEGER NOT NULL,                  -- the priority, negated: ascending is first
+    last_seq         INTEGER NOT NULL,                  -- number of the last event
+    ends             INTEGER NOT NULL DEFAULT 0,        -- ends so far: several after a retry
+    idempotency_key  TEXT,
+    request_digest   TEXT,                              -- of the request that came with the key
+    created_at       INTEGER NOT NULL,
+    started_at       INTEGER,
+    ended_at         INTEGER
+) STRICT;
+
+CREATE UNIQUE INDEX jobs_by_key ON jobs (tenant, idempotency_key) WHERE idempotency_key IS NOT NULL;
+CREATE INDEX jobs_waiting ON jobs (tenant, urgency, number) WHERE state = 'queued';
+CREATE INDEX jobs_suspect ON jobs (tenant, not_before, number) WHERE state = 'queued' AND suspicion > 0;
+CREATE INDEX jobs_running ON jobs (tenant, worker_id) WHERE state = 'running';
+CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE ended_at IS NOT NULL;
+CREATE INDEX jobs_by_tenant ON jobs (tenant, number);
+CREATE INDEX jobs_by_tenant_and_state ON jobs (tenant, state, number);
+
+CREATE TABLE events (
+    job  INTEGER NOT NULL,
+    seq  INTEGER NOT NULL,
+    kind TEXT    NOT NULL,
+    data TEXT    NOT NULL,
+    PRIMARY KEY (job, seq)
+) STRICT, WITHOUT ROWID;
+
+-- Small files of jobs: of the upload until the job ends, of the result from then on.
+CREATE TABLE blobs (
+    job   INTEGER NOT NULL,
+    name  TEXT    NOT NULL,
+    bytes BLOB    NOT NULL,
+    PRIMARY KEY (job, name)
+) STRICT;
+
+-- Ends that a webhook is to tell; they outlast their jobs.
+CREATE TABLE notices (
+    place        INTEGER PRIMARY KEY AUTOINCREMENT, -- the order of the ends
+    job          TEXT    NOT NULL UNIQUE,
+    webhook      TEXT    NOT NULL,
+    trace_parent TEXT,
+    state        TEXT    NOT NULL,
+    problem      TEXT,                              -- JSON
+    ended_at     INTEGER NOT NULL,
+    nth          INTEGER NOT NULL,                  -- which end of its job: more than 1 after a retry
+    teller       TEXT,                              -- the service that delivers it
+    lease_until  INTEGER                            -- until when
+) STRICT;
+
+-- Services that work on jobs. One whose alive_until is over was lost, with all its jobs.
+CREATE TABLE workers (
+    id          TEXT    PRIMARY KEY,
+    name        TEXT    NOT NULL,
+    version     TEXT    NOT NULL,
+    device      TEXT,
+    started_at  INTEGER NOT NULL,
+    seen_at     INTEGER NOT NULL,
+    lease       INTEGER NOT NULL DEFAULT 0,         -- length of its leases
+    alive_until INTEGER NOT NULL DEFAULT 0,
+    claims      INTEGER NOT NULL DEFAULT 0
+) STRICT;
+
+-- Virtual times of tenants: see the fairness of claims.
+CREATE TABLE tenants (
+    name   TEXT PRIMARY KEY,
+    served REAL NOT NULL, -- start of its last turn
+    next   REAL NOT NULL  -- start of its next turn
+) STRICT;
+
+-- What one service does for all.
+CREATE TABLE duties (
+    name   TEXT    PRIMARY KEY,
+    holder TEXT    NOT NULL,
+    until  INTEGER NOT NULL
+) STRICT;
+
+-- One row: what must outlast the process and is no job.
+CREATE TABLE secrets (
+    id      INTEGER PRIMARY KEY,
+    cursors BLOB NOT NULL, -- key of the cursors of lists
+    name    TEXT NOT NULL  -- of this store, to know its files by
+) STRICT;
+
+-- One row, written to see whether anything can be.
+CREATE TABLE probes (
+    id INTEGER PRIMARY KEY,
+    at INTEGER NOT NULL
+) STRICT;

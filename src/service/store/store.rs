@@ -1,0 +1,282 @@
+//! The store: a database, and what one process knows beside it.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
+use uuid::Uuid;
+
+use super::change::Transaction;
+use super::cursor::Cursors;
+#[cfg(feature = "postgres")]
+use super::database::postgres::Postgres;
+use super::database::rows::{Abort, Rows, values};
+use super::database::sqlite::Sqlite;
+use super::job::Ticket;
+use super::listeners::{Effects, Listeners};
+use super::terms::Statistics;
+use crate::error::{Error, Kind, Result};
+use crate::service::faults::Faults;
+use crate::service::queue::{Rules, State};
+
+#[derive(Debug)]
+enum Database {
+    Sqlite(Sqlite),
+    #[cfg(feature = "postgres")]
+    Postgres(Postgres),
+}
+
+/// Receives the name of every operation, how long it took, and whether it failed.
+type Observer = Box<dyn Fn(&'static str, Duration, bool) + Send + Sync>;
+
+/// The store of jobs. See the [module](super) for what it promises.
+pub(in crate::service) struct Store {
+    database: Database,
+    pub(super) rules: Rules,
+    /// This process among the workers: new at every start.
+    pub(super) me: Uuid,
+    pub(super) listeners: Arc<Listeners>,
+    pub(super) cursors: Cursors,
+    name: String,
+    /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
+    pub(super) held: Mutex<HashMap<Ticket, u64>>,
+    /// Locked while jobs are claimed. Whether a claim ended without an answer: it may have taken jobs.
+    pub(super) is_unsure: tokio::sync::Mutex<bool>,
+    /// When a job that the last claim passed over may be claimed.
+    pub(super) next_start: Mutex<Option<Instant>>,
+    /// Counts of jobs in each state, and when they were read: counting the ended ones takes long.
+    pub(super) counts: Mutex<Option<(Instant, [u64; State::ALL.len()])>>,
+    observer: OnceLock<Observer>,
+    /// Microseconds that a test adds to the clock.
+    #[cfg(test)]
+    pub(super) offset: std::sync::atomic::AtomicI64,
+}
+
+impl fmt::Debug for Store {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Store").field("database", &self.database).field("me", &self.me).finish_non_exhaustive()
+    }
+}
+
+impl Store {
+    /// Opens the store in the file at `path`, or makes it. No other process may have it open.
+    pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
+        Self::open_file(path, false, rules, faults).await
+    }
+
+    /// Makes a store in a file at `path` that the process does not outlast.
+    pub async fn temporary(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
+        Self::open_file(path, true, rules, faults).await
+    }
+
+    async fn open_file(path: &Path, is_temporary: bool, rules: Rules, faults: Faults) -> Result<Self> {
+        let listeners = Arc::<Listeners>::default();
+        let file = Sqlite::open(path, is_temporary, Arc::clone(&listeners), faults).await?;
+        let store = Self::with(Database::Sqlite(file), Uuid::new_v4(), listeners, rules).await?;
+        // one process has the file: running jobs are those of a process that ended
+        match store.recover().await {
+            Ok(0) => {}
+            Ok(jobs) => tracing::warn!(jobs, "the service did not stop in order; jobs that ran wait again"),
+            // their leases end
+            Err(error) if error.kind == Kind::InsufficientStorage => {
+                tracing::warn!(%error, "jobs that ran when the process died wait for room on the disk");
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(store)
+    }
+
+    /// Opens the store in a database that several services share, with at most so many connections beside one for
+    /// notifications.
+    #[cfg(feature = "postgres")]
+    pub async fn shared(url: &super::StoreUrl, most: usize, rules: Rules) -> Result<Self> {
+        let (me, listeners) = (Uuid::new_v4(), Arc::new(Listeners::of_several()));
+        let database = Postgres::open(url, most, me, Arc::clone(&listeners)).await?;
+        Self::with(Database::Postgres(database), me, listeners, rules).await
+    }
+
+    async fn with(database: Database, me: Uuid, listeners: Arc<Listeners>, rules: Rules) -> Result<Self> {
+        let mut store = Self {
+            database,
+            rules,
+            me,
+            listeners,
+            cursors: Cursors::random()?,
+            name: Uuid::new_v4().to_string(),
+            held: Mutex::default(),
+            is_unsure: tokio::sync::Mutex::new(false),
+            next_start: Mutex::default(),
+            counts: Mutex::default(),
+            observer: OnceLock::new(),
+            #[cfg(test)]
+            offset: Default::default(),
+        };
+        let kept = "SELECT cursors, name FROM secrets WHERE id = 1";
+        let find = move |rows: &mut dyn Rows| rows.first(kept, Vec::new());
+        let row = match store.read("open", find).await? {
+            Some(row) => row,
+            None => {
+                let secrets = values![tokio_util::bytes::Bytes::copy_from_slice(store.cursors.key()), store.name.clone()];
+                let keep = move |change: &mut Transaction<'_>| {
+                    let sql = "INSERT INTO secrets (id, cursors, name) VALUES (1, $1, $2) ON CONFLICT (id) DO NOTHING";
+                    change.rows.write(sql, secrets.clone())?;
+                    change.rows.one(kept, Vec::new())
+                };
+                store.change("open", keep).await?
+            }
+        };
+        let damaged = || Error::new(Kind::Internal, "the key of cursors in the store of jobs is damaged");
+        store.cursors = Cursors::with_key(&row.get::<tokio_util::bytes::Bytes>("cursors")?).ok_or_else(damaged)?;
+        store.name = row.get("name")?;
+        Ok(store)
+    }
+
+    /// Lets an observer see every operation from now on.
+    pub fn observe(&self, observer: impl Fn(&'static str, Duration, bool) + Send + Sync + 'static) {
+        let _ = self.observer.set(Box::new(observer));
+    }
+
+    /// The name of the store, by which its files are known.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Makes a change in a transaction, and what follows from it. The change refuses before it writes; it is made again
+    /// where the database broke it off.
+    pub(super) async fn change<T: Send + 'static>(
+        &self,
+        operation: &'static str,
+        command: impl Fn(&mut Transaction<'_>) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        let (rules, me, offset) = (self.rules, self.me, self.offset());
+        let command = move |rows: &mut dyn Rows, effects: &mut Effects| {
+            command(&mut Transaction { rows, effects, rules, me, offset })
+        };
+        let changed = async {
+            match &self.database {
+                Database::Sqlite(file) => file.change(command).await,
+                #[cfg(feature = "postgres")]
+                Database::Postgres(database) => database.change(command).await,
+            }
+        };
+        self.observed(operation, changed).await
+    }
+
+    /// Reads a few rows that an index finds.
+    pub(super) async fn read<T: Send + 'static>(
+        &self,
+        operation: &'static str,
+        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        let read = async {
+            match &self.database {
+                Database::Sqlite(file) => file.read(work).await,
+                #[cfg(feature = "postgres")]
+                Database::Postgres(database) => database.read(work).await,
+            }
+        };
+        self.observed(operation, read).await
+    }
+
+    /// Reads what may be many rows.
+    pub(super) async fn read_much<T: Send + 'static>(
+        &self,
+        operation: &'static str,
+        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        let read = async {
+            match &self.database {
+                Database::Sqlite(file) => file.read_much(work).await,
+                #[cfg(feature = "postgres")]
+                Database::Postgres(database) => database.read(work).await,
+            }
+        };
+        self.observed(operation, read).await
+    }
+
+    async fn observed<T>(&self, operation: &'static str, work: impl Future<Output = Result<T>>) -> Result<T> {
+        let started = Instant::now();
+        let outcome = work.await;
+        if let Some(observer) = self.observer.get() {
+            // a full queue, a stale ticket and the like are answers, not failures
+            let has_failed = outcome.as_ref().is_err_and(|error| matches!(error.kind.status(), 500 | 503 | 507));
+            observer(operation, started.elapsed(), has_failed);
+        }
+        outcome
+    }
+
+    #[cfg(test)]
+    pub(super) fn offset(&self) -> i64 {
+        self.offset.load(std::sync::atomic::Ordering::Relaxed)
+    }
+
+    #[cfg(not(test))]
+    pub(super) fn offset(&self) -> i64 {
+        0
+    }
+
+    /// Whether jobs outlast the process.
+    pub fn is_durable(&self) -> bool {
+        match &self.database {
+            Database::Sqlite(file) => !file.is_temporary(),
+            #[cfg(feature = "postgres")]
+            Database::Postgres(_) => true,
+        }
+    }
+
+    /// Whether other processes use the store, too.
+    pub fn is_shared(&self) -> bool {
+        match &self.database {
+            Database::Sqlite(_) => false,
+            #[cfg(feature = "postgres")]
+            Database::Postgres(_) => true,
+        }
+    }
+
+    /// Writes a row without meaning, to see whether the store can write.
+    pub async fn probe(&self) -> Result<()> {
+        if let Database::Sqlite(file) = &self.database {
+            if let Some(error) = file.damage() {
+                return Err(error);
+            }
+            file.share(|rows, _| probe(rows)).await?;
+        }
+        self.change("probe", |change| probe(change.rows)).await
+    }
+
+    /// Counters of the store.
+    pub fn statistics(&self) -> Statistics {
+        let statistics = self.listeners.statistics();
+        match &self.database {
+            // reads find damage, too
+            Database::Sqlite(file) => {
+                Statistics { failures: statistics.failures + u64::from(file.damage().is_some()), ..statistics }
+            }
+            #[cfg(feature = "postgres")]
+            Database::Postgres(_) => statistics,
+        }
+    }
+
+    /// Finishes the operations under way and closes the database. Nothing works afterwards.
+    pub async fn close(&self) {
+        if self.is_shared()
+            && let Err(error) = self.leave().await
+        {
+            tracing::debug!(%error, "other services take over when leases are over");
+        }
+        match &self.database {
+            Database::Sqlite(file) => file.close().await,
+            #[cfg(feature = "postgres")]
+            Database::Postgres(database) => database.close().await,
+        }
+    }
+}
+
+fn probe(rows: &mut dyn Rows) -> Result<(), Abort> {
+    let now = rows.now()?;
+    let sql = "INSERT INTO probes (id, at) VALUES (1, $1) ON CONFLICT (id) DO UPDATE SET at = excluded.at";
+    rows.write(sql, values![now])
+}

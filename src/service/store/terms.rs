@@ -1,0 +1,261 @@
+//! What users of the store ask it for, and what they get.
+
+use std::time::SystemTime;
+
+use super::database::rows::{Row, Value, json};
+use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
+use crate::error::{Error, Kind, Result};
+use crate::service::queue::{self, State};
+
+/// A job to be added.
+#[derive(Debug, Clone)]
+pub(in crate::service) struct NewJob {
+    /// Its name.
+    pub id: JobId,
+    /// What it is.
+    pub spec: Spec,
+    /// The key of the request, so that a repeated request gets the same job.
+    pub idempotency: Option<Idempotency>,
+    /// Small blobs of its upload, kept until it ends, and beyond that when it is [given up](Job::keeps_upload).
+    pub upload: Vec<SmallBlob>,
+}
+
+/// The `Idempotency-Key` of a request, and the request it stands for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::service) struct Idempotency {
+    /// What the client sent; unique within the tenant as long as the job is kept.
+    pub key: String,
+    /// Digest of everything else in the request.
+    pub request: String,
+}
+
+/// What came of adding a job.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) enum Created {
+    /// It is new.
+    New(Job),
+    /// An earlier request with this key added this one; nothing was added.
+    Known(Job),
+}
+
+/// What came of a retry.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) enum Retried {
+    /// It waits again.
+    Queued(Box<Job>),
+    /// It is in another state than failed, and was left as it is.
+    NotFailed(State),
+    /// There is no such job.
+    Unknown,
+}
+
+/// How a job ends.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) enum End {
+    /// With a result.
+    Succeeded(Summary),
+    /// With an error.
+    Failed(Error),
+    /// On request.
+    Cancelled,
+}
+
+impl End {
+    /// The state that the job ends in, why it failed, and what it gave.
+    pub fn parts(&self) -> (State, Option<&Error>, Option<&Summary>) {
+        match self {
+            Self::Succeeded(summary) => (State::Succeeded, None, Some(summary)),
+            Self::Failed(error) => (State::Failed, Some(error), None),
+            Self::Cancelled => (State::Cancelled, None, None),
+        }
+    }
+}
+
+/// The end of a running job, and what comes with it, in one step.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Ending {
+    /// How it ends.
+    pub end: End,
+    /// The last events before that, and the progress after them.
+    pub rest: Option<(Vec<What>, Progress)>,
+    /// Small blobs of the result.
+    pub result: Vec<SmallBlob>,
+}
+
+impl From<End> for Ending {
+    fn from(end: End) -> Self {
+        Self { end, rest: None, result: Vec::new() }
+    }
+}
+
+/// A page of the list of jobs.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(in crate::service) struct Page {
+    /// The jobs, newest first.
+    pub jobs: Vec<Job>,
+    /// Where the next page begins; none on the last.
+    pub next: Option<String>,
+}
+
+/// Which part of the list of jobs.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(in crate::service) struct ListQuery {
+    /// Only jobs of this tenant.
+    pub tenant: Option<String>,
+    /// Only jobs in this state.
+    pub state: Option<State>,
+    /// Go on where an earlier page ended: its `next`.
+    pub cursor: Option<String>,
+    /// Most jobs.
+    pub limit: usize,
+}
+
+/// Something that happened to a job.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Event {
+    /// Its number: 1 for the job's first.
+    pub seq: u64,
+    /// What happened.
+    pub what: What,
+}
+
+/// What can happen to a job.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) enum What {
+    /// It entered a state that is no end.
+    State(State),
+    /// It is running: the number of the attempt, and the worker. Iterations and rounds up to the next state are of this
+    /// attempt.
+    Started(u32, String),
+    /// An iteration was made: the report's row, as JSON text in one line.
+    Iteration(String),
+    /// A round of a hierarchy was made: the report's row, as JSON text in one line.
+    Round(String),
+    /// It ended; no event follows, unless it is run again.
+    End(State, Option<Error>),
+}
+
+impl What {
+    /// As the columns `kind` and `data`.
+    pub(super) fn columns(&self) -> Result<[Value; 2]> {
+        let (kind, data) = match self {
+            Self::State(state) => ("state", state.name().to_owned()),
+            Self::Started(attempt, worker) => ("started", json(&(attempt, worker))?),
+            Self::Iteration(row) => ("iteration", row.clone()),
+            Self::Round(row) => ("round", row.clone()),
+            Self::End(state, problem) => ("end", json(&(state, problem))?),
+        };
+        Ok([kind.into(), data.into()])
+    }
+}
+
+impl From<queue::Event> for What {
+    fn from(event: queue::Event) -> Self {
+        match event {
+            queue::Event::Queued => Self::State(State::Queued),
+            queue::Event::Started(attempt, worker) => Self::Started(attempt, worker.to_string()),
+            queue::Event::End(state, problem) => Self::End(state, problem),
+        }
+    }
+}
+
+impl Event {
+    /// From the columns `seq`, `kind` and `data`.
+    pub(super) fn of(row: &Row) -> Result<Self> {
+        let what = match row.text("kind")? {
+            "state" => What::State(row.get("data")?),
+            "started" => row.json("data").map(|(attempt, worker)| What::Started(attempt, worker))?,
+            "iteration" => What::Iteration(row.get("data")?),
+            "round" => What::Round(row.get("data")?),
+            "end" => row.json("data").map(|(state, problem)| What::End(state, problem))?,
+            other => {
+                let message = format_args!("the store of jobs cannot be read: column kind: {other}");
+                return Err(Error::new(Kind::Internal, message));
+            }
+        };
+        Ok(Self { seq: row.get("seq")?, what })
+    }
+}
+
+impl Pulse {
+    /// From the columns `last_seq`, `cancel_requested` and `state`.
+    pub(super) fn of(row: &Row) -> Result<Self> {
+        let ended = row.get::<State>("state")?.is_ended();
+        Ok(Self { last_seq: row.get("last_seq")?, cancel_requested: row.get("cancel_requested")?, ended })
+    }
+}
+
+impl Notice {
+    /// From a row of `notices`.
+    pub(super) fn of(row: &Row) -> Result<Self> {
+        Ok(Self {
+            job: row.get("job")?,
+            webhook: row.get("webhook")?,
+            trace_parent: row.get("trace_parent")?,
+            state: row.get("state")?,
+            problem: row.optional_json("problem")?,
+            ended_at: row.get("ended_at")?,
+            end: row.get("nth")?,
+        })
+    }
+}
+
+/// What can change about a job, in short: tasks that wait for a job receive it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(in crate::service) struct Pulse {
+    /// Number of the last event.
+    pub last_seq: u64,
+    /// Whether the job is to be cancelled.
+    pub cancel_requested: bool,
+    /// Whether the job ended.
+    pub ended: bool,
+}
+
+/// The end of a job whose webhook is to be sent. Outlives its job: a promised webhook is delivered even if the job is
+/// deleted first.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Notice {
+    /// The job.
+    pub job: JobId,
+    /// The URL of the webhook.
+    pub webhook: String,
+    /// The `traceparent` of the request that the job came with.
+    pub trace_parent: Option<String>,
+    /// The state that the job ended in.
+    pub state: State,
+    /// Why it failed.
+    pub problem: Option<Error>,
+    /// When it ended.
+    pub ended_at: SystemTime,
+    /// Number of this end: 1, or more for a job that was retried.
+    pub end: u32,
+}
+
+/// What a store counts since it was opened, for the metrics.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(in crate::service) struct Statistics {
+    /// Transactions committed.
+    pub commits: u64,
+    /// Changes in them: over `commits`, how many share one.
+    pub commands: u64,
+    /// Transactions that failed.
+    pub failures: u64,
+    /// Time spent in transactions, in seconds.
+    pub commit_seconds: f64,
+    /// Attempts that failed because the process ended or their lease was over, with
+    /// [`Kind::Unavailable`](crate::Kind::Unavailable).
+    pub attempts_failed: u64,
+    /// Jobs that were given up after such an attempt.
+    pub given_up: u64,
+}
+
+/// What came of asking to delete a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) enum Deletion {
+    /// It is gone.
+    Deleted,
+    /// It has not ended; it was left as it is.
+    Live,
+    /// There is no such job.
+    Unknown,
+}
