@@ -42,6 +42,16 @@
 //! holds its worker up for half a minute, unless it was in many crashes.
 //!
 //! Time alone is bounded, so a worker that is never idle starts a suspect, too.
+//!
+//! The rules stay that plain because they leave out:
+//!
+//! | case | what happens |
+//! |---|---|
+//! | a crash in which only one of several jobs was a suspect before | counts for none; the suspect is alone longer |
+//! | a suspect of many crashes, at work with others | the same |
+//! | suspects of one crash | start alone, too, not beside other jobs |
+//! | many crashes of one job | the pause stays the same |
+//! | two workers that could wait for a suspect | none reserves it: the one with fewer jobs waits |
 
 #![allow(dead_code, unused_imports, reason = "the stores still have rules of their own")]
 
