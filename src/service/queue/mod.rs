@@ -43,15 +43,14 @@
 //!
 //! Time alone is bounded, so a worker that is never idle starts a suspect, too.
 //!
-//! The rules stay that plain because they leave out:
+//! Cases without a rule of their own:
 //!
 //! | case | what happens |
 //! |---|---|
-//! | a crash in which only one of several jobs was a suspect before | counts for none; the suspect is alone longer |
-//! | a suspect of many crashes, at work with others | the same |
-//! | suspects of one crash | start alone, too, not beside other jobs |
-//! | many crashes of one job | the pause stays the same |
-//! | two workers that could wait for a suspect | none reserves it: the one with fewer jobs waits |
+//! | a crash while several jobs ran, one of them a suspect | counts for none; each is alone for longer next time |
+//! | several suspects of one crash | start one after the other, each alone |
+//! | many crashes of one job | the pause stays the same; the time alone doubles |
+//! | several workers that could wait for a suspect | no reservation: the one with the fewest jobs waits |
 
 #![allow(dead_code, unused_imports, reason = "the stores still have rules of their own")]
 

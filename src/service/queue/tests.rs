@@ -1,3 +1,5 @@
+//! Each rule, and random histories of all of them.
+
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, SystemTime};
 
