@@ -2,9 +2,9 @@
 
 use std::time::{Duration, SystemTime};
 
-use super::claim::View;
 use super::job::{Change, Standing};
 use super::rules::Rules;
+use super::view::View;
 
 /// Time alone after the first crash.
 const ALONE: Duration = Duration::from_secs(30);

@@ -64,8 +64,10 @@ pub(in crate::service) mod model;
 mod rules;
 #[cfg(test)]
 mod tests;
+mod view;
 
-pub(in crate::service) use self::claim::{Claiming, Picks, Share, Shares, Suspect, Tenant, Turn, View, Waiting, claim};
+pub(in crate::service) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
 pub(in crate::service) use self::crash::crashed;
 pub(in crate::service) use self::job::{Change, Event, Refused, Release, Standing, State};
 pub(in crate::service) use self::rules::{Rules, given_up, lease_is_over, not_yours};
+pub(in crate::service) use self::view::{Suspect, Tenant, View, Waiting};
