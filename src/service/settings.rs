@@ -21,6 +21,7 @@ use std::path::PathBuf;
 
 pub use self::access::AccessSettings;
 pub use self::storage::StorageSettings;
+pub(super) use self::traffic::BEGINNINGS;
 pub use self::traffic::TrafficSettings;
 pub use self::webhooks::WebhookSettings;
 pub use self::work::{Switch, WorkSettings};
@@ -28,7 +29,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Limits;
 use crate::service::files::check_prefixes;
 
-/// Least bytes of memory and disk with which the service can do anything: the store of jobs alone takes a part of them.
+/// Least bytes of memory with which the service can do anything.
 const LEAST_BYTES: u64 = 1 << 20;
 
 /// Settings of `tesserae serve`.
@@ -209,7 +210,6 @@ impl Settings {
             ("max-queued-jobs-per-tenant", traffic.max_queued_jobs_per_tenant, 1),
             ("max-requests-at-once", traffic.max_requests_at_once.into(), 1),
             ("memory-budget", self.work.memory_budget.unwrap_or(u64::MAX), LEAST_BYTES),
-            ("max-disk-bytes", self.storage.max_disk_bytes.unwrap_or(u64::MAX), LEAST_BYTES),
         ] {
             if value < least {
                 return Err(Error::parameter(format_args!(
@@ -268,14 +268,13 @@ mod tests {
     #[test]
     fn amounts_with_which_nothing_can_be_done_are_refused_by_name() {
         type Change = fn(&mut Settings);
-        let impossible: [(&str, Change); 8] = [
+        let impossible: [(&str, Change); 7] = [
             ("--max-upload-bytes", |settings| settings.max_upload_bytes = 0),
             ("--max-faces", |settings| settings.max_faces = 0),
             ("--max-queued-jobs", |settings| settings.max_queued_jobs = 0),
             ("--max-queued-jobs-per-tenant", |settings| settings.traffic.max_queued_jobs_per_tenant = 0),
             ("--max-requests-at-once", |settings| settings.traffic.max_requests_at_once = 0),
             ("--memory-budget", |settings| settings.work.memory_budget = Some(1)),
-            ("--max-disk-bytes", |settings| settings.storage.max_disk_bytes = Some(1)),
             ("--max-bytes-in-flight", |settings| settings.traffic.max_bytes_in_flight = 1),
         ];
         for (flag, change) in impossible {

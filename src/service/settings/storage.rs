@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use crate::error::Result;
 use crate::service::blobs::place::BlobPlace;
-use crate::service::files::DiskLimits;
 use crate::service::store::StoreUrl;
 
 /// What is kept.
@@ -37,12 +36,8 @@ pub struct StorageSettings {
           default_value_t = StorageSettings::default().retention)]
     pub retention: u64,
 
-    /// Bytes in the data folder above which uploads are refused; no limit when left out. What lies elsewhere (--blobs)
-    /// does not count
-    #[arg(long, env = "TESSERAE_MAX_DISK_BYTES", value_name = "BYTES")]
-    pub max_disk_bytes: Option<u64>,
-
-    /// Free bytes of the disk below which uploads are refused, so that what was accepted can end
+    /// Free bytes of the disk of the data folder that no upload takes, so that accepted jobs can end: at least 8 MiB.
+    /// The default is enough for 1024 small jobs
     #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES",
           default_value_t = StorageSettings::default().min_free_bytes)]
     pub min_free_bytes: u64,
@@ -56,7 +51,6 @@ impl Default for StorageSettings {
             blobs: None,
             mesh_prefixes: Vec::new(),
             retention: 7 * 86_400,
-            max_disk_bytes: None,
             min_free_bytes: 256 << 20,
         }
     }
@@ -83,10 +77,5 @@ impl StorageSettings {
                 "this build has no --store: build tesserae with the cargo feature postgres",
             )),
         }
-    }
-
-    /// What the data folder may hold.
-    pub(in crate::service) fn disk(&self) -> DiskLimits {
-        DiskLimits { max_bytes: self.max_disk_bytes, min_free_bytes: self.min_free_bytes }
     }
 }

@@ -65,7 +65,7 @@ mod workers;
 pub(super) use self::events::{Event, Events, Pulse, What};
 pub(super) use self::job::{
     Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, State, Summary,
-    Ticket, no_such_job,
+    Ticket, keeps_upload, no_such_job,
 };
 pub(super) use self::maintenance::{Deletion, Maintenance, Statistics};
 pub(super) use self::notices::{Notice, Notices};
@@ -116,7 +116,6 @@ pub(super) mod tests {
             listed_seeds: false,
             has_weights: false,
             is_small: false,
-            claimed_faces: None,
             priority: 0,
             kept: Kept::default(),
             referred: None,

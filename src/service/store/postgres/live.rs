@@ -11,12 +11,12 @@ use tokio_postgres::types::Json;
 use uuid::Uuid;
 
 use super::super::{
-    End, JobId, Progress, Pulse, Release, Rules, SmallBlob, State, Ticket, What, given_up, lease_is_over, no_such_job,
-    not_yours,
+    End, JobId, Progress, Pulse, Release, Rules, SmallBlob, State, Ticket, What, given_up, keeps_upload, lease_is_over,
+    no_such_job, not_yours,
 };
 use super::connections::{Failure, first};
 use super::rows::{self, Columns, column, count, small};
-use crate::error::{Error, Kind};
+use crate::error::Error;
 
 /// What follows from a change once it is committed.
 #[derive(Debug, Default)]
@@ -121,7 +121,7 @@ pub(super) async fn end(
     let (ended, problem, summary) = words.end.parts();
     let last = What::End(ended, problem.cloned());
     let events = Columns::of(words.rest.iter().flat_map(|(events, _)| events).chain([&last]))?;
-    let keeps_upload = problem.is_some_and(|problem| problem.kind == Kind::Poison);
+    let keeps_upload = keeps_upload(problem);
     let names: Vec<&str> = words.result.iter().map(|blob| blob.name.as_str()).collect();
     let bytes: Vec<&[u8]> = words.result.iter().map(|blob| &blob.bytes[..]).collect();
     let row = first(

@@ -5,13 +5,13 @@ use std::time::SystemTime;
 use rusqlite::{Connection, Row, params};
 
 use super::super::{
-    End, JobId, Progress, Pulse, Release, Rules, SmallBlob, State, Ticket, What, given_up, lease_is_over, no_such_job,
-    not_yours,
+    End, JobId, Progress, Pulse, Release, Rules, SmallBlob, State, Ticket, What, given_up, keeps_upload, lease_is_over,
+    no_such_job, not_yours,
 };
 use super::connections::{Abort, execute, first, one};
 use super::rows::{self, column, json, micros};
 use super::writer::Batch;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 /// The row of a job that changes.
 pub(super) struct Live {
@@ -117,7 +117,7 @@ impl Live {
             )?;
             batch.effects.endings = true;
         }
-        if has_blobs && problem.is_none_or(|problem| problem.kind != Kind::Poison) {
+        if has_blobs && !keeps_upload(problem) {
             execute(batch.connection, "DELETE FROM blobs WHERE job = ?1", [self.number])?;
         }
         batch.effects.ends = true;
