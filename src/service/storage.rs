@@ -6,6 +6,7 @@
 //! theirs in a folder that works, the service is degraded.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
@@ -94,7 +95,7 @@ impl Storage {
     }
 
     fn say(&self, part: Part, tried: Result<()>) {
-        match (tried, self.files.stuck()) {
+        match (tried, self.files.stuck.load(Ordering::Relaxed)) {
             (Err(error), _) => self.health.fail(part, error.message),
             (Ok(()), 1..) if part == Part::Disk => {
                 self.health.degrade(part, "there are jobs that cannot read or write files of theirs; the log says why");

@@ -17,9 +17,9 @@ use crate::service::{files, job_blobs};
 /// Run a failed job again
 ///
 /// A job that was given up (`/problems/poison`), or whose files could not be read or written for ten minutes
-/// (`/problems/insufficient-storage`), keeps its upload until it is deleted, so that it can be run again: it waits at its
-/// old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure. Of all other
-/// ended jobs the upload is gone: submit the mesh again.
+/// (`/problems/insufficient-storage`), keeps its upload until it is deleted, so that it can be run again: it waits at
+/// its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure. Of all
+/// other ended jobs the upload is gone: submit the mesh again.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retryJob",
     responses(

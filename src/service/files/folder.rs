@@ -43,7 +43,7 @@ pub(in crate::service) struct Files {
     pub(super) incoming: Mutex<HashSet<JobId>>,
     pub(super) failures: AtomicU64,
     /// Jobs that repeat what they cannot read or write.
-    stuck: AtomicU64,
+    pub(in crate::service) stuck: AtomicU64,
     /// Folders of jobs that the store does not know, as the last sweep found them.
     pub(super) unknown: AtomicU64,
     pub(super) damages: AtomicU64,
@@ -52,8 +52,8 @@ pub(in crate::service) struct Files {
 
 impl Files {
     /// Takes the folder `data_dir`, which is made if need be, or a temporary one; the blobs lie in it or `elsewhere`. A
-    /// folder that another process works in is refused. No upload takes the last `reserve` free bytes.
-    /// Call [`make_ballast`](Self::make_ballast) once the store was found in order: the ballast is a sign that there was one.
+    /// folder that another process works in is refused. No upload takes the last `reserve` free bytes. Call
+    /// [`make_ballast`](Self::make_ballast) once the store is open: a folder with a ballast must have had one.
     pub fn open(data_dir: Option<&Path>, elsewhere: Option<&BlobPlace>, reserve: u64, faults: Faults) -> Result<Self> {
         let root = match data_dir {
             Some(path) => Root::keep(path)?,
@@ -173,21 +173,6 @@ impl Files {
     /// How often a blob could not be written or read for reasons of the disk.
     pub fn failures(&self) -> u64 {
         self.failures.load(Ordering::Relaxed)
-    }
-
-    /// Jobs that repeat what they cannot read or write.
-    pub fn stuck(&self) -> u64 {
-        self.stuck.load(Ordering::Relaxed)
-    }
-
-    /// One more job is stuck.
-    pub fn add_stuck(&self) {
-        self.stuck.fetch_add(1, Ordering::Relaxed);
-    }
-
-    /// One job fewer is stuck.
-    pub fn remove_stuck(&self) {
-        self.stuck.fetch_sub(1, Ordering::Relaxed);
     }
 
     /// Folders of jobs that the store does not know, as of the last sweep.

@@ -3,6 +3,7 @@
 //! The job keeps its slot and its lease meanwhile. The time begins anew when the process is started again.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use crate::error::{Error, Kind, Result};
@@ -39,7 +40,7 @@ impl Patience {
             return Err(error);
         }
         let since = *self.since.get_or_insert_with(|| {
-            self.files.add_stuck();
+            self.files.stuck.fetch_add(1, Ordering::Relaxed);
             Instant::now()
         });
         if since.elapsed() >= self.limit {
@@ -63,7 +64,7 @@ impl Patience {
 impl Drop for Patience {
     fn drop(&mut self) {
         if self.since.is_some() {
-            self.files.remove_stuck();
+            self.files.stuck.fetch_sub(1, Ordering::Relaxed);
         }
     }
 }

@@ -280,8 +280,8 @@ impl Job {
     }
 }
 
-/// Whether the upload of a job that ends with this problem is kept: that of a job that was given up, or whose files could
-/// not be read or written.
+/// Whether the upload of a job that ends with this problem is kept: that of a job that was given up, or whose files
+/// could not be read or written.
 pub(in crate::service) fn keeps_upload(problem: Option<&Error>) -> bool {
     problem.is_some_and(|problem| matches!(problem.kind, Kind::Poison | Kind::InsufficientStorage))
 }
