@@ -68,7 +68,7 @@ impl Allowance {
     }
 
     /// Faces that the bytes allow, `a_byte` for each; none: any number.
-    pub fn most_faces(&self, a_byte: Option<u64>) -> u64 {
+    fn most_faces(&self, a_byte: Option<u64>) -> u64 {
         a_byte.map_or(u64::MAX, |a_byte| self.times(a_byte).saturating_add(FREE_FACES))
     }
 

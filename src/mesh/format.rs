@@ -50,8 +50,6 @@ struct Row {
     has_attributes: bool,
     /// Whether no file of another kind is taken for one of this format by `is_it`.
     is_certain: bool,
-    /// Fewest bytes that a face takes in a file of more than a few faces.
-    least_bytes_a_face: u64,
     reader: Reader,
 }
 
@@ -70,7 +68,6 @@ static TABLE: [Row; 6] = [
         // a comment begins other kinds of text, too
         is_certain: false,
         // a line of four-digit numbers
-        least_bytes_a_face: 16,
         reader: obj::open,
     },
     Row {
@@ -85,7 +82,6 @@ static TABLE: [Row; 6] = [
         has_attributes: true,
         is_certain: true,
         // indices of two bytes, and half a vertex, uncompressed
-        least_bytes_a_face: 12,
         reader: gltf::open_binary,
     },
     Row {
@@ -100,7 +96,6 @@ static TABLE: [Row; 6] = [
         has_attributes: true,
         is_certain: true,
         // as in a GLB, in buffers beside it
-        least_bytes_a_face: 12,
         reader: gltf::open_json,
     },
     Row {
@@ -115,7 +110,6 @@ static TABLE: [Row; 6] = [
         has_attributes: false,
         is_certain: true,
         // an index of a strip, and half a vertex
-        least_bytes_a_face: 10,
         reader: ply::open,
     },
     Row {
@@ -136,7 +130,6 @@ static TABLE: [Row; 6] = [
         has_attributes: false,
         is_certain: true,
         // a triangle of a binary file
-        least_bytes_a_face: 50,
         reader: stl::open,
     },
     Row {
@@ -151,7 +144,6 @@ static TABLE: [Row; 6] = [
         has_attributes: false,
         is_certain: true,
         // a triangle of four-digit numbers
-        least_bytes_a_face: 16,
         reader: off::open,
     },
 ];
@@ -201,11 +193,6 @@ impl Format {
     /// Whether vertices may have attributes with names.
     pub fn has_attributes(self) -> bool {
         self.row().has_attributes
-    }
-
-    /// Fewest bytes that a face takes in a file of more than a few faces.
-    pub fn least_bytes_a_face(self) -> u64 {
-        self.row().least_bytes_a_face
     }
 
     /// What opens a file of this format.

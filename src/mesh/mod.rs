@@ -130,11 +130,6 @@ impl Limits {
         Ok(())
     }
 
-    /// Faces that a mesh may have, which is sent in so many bytes.
-    pub fn most_faces(&self, bytes: u64) -> u64 {
-        self.max_faces.min(allowance::Allowance::new(bytes).most_faces(self.max_faces_per_byte))
-    }
-
     /// Refuses a mesh of `faces` faces that is over the limit.
     pub fn check_faces(&self, faces: u64) -> Result<()> {
         if faces > self.max_faces {
@@ -221,17 +216,6 @@ pub fn open<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result
     result.ok_or_else(|| {
         Error::new(Kind::Internal, format_args!("nothing was opened by the reader of {}", format.name()))
     })
-}
-
-/// Number of faces that the first bytes of a file claim, before the rest is looked at: that of a glTF whose JSON they
-/// hold. Its buffers may have fewer bytes a face than any other format, where they are compressed or placed many times.
-pub fn claimed_faces(head: &[u8]) -> Option<u64> {
-    if gltf::is_binary(head) || gltf::is_json(head) { gltf::claimed_faces(head) } else { None }
-}
-
-/// Bytes from the beginning of a file that [`claimed_faces`] reads, as far as its first [`HEAD_BYTES`] say.
-pub fn claiming_bytes(head: &[u8]) -> usize {
-    gltf::end_of_json(head)
 }
 
 /// Reads a mesh from its bytes.

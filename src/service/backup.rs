@@ -162,12 +162,7 @@ fn in_sql(path: &Path) -> rusqlite::Result<ToSqlOutput<'_>> {
 
 /// Makes the jobs that run wait again without suspicion when a service starts on the copy: no process died.
 fn forget_attempts(copy: &Path) -> rusqlite::Result<()> {
-    let connection = Connection::open(copy)?;
-    // tables of an earlier release have no such column
-    if connection.column_exists(None, "jobs", "begun")? {
-        connection.execute("UPDATE jobs SET begun = 0 WHERE state = 'running'", [])?;
-    }
-    Ok(())
+    Connection::open(copy)?.execute("UPDATE jobs SET begun = 0 WHERE state = 'running'", []).map(drop)
 }
 
 /// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others, where meshes in

@@ -43,16 +43,14 @@ fn is_full<T>(outcome: &Result<T>) -> bool {
 mod tests {
     use super::*;
     use crate::service::faults::{FaultPoint, Faults};
-    use crate::service::files::DiskLimits;
-        use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{RULES, new_job};
     use crate::service::store::{State, Store};
 
     #[tokio::test]
     async fn a_job_is_cancelled_on_a_full_disk() {
         let folder = tempfile::tempdir().expect("a folder");
         let faults = Faults::default();
-        let files =
-            Arc::new(Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens"));
+        let files = Arc::new(Files::open(Some(folder.path()), None, 0, faults.clone()).expect("it opens"));
         files.make_ballast();
         let path = files.database();
         let store = Store::open(&path, RULES, faults.clone()).await.expect("a store");

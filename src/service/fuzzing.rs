@@ -11,7 +11,7 @@ use tokio::runtime::Runtime;
 use super::access::tokens::{TokenFile, Tokens};
 use super::budget::Budget;
 use super::faults::Faults;
-use super::files::{DiskLimits, Files};
+use super::files::Files;
 use super::intake::Rules;
 use super::request::Wanted;
 use super::settings::TrafficConstants;
@@ -32,7 +32,7 @@ pub fn form(bytes: &[u8]) {
     static PLACE: OnceLock<(Runtime, Arc<Files>)> = OnceLock::new();
     let (runtime, files) = PLACE.get_or_init(|| {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
-        let files = Files::open(None, None, DiskLimits::default(), Faults::default()).expect("a folder");
+        let files = Files::open(None, None, 0, Faults::default()).expect("a folder");
         (runtime, Arc::new(files))
     });
     let rules = Rules::new(1 << 20, TrafficConstants::default().body_timeout, Arc::new(Budget::new(1 << 30)));

@@ -70,7 +70,7 @@ pub(super) fn idempotency(key: String, spec: &Spec, digests: &[[u8; 32]]) -> Res
     }
     let request = Request {
         // the key is the tenant's already, each attempt has its own trace, and the digests cover what the mesh claims
-        spec: Spec { tenant: String::new(), trace_parent: None, claimed_faces: None, ..spec.clone() },
+        spec: Spec { tenant: String::new(), trace_parent: None, ..spec.clone() },
         digests,
     };
     let json = serde_json::to_vec(&request)

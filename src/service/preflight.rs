@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::Settings;
 use super::access::tokens::Tokens;
+use super::files::check_reserve;
 use super::webhooks::Webhooks;
 use crate::error::{Error, Result};
 
@@ -20,7 +21,7 @@ pub fn preflight(settings: &Settings) -> Result<()> {
         Some(folder) => check_folder(folder)?,
         None => std::env::temp_dir(),
     };
-    settings.storage.disk().check(&folder)?;
+    check_reserve(&folder, settings.storage.min_free_bytes)?;
     let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
     TcpListener::bind(settings.listen).map(drop).map_err(cannot)
 }

@@ -1,6 +1,6 @@
 //! Modes: folders 0700 and files 0600, whatever the umask is. Meshes are their owners' secrets.
 
-use std::fs::{Metadata, OpenOptions};
+use std::fs::OpenOptions;
 use std::io;
 use std::path::Path;
 
@@ -22,19 +22,14 @@ pub(super) fn options() -> OpenOptions {
     options
 }
 
-/// Takes the access of group and others away from a file or folder, if it is there.
-pub(super) fn tighten(path: &Path) -> io::Result<()> {
-    match path.symlink_metadata() {
-        Ok(found) => tighten_found(path, &found),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(error),
-    }
-}
-
-/// The same for what has this metadata, links not followed.
+/// Takes the access of group and others away from a file or folder, if it is there; links are not followed.
 #[cfg(unix)]
-pub(super) fn tighten_found(path: &Path, found: &Metadata) -> io::Result<()> {
+pub(super) fn tighten(path: &Path) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt as _;
+    let found = match path.symlink_metadata() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        found => found?,
+    };
     let mode = found.permissions().mode();
     match mode & 0o077 {
         0 => Ok(()),
@@ -43,9 +38,9 @@ pub(super) fn tighten_found(path: &Path, found: &Metadata) -> io::Result<()> {
     }
 }
 
-/// The same for what has this metadata; does nothing on this system.
+/// Does nothing on this system.
 #[cfg(not(unix))]
-pub(super) fn tighten_found(_: &Path, _: &Metadata) -> io::Result<()> {
+pub(super) fn tighten(_: &Path) -> io::Result<()> {
     Ok(())
 }
 

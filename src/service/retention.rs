@@ -72,14 +72,9 @@ impl Retention {
 
     async fn at(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
         let newest = store.list(&ListQuery { limit: 1, ..ListQuery::default() }).await?.jobs.pop();
-        let wall = newest.map_or(now.wall, |job| job.created_at);
         // a stop and a jump of the clock look alike
-        let idle = now.wall.duration_since(wall).unwrap_or_default();
-        let pause = (idle > JUMP).then(|| now.steady + PAUSE);
-        if pause.is_some() {
-            tracing::info!(seconds = idle.as_secs(), "no job expires for ten minutes: the newest is so old");
-        }
-        Ok(Self { files, store, kept, last: now, pause })
+        let last = Reading { wall: newest.map_or(now.wall, |job| job.created_at), ..now };
+        Ok(Self { files, store, kept, last, pause: None })
     }
 
     /// Deletes expired jobs until `stop`.
@@ -129,7 +124,11 @@ impl Retention {
         self.last = now;
         if ahead > JUMP {
             self.pause = Some(now.steady + PAUSE);
-            tracing::warn!(seconds = ahead.as_secs(), "the clock jumped forward: no job expires for ten minutes");
+            let seconds = ahead.as_secs();
+            tracing::warn!(
+                seconds,
+                "the clock jumped forward, or the service was stopped: no job expires for ten minutes"
+            );
         }
         self.pause.is_some_and(|end| now.steady < end)
     }
@@ -158,14 +157,13 @@ impl Retention {
 mod tests {
     use super::*;
     use crate::service::faults::Faults;
-    use crate::service::files::DiskLimits;
     use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::End;
 
     #[tokio::test]
     async fn a_clock_that_jumps_forward_makes_no_job_expire_at_once() {
         let folder = tempfile::tempdir().expect("a folder");
-        let opened = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default());
+        let opened = Files::open(Some(folder.path()), None, 0, Faults::default());
         let (files, store) = (Arc::new(opened.expect("it opens")), Arc::new(store_in(folder.path()).await));
         let (minute, week) = (Duration::from_secs(60), Duration::from_secs(7 * 86_400));
         let ended = async || {
@@ -196,7 +194,7 @@ mod tests {
         let job = ended().await;
         let mut retention = from(at(2 * week, minute)).await;
         assert!(!retention.look(at(2 * week + minute, 2 * minute)).await && is_there(job).await, "it was stopped");
-        assert!(retention.look(at(2 * week + PAUSE, minute + PAUSE)).await && !is_there(job).await);
+        assert!(retention.look(at(2 * week + PAUSE, 2 * minute + PAUSE)).await && !is_there(job).await);
         let mut retention = from(start).await;
         assert!(retention.look(at(week, week)).await, "time passes as the clock says");
     }

@@ -13,16 +13,17 @@ use tokio_util::sync::CancellationToken;
 
 use super::access::Access;
 use super::admission::Admission;
+use super::blocking::blocking;
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
 use super::metrics::Metrics;
 use super::pipeline::device_thread::{DeviceThread, Reopen};
-use super::pipeline::{Costs, Parts, Pipeline};
+use super::pipeline::{Costs, PATIENCE, Parts, Pipeline};
 use super::retention::Retention;
 use super::router::router;
 use super::state::{DeviceDescription, Shared};
-use super::storage::{self, Storage};
+use super::storage::Storage;
 use super::store::{Presence, Rules, Store};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
@@ -46,6 +47,8 @@ pub struct Extras {
     pub reload: Option<Arc<Notify>>,
     /// Ends the drain delay when it is notified during it.
     pub end_drain_delay: Option<Arc<Notify>>,
+    /// Time after which a job fails that cannot read or write its files; ten minutes when none.
+    pub patience: Option<Duration>,
     /// Failures on purpose.
     pub faults: Faults,
 }
@@ -102,8 +105,8 @@ impl Server {
         let faults = extras.faults.clone();
         let reload = extras.reload.clone().unwrap_or_default();
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
-        let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
-        let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
+        let (place, reserve) = (settings.storage.blobs.as_ref(), settings.storage.min_free_bytes);
+        let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, faults.clone())?;
         files.allow_references(&settings.storage.mesh_prefixes)?;
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
@@ -139,7 +142,8 @@ impl Server {
                 tracing::info!(swept, unknown, "{why}");
             }
         }
-        storage::promise_again(&files, store.as_ref(), &settings.limits()).await?;
+        let with_ballast = Arc::clone(&files);
+        blocking(move || with_ballast.make_ballast()).await?;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout;
@@ -166,6 +170,7 @@ impl Server {
             slots: settings.meshes_in_memory,
             memory: settings.work.memory_budget,
             time: settings.work.max_job(),
+            patience: extras.patience.unwrap_or(PATIENCE),
         };
         let pipeline = Pipeline::start(parts, costs)?;
         let most = settings.traffic.max_queued_jobs_per_tenant;

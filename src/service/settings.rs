@@ -22,6 +22,7 @@ use std::path::PathBuf;
 
 pub use self::access::AccessSettings;
 pub use self::storage::StorageSettings;
+pub(super) use self::traffic::BEGINNINGS;
 pub use self::traffic::{TrafficConstants, TrafficSettings};
 pub use self::webhooks::WebhookSettings;
 pub use self::work::{Switch, WorkSettings};
@@ -29,7 +30,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Limits;
 use crate::service::files::check_prefixes;
 
-/// Least bytes of disk with which the service can do anything: the store of jobs alone takes a part of them.
+/// Least bytes of memory with which the service can do anything.
 const LEAST_BYTES: u64 = 1 << 20;
 
 /// Settings of `tesserae serve`.
@@ -173,7 +174,6 @@ impl Settings {
             ("max-faces", self.max_faces, 1),
             ("max-queued-jobs", self.max_queued_jobs as u64, 1),
             ("max-queued-jobs-per-tenant", self.traffic.max_queued_jobs_per_tenant, 1),
-            ("max-disk-bytes", self.storage.max_disk_bytes.unwrap_or(u64::MAX), LEAST_BYTES),
         ] {
             if value < least {
                 return Err(Error::parameter(format_args!(
@@ -221,12 +221,11 @@ mod tests {
     #[test]
     fn amounts_with_which_nothing_can_be_done_are_refused_by_name() {
         type Change = fn(&mut Settings);
-        let impossible: [(&str, Change); 5] = [
+        let impossible: [(&str, Change); 4] = [
             ("--max-upload-bytes", |settings| settings.max_upload_bytes = 0),
             ("--max-faces", |settings| settings.max_faces = 0),
             ("--max-queued-jobs", |settings| settings.max_queued_jobs = 0),
             ("--max-queued-jobs-per-tenant", |settings| settings.traffic.max_queued_jobs_per_tenant = 0),
-            ("--max-disk-bytes", |settings| settings.storage.max_disk_bytes = Some(1)),
         ];
         for (flag, change) in impossible {
             let mut settings = Settings::default();

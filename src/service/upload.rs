@@ -16,13 +16,12 @@ use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 
-use super::blocking::blocking;
 use super::files::{self, Files, Incoming};
 use super::intake::{self, Coding, Content, Rules};
 use super::request::Wanted;
 use super::store::Spec;
 use crate::error::{Error, Kind, Result};
-use crate::mesh::{self, Format, HEAD_BYTES};
+use crate::mesh::{Format, HEAD_BYTES};
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
 pub(super) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
@@ -32,14 +31,6 @@ pub(super) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(super) const ENCODINGS: &str = "gzip, zstd, identity";
-
-/// Bytes of a file's head that are kept in memory at most until the upload is whole: enough for the JSON of most glTF
-/// files.
-const KEPT: usize = 256 << 10;
-
-/// Bytes of a head that are read on the thread of the request: one change of threads less for a small job
-/// (`benches/results/2026-11-23-two-cores/images.md`).
-const FEW: usize = 16 << 10;
 
 /// Longest file name that is kept, in characters.
 const MAX_NAME: usize = 255;
@@ -53,8 +44,6 @@ pub(super) struct Upload {
     pub spec: Spec,
     /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty unless requested.
     pub digests: Vec<[u8; 32]>,
-    /// The first bytes of the mesh.
-    head: Vec<u8>,
 }
 
 /// What kind of body a request has.
@@ -97,11 +86,6 @@ pub(super) async fn receive(
         (BodyKind::Mesh(format), None) => raw(&parts, content, wanted, format, length, into).await,
     }?;
     upload.spec.tenant = tenant.to_owned();
-    let head = std::mem::take(&mut upload.head);
-    upload.spec.claimed_faces = match head.len() {
-        ..=FEW => mesh::claimed_faces(&head),
-        _ => blocking(move || mesh::claimed_faces(&head)).await?,
-    };
     Ok(upload)
 }
 
@@ -144,7 +128,7 @@ async fn raw(
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let digests = mesh.digest.into_iter().collect();
-    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes)?, head: mesh.head })
+    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes)? })
 }
 
 /// A mesh of so many bytes without a name, and nothing else.
@@ -163,7 +147,6 @@ fn spec_of(wanted: Wanted, format: Format, bytes: u64) -> Result<Spec> {
         listed_seeds: false,
         has_weights: false,
         is_small: false,
-        claimed_faces: None,
         priority,
         kept,
         referred: None,
@@ -215,34 +198,13 @@ pub(super) fn content_length(headers: &HeaderMap) -> Option<u64> {
 struct Saved {
     /// Its length.
     bytes: u64,
-    /// Its first bytes: those that its format is recognised by, and the JSON of a glTF; [`KEPT`] at most.
+    /// Its first bytes, by which its format is recognised.
     head: Vec<u8>,
     /// Its SHA-256, if that is wanted.
     digest: Option<[u8; 32]>,
 }
 
 impl Saved {
-    /// Keeps what belongs to the head of the next bytes.
-    fn keep(&mut self, mut bytes: &[u8]) {
-        loop {
-            let wanted = match self.head.len() {
-                ..HEAD_BYTES => HEAD_BYTES,
-                _ => mesh::claiming_bytes(&self.head).min(KEPT),
-            };
-            let (now, later) = bytes.split_at(bytes.len().min(wanted.saturating_sub(self.head.len())));
-            if now.is_empty() {
-                return;
-            }
-            self.head.extend_from_slice(now);
-            bytes = later;
-        }
-    }
-
-    /// The bytes by which its format is recognised.
-    fn head(&self) -> &[u8] {
-        &self.head[..self.head.len().min(HEAD_BYTES)]
-    }
-
     /// The format of a mesh file that said to be `declared` or nothing; checks that it can be.
     fn format(&self, declared: Option<Format>, name: Option<&str>) -> Result<Format> {
         if self.bytes == 0 {
@@ -250,9 +212,9 @@ impl Saved {
         }
         let format = match declared {
             Some(format) => format,
-            None => Format::recognise(name, self.head(), Some(self.bytes))?,
+            None => Format::recognise(name, &self.head, Some(self.bytes))?,
         };
-        format.check_head(self.head(), Some(self.bytes))?;
+        format.check_head(&self.head, Some(self.bytes))?;
         Ok(format)
     }
 }
@@ -275,10 +237,10 @@ impl Destination {
         while let Some(chunk) = stream.next().await {
             let chunk = chunk?;
             saved.bytes += chunk.len() as u64;
-            let before = saved.head.len();
-            saved.keep(&chunk);
-            if before < HEAD_BYTES && saved.head.len() >= HEAD_BYTES {
-                early(saved.head())?;
+            let more = HEAD_BYTES - saved.head.len();
+            saved.head.extend_from_slice(&chunk[..more.min(chunk.len())]);
+            if more > 0 && saved.head.len() == HEAD_BYTES {
+                early(&saved.head)?;
             }
             if let Some(digest) = &mut digest {
                 digest.update(&chunk);
@@ -313,23 +275,6 @@ mod tests {
             assert_eq!(kind(content_type), Ok(expected), "{content_type}");
         }
         assert_eq!(body_kind(&HeaderMap::new()), Ok(BodyKind::Mesh(None)));
-    }
-
-    #[test]
-    fn a_head_has_the_json_of_a_gltf_and_little_of_other_formats() {
-        let json = format!("{{\"extras\":\"{}\"}}", "x".repeat(3 * HEAD_BYTES));
-        let length = (json.len() as u32).to_le_bytes();
-        let glb = [b"glTF".as_slice(), &[2, 0, 0, 0], &[0; 4], &length, b"JSON", json.as_bytes(), &[7; 9999]].concat();
-        let long_json = vec![b'{'; 2 * KEPT];
-        for (file, expected) in
-            [(&glb, 20 + json.len()), (&long_json, KEPT), (&vec![b's'; KEPT], HEAD_BYTES), (&vec![b's'; 9], 9)]
-        {
-            for step in [1, 1000, HEAD_BYTES, KEPT] {
-                let mut saved = Saved { bytes: 0, head: Vec::new(), digest: None };
-                file.chunks(step).for_each(|chunk| saved.keep(chunk));
-                assert_eq!(saved.head, file[..expected], "{step}");
-            }
-        }
     }
 
     #[test]

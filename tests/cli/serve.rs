@@ -2,7 +2,8 @@
 #![cfg(unix)]
 
 use std::ffi::OsStr;
-use std::io::{BufRead, BufReader, Write};
+use std::io::ErrorKind::WouldBlock;
+use std::io::{BufRead, BufReader, Read as _, Write};
 use std::net::TcpStream;
 use std::os::unix::ffi::OsStrExt as _;
 use std::process::Command;
@@ -207,7 +208,7 @@ fn a_hangup_makes_the_service_read_its_tokens_again() {
 fn settings_that_cannot_be_are_told_before_the_device_is_opened() {
     use std::os::unix::fs::PermissionsExt as _;
     let folder = Folder::new();
-    for (flag, value) in [("--max-queued-jobs", "0"), ("--max-disk-bytes", "1")] {
+    for (flag, value) in [("--max-queued-jobs", "0"), ("--max-faces", "0")] {
         folder.run(&["serve", flag, value]).expect_usage_error(&[flag, value]);
     }
     let all = u64::MAX.to_string();
@@ -305,4 +306,50 @@ fn lines_of_the_log_about_a_request_and_its_job_have_the_caller_s_trace() {
         assert!(of_spans.chain([&line["fields"]["trace"]]).any(|found| found == trace), "{line}");
         assert!(line.get("span").is_none(), "a span is written once: {line}");
     }
+}
+
+/// `command` with a limit of open files.
+#[cfg(target_os = "linux")]
+fn with_files(files: u32, command: Command) -> Command {
+    let mut limited = Command::new("sh");
+    limited.arg("-c").arg(format!("ulimit -n {files} && exec \"$0\" \"$@\""));
+    limited.arg(command.get_program()).args(command.get_args());
+    limited.current_dir(command.get_current_dir().expect("a folder"));
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => limited.env(name, value),
+            None => limited.env_remove(name),
+        };
+    }
+    limited
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn connections_leave_open_files_to_jobs() {
+    let folder = Folder::new();
+    let few = with_files(500, Running::command(&folder)).output().expect("it runs");
+    let refusal = String::from_utf8(few.stderr).expect("text");
+    assert!(!few.status.success() && refusal.contains("too few files") && refusal.contains("500"), "{refusal}");
+
+    let service = Running::spawn(with_files(600, Running::command(&folder)));
+    let open_files = || std::fs::read_dir(format!("/proc/{}/fd", service.child.id())).expect("it runs").count();
+    // as many as would take all of them, each with half a request
+    let connections: Vec<TcpStream> = (0..800)
+        .map(|_| {
+            let mut stream = TcpStream::connect(&service.address).expect("it listens");
+            stream.write_all(b"GET /v1/jobs HT").expect("it reads");
+            stream.set_nonblocking(true).expect("set");
+            stream
+        })
+        .collect();
+    let mut most = 0;
+    let is_open = |mut stream: &TcpStream| stream.read(&mut [0; 999]).is_err_and(|error| error.kind() == WouldBlock);
+    while connections.iter().any(is_open) {
+        most = most.max(open_files());
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert!(most < 400, "{most}");
+    let (_, log) = service.end("-TERM");
+    assert!(!log.contains("cannot be accepted"), "{log}");
 }

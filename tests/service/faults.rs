@@ -3,7 +3,7 @@
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use tesserae_mesh::device::cpu::CpuDevice;
@@ -35,7 +35,7 @@ async fn ready(service: &Service, is_ready: bool) -> Value {
             return body;
         }
         assert!(started.elapsed() < PATIENCE, "{status}: {body}");
-        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+        tokio::time::sleep(Duration::from_millis(20)).await;
     }
 }
 
@@ -96,23 +96,48 @@ async fn an_accepted_job_outlasts_a_disk_that_fails() {
 }
 
 #[tokio::test]
-async fn uploads_are_refused_before_the_folder_is_full_and_jobs_go_on() {
-    let (service, _) = with_faults(|settings| settings.storage.max_disk_bytes = Some(1 << 20)).await;
-    let mut last = None;
-    let full = loop {
-        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(sphere(3000));
-        let answer = request.send().await.expect("answered");
-        if answer.status() != 202 {
-            break answer;
-        }
-        let job: Value = answer.json().await.expect("JSON");
-        assert_eq!(service.ended(&job).await["state"], "succeeded");
-        last = Some(job);
-    };
-    let detail = problem(full, 507, "insufficient-storage").await;
-    assert!(detail.contains("--max-disk-bytes"), "{detail}");
-    // room is made by deleting, as far as the store of jobs gives it back: results
-    let _ = last;
+async fn a_job_that_cannot_read_or_write_its_files_pauses_is_seen_and_fails_for_a_retry() {
+    // small uploads are in the store, others in files; a part of each is written before those of the result
+    for (point, passed, faces) in
+        [(FaultPoint::ReadBlob, 0, 300), (FaultPoint::ReadBlob, 0, 20_000), (FaultPoint::WriteBlob, 1, 20_000)]
+    {
+        let faults = Faults::default();
+        let patience = Some(Duration::from_secs(3));
+        let extras = Extras { faults: faults.clone(), patience, ..Extras::default() };
+        let data = Arc::new(tempfile::tempdir().expect("a folder"));
+        let service = Service::on(data, |_| {}, Box::new(CpuDevice::new()), None, extras).await;
+        faults.arm(point, ErrorKind::PermissionDenied, passed, FOREVER);
+        let job = service.submit("clusters=5&quality=fast", sphere(faces)).await;
+        until(async || {
+            let readiness = json(service.get("/readyz")).await;
+            readiness["status"] == "degraded" && readiness["conditions"][0]["part"] == "disk"
+        })
+        .await;
+        assert_eq!(metric(&service, "tesserae_stuck_jobs").await, 1.0);
+        let ended = service.ended(&job).await;
+        assert_eq!((&ended["problem"]["status"], &ended["attempt"]), (&507.into(), &1.into()), "{ended}");
+        let detail = text(&ended["problem"]["detail"]);
+        assert!(detail.contains("for 3 s") && detail.contains("/retry"), "{detail}");
+        // after pauses of 0.1, 0.2, 0.4, 0.8 and 1.6 s
+        let attempts = metric(&service, "tesserae_file_errors_total").await;
+        assert!((3.0..=6.0).contains(&attempts), "{attempts}");
+        faults.disarm();
+        ready(&service, true).await;
+        until(async || json(service.get("/readyz")).await["status"] == "ok").await;
+        assert_eq!(metric(&service, "tesserae_stuck_jobs").await, 0.0);
+        json(service.post(&format!("{}/retry", path(&job)))).await;
+        let ended = service.ended(&job).await;
+        assert_eq!((&ended["state"], &ended["attempt"]), (&"succeeded".into(), &2.into()), "{ended}");
+        service.keeps_no("uploads").await;
+
+        faults.arm(point, ErrorKind::PermissionDenied, passed, FOREVER);
+        let job = service.submit("clusters=5&quality=fast", sphere(faces)).await;
+        until(async || metric(&service, "tesserae_stuck_jobs").await == 1.0).await;
+        assert_eq!(service.delete(path(&job)).send().await.expect("answered").status(), 202);
+        assert_eq!(service.ended(&job).await["state"], "cancelled", "it is not waited for");
+        faults.disarm();
+        service.keeps_no("uploads").await;
+    }
 }
 
 #[tokio::test]

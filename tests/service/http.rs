@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde_json::Value;
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{DeviceDescription, Server, Settings, TokenFile};
+use tesserae_mesh::service::{DeviceDescription, Extras, Server, Settings, TokenFile};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -253,14 +253,18 @@ async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     let _second = tracing::Dispatch::new(tracing_subscriber::registry());
     let lines = tracing_subscriber::fmt().json().with_current_span(false).with_writer(log.clone());
     let _logging = tracing::subscriber::set_default(lines.with_max_level(tracing::Level::INFO).finish());
-    let limit = |settings: &mut Settings| settings.storage.max_disk_bytes = Some(8 << 20);
     let (device, _gate) = Held::behind_gate();
-    let service = Service::with(limit, device).await;
+    let data = Arc::new(tempfile::tempdir().expect("a folder"));
+    let disk = rustix::fs::statvfs(data.path()).expect("known");
+    // less than what is on the disk
+    let limit = |settings: &mut Settings| settings.storage.min_free_bytes = disk.f_blocks * disk.f_frsize - (50 << 20);
+    let service = Service::on(data, limit, device, None, Extras::default()).await;
     let post =
         |bytes: usize| service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(vec![b' '; bytes]);
-    let detail = refused(post(9 << 20), 413, "too-large").await;
-    assert!(detail.contains("9437184"), "{detail}");
-    refused(post(8 << 20), 507, "insufficient-storage").await;
+    // with their results, five times as many bytes
+    let detail = refused(post(11 << 20), 413, "too-large").await;
+    assert!(detail.contains("57671680"), "{detail}");
+    refused(post(9 << 20), 507, "insufficient-storage").await;
     until(async || log.lines("tesserae::access").len() == 2).await;
     for line in log.lines("tesserae::access") {
         assert_eq!(line["fields"]["received"], Value::Null, "nothing of it was read: {line}");

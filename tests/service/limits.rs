@@ -343,21 +343,3 @@ async fn uploads_share_the_bytes_in_flight() {
     until(async || metric(&service, "tesserae_upload_in_flight_bytes").await == 0.0).await;
     assert_eq!(post().body(sphere(600)).send().await.expect("answered").status(), 202);
 }
-
-#[tokio::test]
-async fn a_job_whose_result_never_fits_is_too_large() {
-    let change = |settings: &mut Settings| {
-        settings.storage.max_disk_bytes = Some(3_000_000);
-        settings.storage.min_free_bytes = 0;
-    };
-    let (device, _gate) = Held::behind_gate();
-    let service = Service::with(change, device).await;
-    let mesh = sphere(40_000);
-    assert!((1_000_000..2_000_000).contains(&mesh.len()), "{}", mesh.len());
-    let post =
-        |query: &str| service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(mesh.clone());
-    let detail = refused(post("algorithm=pml"), 413, "too-large").await;
-    assert!(detail.contains("holds 2812500 bytes") && !detail.contains("delete jobs"), "{detail}");
-    // labels alone have room, once the refused upload is gone
-    until(async || post("clusters=5&quality=fast").send().await.expect("answered").status() == 202).await;
-}

@@ -2,7 +2,6 @@
 
 use reqwest::multipart::{Form, Part};
 use serde_json::{Value, json};
-use tesserae_mesh::service::Settings;
 
 use crate::support::*;
 
@@ -342,43 +341,4 @@ async fn what_only_reading_finds_makes_a_failed_job_with_a_problem() {
     let request = service.post("/v1/jobs?clusters=10000").header("content-type", "model/obj");
     let response = request.header("prefer", "wait=50").body(sphere(300)).send().await.expect("answered");
     assert_eq!(response.status(), 422);
-}
-
-#[tokio::test]
-async fn room_is_promised_for_the_faces_that_a_mesh_places_not_for_its_bytes() {
-    let change = |settings: &mut Settings| settings.storage.max_disk_bytes = Some(32 << 20);
-    let (device, _gate) = Held::behind_gate();
-    let service = Service::with(change, device).await;
-    // 20 triangles at 20,000 places in 240 kB: as many faces in a hierarchy need 50 MB
-    let places = 20_000;
-    let document = json!({
-        "asset": {"version": "2.0"},
-        "extensionsRequired": ["EXT_mesh_gpu_instancing"],
-        "buffers": [{"byteLength": 12 * places}],
-        "bufferViews": [{"buffer": 0, "byteLength": 12 * places}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 60, "type": "VEC3"},
-            {"bufferView": 0, "componentType": 5126, "count": places, "type": "VEC3"},
-        ],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "nodes": [{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 1}}}}],
-    });
-    let mut head = document.to_string().into_bytes();
-    head.resize(head.len().next_multiple_of(4), b' ');
-    let binary: Vec<u8> = (0..3 * places).flat_map(|at| (at as f32).to_le_bytes()).collect();
-    let mut glb = b"glTF\x02\0\0\0".to_vec();
-    glb.extend((28 + head.len() as u32 + binary.len() as u32).to_le_bytes());
-    for (kind, chunk) in [(b"JSON", head), (b"BIN\0", binary)] {
-        glb.extend((chunk.len() as u32).to_le_bytes());
-        glb.extend(kind);
-        glb.extend(chunk);
-    }
-    let post = |query: &str| {
-        service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/gltf-binary").body(glb.clone())
-    };
-    let detail = refused(post("algorithm=pml"), 413, "too-large").await;
-    assert!(detail.contains("storage"), "{detail}");
-    // its labels alone have room
-    let answer = post("clusters=1&bridge_components=true").send().await.expect("answered");
-    assert_eq!(answer.status(), 202);
 }

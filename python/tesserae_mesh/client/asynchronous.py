@@ -155,7 +155,7 @@ class AsyncJob:
         return await self._is(steps.cancel(self.id, self._patience))
 
     async def retry(self) -> Self:
-        """Runs the job again that the service has given up (``kind`` of its problem is ``"poison"``)."""
+        """Runs a failed job again whose upload is kept (``kind`` of its problem: ``"poison"``, ``"insufficient-storage"``)."""
         return await self._is(steps.retry(self.id, self._patience))
 
     async def delete(self) -> None:

@@ -230,7 +230,7 @@ class Job:
         return self._is(steps.cancel(self.id, self._patience))
 
     def retry(self) -> Self:
-        """Runs the job again that the service has given up (``kind`` of its problem is ``"poison"``)."""
+        """Runs a failed job again whose upload is kept (``kind`` of its problem: ``"poison"``, ``"insufficient-storage"``)."""
         return self._is(steps.retry(self.id, self._patience))
 
     def delete(self) -> None:

@@ -48,7 +48,7 @@ const PREFIX: &str = "TESSERAE_";
 const SUPERVISORS_WAIT: u64 = 40;
 
 /// Serves until it is asked to stop.
-pub fn run(arguments: Arguments) -> Result<(), Failure> {
+pub fn run(mut arguments: Arguments) -> Result<(), Failure> {
     if let Some(message) = arguments.device.contradiction() {
         return Err(Failure::Usage("serve", message));
     }
@@ -57,9 +57,9 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     // what the service writes is for its own user only
     #[cfg(unix)]
     rustix::process::umask(rustix::fs::Mode::from_bits_truncate(0o077));
-    // a connection is an open file; where it cannot be raised, the limit is as it is
+    // a connection is an open file
     match rlimit::increase_nofile_limit(OPEN_FILES) {
-        Ok(limit) => tracing::debug!(limit, "open files"),
+        Ok(limit) => arguments.settings.traffic.constants.fit(limit)?,
         Err(error) => tracing::warn!(%error, "the number of open files cannot be raised"),
     }
     warn_of_unknown_variables();

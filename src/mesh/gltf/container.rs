@@ -49,19 +49,6 @@ pub fn open(bytes: &[u8]) -> Result<Container<'_>> {
     Ok(Container { json, binary })
 }
 
-/// The JSON chunk of a GLB file, if its first bytes hold all of it.
-pub fn first_chunk(head: &[u8]) -> Option<&[u8]> {
-    let chunk = head.get(HEADER..)?;
-    let (length, kind) = chunk_header(chunk)?;
-    chunk.get(CHUNK_HEADER..)?.get(..length as usize).filter(|_| &kind == b"JSON")
-}
-
-/// Where the JSON chunk of a GLB file ends, if its first bytes say it.
-pub fn end_of_first_chunk(head: &[u8]) -> Option<usize> {
-    let (length, _) = chunk_header(head.get(HEADER..)?)?;
-    (HEADER + CHUNK_HEADER).checked_add(length as usize)
-}
-
 /// Refuses what is plainly no GLB file, or one whose header contradicts its length, by its first bytes.
 ///
 /// `length` is the length of the whole file, where it is known.

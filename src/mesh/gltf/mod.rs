@@ -70,32 +70,6 @@ pub fn open_json(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result
     open(source, source.bytes, None, then)
 }
 
-/// Where the JSON of a glTF file ends, as far as its first bytes say: 0 if they are of another format.
-pub fn end_of_json(head: &[u8]) -> usize {
-    match is_binary(head) {
-        true => container::end_of_first_chunk(head).unwrap_or(usize::MAX),
-        false if is_json(head) => usize::MAX,
-        false => 0,
-    }
-}
-
-/// Triangles that a glTF file of either kind claims to have in its first bytes: what [`Opened::faces`] will be if the
-/// accessors hold what they claim. None where the bytes do not hold the whole JSON, or it is wrong.
-pub fn claimed_faces(head: &[u8]) -> Option<u64> {
-    let json = if is_binary(head) { container::first_chunk(head)? } else { head };
-    let document = Document::parse(json).ok()?;
-    let meshes: Vec<_> = document.meshes.iter().map(|mesh| primitive::claimed_triangles(&document, mesh)).collect();
-    let (placements, _) = scene::placements(&document).ok()?;
-    placements.iter().try_fold(0u64, |triangles, placement| {
-        let once = (*meshes.get(placement.mesh)?)?;
-        let times = match &document.nodes[placement.node].extensions.instancing {
-            Some(instancing) => document.accessors.get(*instancing.attributes.values().next()? as usize)?.count.0,
-            None => 1,
-        };
-        Some(triangles.saturating_add(once.saturating_mul(times)))
-    })
-}
-
 /// Opens a document with its binary chunk, if it has one.
 fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
     let Source { bytes, resources, limits, attribute, .. } = source;

@@ -165,18 +165,6 @@ pub fn open<'b>(
     Ok(primitives)
 }
 
-/// Triangles that the accessors of a mesh's primitives claim; none where one is not there.
-pub fn claimed_triangles(document: &Document, mesh: &json::Mesh) -> Option<u64> {
-    let mut triangles = 0u64;
-    for primitive in &mesh.primitives {
-        let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
-        let (Some(shape), Some(positions)) = (Shape::of(primitive, "").ok()?, positions) else { continue };
-        let corners = document.accessors.get(primitive.indices.unwrap_or(*positions).value())?.count.0;
-        triangles = triangles.saturating_add(shape.count(corners));
-    }
-    Some(triangles)
-}
-
 /// Refuses an accessor that has its elements only in compressed form.
 fn refuse_without_fallback(accessors: &Accessors<'_>, accessor: usize, whence: &str) -> Result<()> {
     let accessor = accessors.describe(accessor, whence)?;

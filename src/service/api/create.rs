@@ -167,9 +167,6 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     };
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
-    if !is_known {
-        folder.promise(&spec, &shared.settings.limits())?;
-    }
     let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
     spec.is_small = !upload.is_empty();
     match shared.store.create(NewJob { id, spec, idempotency, upload }).await {

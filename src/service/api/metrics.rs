@@ -2,6 +2,8 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
+use std::sync::atomic::Ordering;
+
 use axum::extract::State as Extract;
 use axum::http::header;
 use axum::response::IntoResponse;
@@ -32,9 +34,9 @@ pub(in crate::service) async fn metrics(Extract(shared): App) -> Answer {
         upload_bytes_in_flight: shared.traffic.uploads.held(),
         store: shared.store.statistics(),
         file_errors: shared.files.failures(),
+        stuck_jobs: shared.files.stuck.load(Ordering::Relaxed),
         unknown_jobs: shared.files.unknown(),
         results_damaged: shared.files.damages(),
-        disk_used: shared.files.used_bytes(),
         room,
     };
     let text = shared.metrics.text(now, &shared.health)?;

@@ -41,12 +41,9 @@ pub(in crate::service) async fn remove(
             let cancelled = deletion::cancel(&shared.files, shared.store.as_ref(), id).await?;
             let job = cancelled.ok_or_else(|| no_such_job(id))?;
             audit::record(Action::Cancelled, &caller, id);
-            if job.state == State::Cancelled {
-                // it waited: no worker ends it
-                shared.files.give_back(id);
-                if !job.spec.is_small {
-                    shared.files.remove_upload(id).await;
-                }
+            // it waited: no worker ends it
+            if job.state == State::Cancelled && !job.spec.is_small {
+                shared.files.remove_upload(id).await;
             }
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
         }

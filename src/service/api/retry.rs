@@ -16,9 +16,10 @@ use crate::service::{files, job_blobs};
 
 /// Run a failed job again
 ///
-/// A job that was given up (`/problems/poison`) keeps its upload until it is deleted, so that it can be run again: it
-/// waits at its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure.
-/// Of all other ended jobs the upload is gone: submit the mesh again.
+/// A job that was given up (`/problems/poison`), or whose files could not be read or written for ten minutes
+/// (`/problems/insufficient-storage`), keeps its upload until it is deleted, so that it can be run again: it waits at
+/// its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure. Of all
+/// other ended jobs the upload is gone: submit the mesh again.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retryJob",
     responses(
@@ -45,7 +46,7 @@ pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path
         Err(error) => return Err(error.into()),
     }
     let _place = shared.admission.place(caller.tenant()?).await?;
-    match shared.storage.retry(job, shared.settings.limits()).await {
+    match shared.store.retry(id).await {
         Ok(Retried::Queued(job)) => {
             audit::record(Action::Retried, &caller, id);
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))
@@ -73,7 +74,7 @@ fn not_failed(state: State) -> Error {
 fn upload_is_gone() -> Error {
     Error::new(
         Kind::Conflict,
-        "the upload of this job is not kept any more, as it is only for jobs that were given up (/problems/poison); \
-         submit the mesh again",
+        "the upload of this job is not kept any more, as it is only for jobs that were given up (/problems/poison) or \
+         whose files could not be read or written (/problems/insufficient-storage); submit the mesh again",
     )
 }

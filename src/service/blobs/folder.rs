@@ -80,11 +80,6 @@ impl Blobs for FolderBlobs {
         .await?
     }
 
-    async fn size(&self, below: &BlobPath) -> Result<u64> {
-        let folder = self.at(below);
-        blocking(move || size(&folder)).await
-    }
-
     async fn newest(&self, below: &BlobPath) -> Result<Option<SystemTime>> {
         let folder = self.at(below);
         blocking(move || {
@@ -133,16 +128,20 @@ fn remove_empty_above(root: &Path, folder: &Path) {
     }
 }
 
-/// The whole files below a path, relative to the root. A file that is being written has a `#` in its name.
+/// The whole files below a path, relative to the root.
 pub(in crate::service) fn whole_files(root: &Path, below: &BlobPath) -> Vec<PathBuf> {
     let mut files = Vec::new();
     each_below(&root.join(below.as_ref()), |path, found| {
-        let is_whole = path.file_name().is_some_and(|name| !name.to_string_lossy().contains('#'));
-        if found.is_file() && is_whole {
+        if is_whole(path, found) {
             files.extend(path.strip_prefix(root).map(Path::to_owned));
         }
     });
     files
+}
+
+/// Whether this is a file, and not one that is being written, which has a `#` in its name.
+fn is_whole(path: &Path, found: &Metadata) -> bool {
+    found.is_file() && path.file_name().is_some_and(|name| !name.to_string_lossy().contains('#'))
 }
 
 /// Links a file of the folder `from` into the folder `to`, or copies it where that cannot be. A file that is gone
@@ -164,20 +163,15 @@ pub(in crate::service) fn link(from: &Path, to: &Path, file: &Path) -> io::Resul
     Ok(())
 }
 
-/// Bytes of all files in a folder and below it; what disappears meanwhile does not count.
+/// Bytes of all whole files in a folder and below it; what disappears meanwhile does not count.
 pub(in crate::service) fn size(folder: &Path) -> u64 {
     let mut size = 0;
-    each_below(folder, |_, found| size += bytes(found));
+    each_below(folder, |path, found| size += if is_whole(path, found) { found.len() } else { 0 });
     size
 }
 
-/// Bytes of a file; none of a folder.
-pub(in crate::service) fn bytes(found: &Metadata) -> u64 {
-    if found.is_dir() { 0 } else { found.len() }
-}
-
 /// Calls `visit` with every file and folder below a folder; links are not followed.
-pub(in crate::service) fn each_below(folder: &Path, mut visit: impl FnMut(&Path, &Metadata)) {
+fn each_below(folder: &Path, mut visit: impl FnMut(&Path, &Metadata)) {
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

@@ -67,9 +67,6 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// The next segment of every path below a path, once each, in no order.
     async fn names(&self, below: &Path) -> Result<Vec<String>>;
 
-    /// Number of bytes of all blobs below a path.
-    async fn size(&self, below: &Path) -> Result<u64>;
-
     /// When the newest blob below a path was stored, by the clock of the place; none without blobs.
     async fn newest(&self, below: &Path) -> Result<Option<SystemTime>>;
 
@@ -135,11 +132,6 @@ impl<S: ObjectStore> Blobs for S {
         let found = self.list_with_delimiter(Some(below)).await.map_err(cannot_read)?;
         let paths = found.common_prefixes.into_iter().chain(found.objects.into_iter().map(|blob| blob.location));
         Ok(paths.filter_map(|path| path.filename().map(str::to_owned)).collect())
-    }
-
-    async fn size(&self, below: &Path) -> Result<u64> {
-        let sizes = self.list(Some(below)).map_ok(|blob| blob.size);
-        sizes.try_fold(0, |sum, size| future::ready(Ok(sum + size))).await.map_err(cannot_read)
     }
 
     async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {

@@ -17,7 +17,7 @@ pub(super) const BALLAST: &str = "ballast";
 /// Bytes of the ballast, at most: a few transactions of the store of jobs.
 const MOST: u64 = 16 << 20;
 
-/// Part of the disk, or of the limit of the folder, that the ballast may take.
+/// Part of the disk that the ballast may take.
 const PART: u64 = 16;
 
 /// The ballast of a folder.
@@ -31,34 +31,19 @@ pub(super) struct Ballast {
 }
 
 impl Ballast {
-    /// That of a folder on a disk of so many bytes, as far as is known, of which the folder may take `limit`. With
-    /// `is_kept` false there is none: a temporary folder has no store of jobs on the disk.
-    pub fn new(folder: &Path, disk: Option<u64>, limit: Option<u64>, is_kept: bool) -> Self {
-        let most = disk.into_iter().chain(limit).map(|bytes| bytes / PART).fold(MOST, u64::min);
+    /// That of a folder on a disk of so many bytes, as far as is known. With `is_kept` false there is none: a temporary
+    /// folder goes with the process.
+    pub fn new(folder: &Path, disk: Option<u64>, is_kept: bool) -> Self {
+        let most = disk.map_or(MOST, |bytes| MOST.min(bytes / PART));
         let path = folder.join(BALLAST);
         let there = path.metadata().map_or(0, |metadata| metadata.len());
         Self { path, size: if is_kept { most } else { 0 }, there: Mutex::new(there) }
     }
 
-    /// Bytes that it takes when there is room for it.
-    pub fn size(&self) -> u64 {
-        self.size
-    }
-
-    /// Bytes that are to be kept free for it.
-    pub fn missing(&self) -> u64 {
-        self.size.saturating_sub(*self.lock())
-    }
-
-    /// Bytes that it has.
-    pub fn there(&self) -> u64 {
-        *self.lock()
-    }
-
-    /// Makes it, when it is not there and `free` bytes are more than it takes. Blocks.
-    pub fn make(&self, free: u64) -> io::Result<()> {
+    /// Makes it, when it is not there and `spare` bytes are more than it takes. Blocks.
+    pub fn make(&self, spare: impl FnOnce() -> u64) -> io::Result<()> {
         let mut there = self.lock();
-        if *there >= self.size || free <= self.size {
+        if *there >= self.size || spare() <= self.size {
             return Ok(());
         }
         let made = private::options().open(&self.path).and_then(|file| allocate(&file, self.size));

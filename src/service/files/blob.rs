@@ -100,7 +100,9 @@ impl BlobWriter {
                 self.files.blobs.put(&self.path(), bytes).await?;
             }
         }
-        self.files.written(self.written);
+        if self.is_upload {
+            self.files.uploaded(self.written);
+        }
         Ok(())
     }
 
@@ -117,7 +119,7 @@ impl BlobWriter {
     /// What is held, if it may be written.
     fn take_buffer(&mut self) -> Result<Bytes> {
         if self.is_upload {
-            self.files.check_room(self.written + self.buffer.len() as u64)?;
+            self.files.check_more(self.buffer.len() as u64, self.written)?;
         }
         self.files
             .faults

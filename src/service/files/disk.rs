@@ -1,199 +1,125 @@
-//! Disk space: how much the folder holds and may hold.
+//! Room on the disk of the data folder.
 //!
-//! Uploads are refused before the disk is full, so that accepted jobs can end: results and the store of jobs use the
-//! rest.
+//! An upload is accepted while the disk has room for it, for the results of all uploads that are there, and for the
+//! reserve. The reserve is what the store of jobs grows by, with the small jobs in it. A job whose results find no room
+//! all the same repeats their writing (`pipeline::patience`).
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::names::{RESULTS, UPLOADS};
+use super::names::UPLOADS;
 use crate::error::{Error, Kind, Result};
-use crate::service::blobs::folder::{bytes, each_below};
-use crate::service::private;
+use crate::service::blobs::folder::size;
 
-/// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
+/// Least reserve: the log of the store of jobs grows with every change before it is written over.
 pub(super) const STORE_ROOM: u64 = 8 << 20;
 
-/// What the folder may hold.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(in crate::service) struct DiskLimits {
-    /// Bytes of everything in the folder above which uploads are refused.
-    pub max_bytes: Option<u64>,
-    /// Free bytes of the file system below which uploads are refused.
-    pub min_free_bytes: u64,
-}
+/// Bytes that results may take for each byte of an upload. A face takes 12 to 50 bytes of an upload, 4 of labels, 24 of
+/// a kept mesh, and 132 of a hierarchy of `pml`, whose OBJ has about 35.
+const RESULTS: u64 = 4;
 
-impl DiskLimits {
-    /// Refuses a reserve that the disk of a folder never has: no upload would be taken.
-    pub fn check(&self, folder: &Path) -> Result<()> {
-        match total_bytes(folder) {
-            Some(total) if (1..=self.min_free_bytes).contains(&total) => Err(Error::parameter(format_args!(
-                "no upload would ever be taken with this --min-free-bytes: give less than the {total} bytes that the \
-                 disk of {} has in all, or take a larger disk; it is {}",
-                folder.display(),
-                self.min_free_bytes
-            ))),
-            _ => Ok(()),
-        }
+/// Refuses a reserve that the disk of a folder never has: no upload would be taken.
+pub(in crate::service) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
+    match total_bytes(folder) {
+        Some(total) if (1..=reserve).contains(&total) => Err(Error::parameter(format_args!(
+            "no upload would ever be taken with this --min-free-bytes: give less than the {total} bytes that the disk \
+             of {} has in all, or take a larger disk; it is {reserve}",
+            folder.display(),
+        ))),
+        _ => Ok(()),
     }
-}
-
-/// Part of the disk that the file system may take for itself.
-const METADATA: u64 = 20;
-
-/// Room on the disk.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct State {
-    /// Bytes that may still be written.
-    pub free: u64,
-    /// Bytes of files that are not the service's.
-    pub foreign: u64,
 }
 
 /// The room in a folder.
 #[derive(Debug)]
 pub(super) struct Disk {
     root: PathBuf,
-    limits: DiskLimits,
-    /// Bytes of all blobs.
-    blobs: AtomicU64,
-    /// Bytes of the store of jobs that it will use again.
-    free_in_store: AtomicU64,
+    /// Free bytes that no upload takes.
+    reserve: u64,
+    /// Bytes of the files of uploads.
+    uploads: AtomicU64,
 }
 
 impl Disk {
-    /// Counts the blobs. On the way it takes the access of group and others away from files of earlier releases.
-    pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
-        let (mut blobs, mut open) = (0, None);
-        for folder in [UPLOADS, RESULTS] {
-            each_below(&root.join(folder), |path, found| {
-                blobs += bytes(found);
-                if let Err(error) = private::tighten_found(path, found) {
-                    open = Some((path.to_owned(), error));
-                }
-            });
-        }
-        if let Some((path, error)) = open {
-            let path = path.display();
-            tracing::warn!(%path, %error, "other users may read files of jobs: this mode, for one, cannot be changed");
-        }
-        Self { root, limits, blobs: AtomicU64::new(blobs), free_in_store: AtomicU64::new(0) }
+    /// Counts the files of uploads.
+    pub fn new(root: PathBuf, reserve: u64) -> Self {
+        let uploads = AtomicU64::new(size(&root.join(UPLOADS)));
+        Self { root, reserve: reserve.max(STORE_ROOM), uploads }
     }
 
-    /// Refuses `more` bytes without room for them beside what is `taken`: promised, but not written yet.
+    /// Refuses `more` bytes of an upload of which `before` were written, without room for them and their results.
     /// [`Kind::TooLarge`] when there would be none on an empty disk either.
-    pub fn check(&self, more: u64, taken: u64) -> Result<()> {
-        if more > self.holds() {
+    pub fn check(&self, more: u64, before: u64) -> Result<()> {
+        let results = before.saturating_add(more).saturating_mul(RESULTS);
+        let needs = more.saturating_add(results);
+        let holds = total_bytes(&self.root).unwrap_or(u64::MAX).saturating_sub(self.reserve);
+        if needs > holds {
             return Err(Error::too_large(format_args!(
-                "the upload is larger than the storage of this service is in all; send a smaller mesh, or ask for \
-                 larger storage; bytes: {more}"
+                "the upload and its results are larger than the storage of this service is in all; send a smaller \
+                 mesh, or ask for larger storage; bytes: {needs}"
             )));
         }
         // free space is for the operator (`/metrics`), not for clients
-        let refuse = |what: &str, limit: u64| {
-            Err(Error::new(
+        match self.free() {
+            Some(free) if free < self.taken().saturating_add(needs) => Err(Error::new(
                 Kind::InsufficientStorage,
                 format_args!(
-                    "{what}, so uploads are refused, what accepted jobs will need included; delete jobs, or try again \
-                     later; the setting in bytes: {limit}"
+                    "the disk has less room than its reserve (--min-free-bytes), what accepted jobs will need \
+                     included, so uploads are refused; delete jobs, or try again later; the reserve in bytes: {}",
+                    self.reserve
                 ),
-            ))
-        };
-        let more = more.saturating_add(taken);
-        if let Some(most) = self.limits.max_bytes.filter(|most| self.used().saturating_add(more) > *most) {
-            return refuse("the data folder is at its limit (--max-disk-bytes)", most);
+            )),
+            _ => Ok(()),
         }
-        match self.free() {
-            Some(free) if free.saturating_sub(more) < self.reserve() => {
-                refuse("the disk has less room than its reserve (--min-free-bytes)", self.reserve())
-            }
-            Some(_) | None => Ok(()),
-        }
-    }
-
-    /// Refuses a job whose upload and expected result have no room together in an empty folder either, beside what is
-    /// always `taken`.
-    pub fn check_job(&self, upload: u64, result: u64, taken: u64) -> Result<()> {
-        let (needs, holds) = (upload.saturating_add(result), self.holds().saturating_sub(taken));
-        if needs <= holds {
-            return Ok(());
-        }
-        Err(Error::too_large(format_args!(
-            "the upload and the result that is expected of it are larger than the storage of this service, which holds \
-             {holds} bytes; send a smaller mesh, or ask for larger storage; bytes: {needs}"
-        )))
-    }
-
-    /// Bytes that the folder may hold at most.
-    fn holds(&self) -> u64 {
-        let disk = total_bytes(&self.root).filter(|total| *total > 0).unwrap_or(u64::MAX);
-        disk.saturating_sub(self.reserve()).min(self.limits.max_bytes.unwrap_or(u64::MAX))
     }
 
     /// Bytes that this process may still write; none where that cannot be told.
     pub fn free(&self) -> Option<u64> {
-        space(&self.root).map(|(free, _, _)| free)
+        space(&self.root).map(|(free, _)| free)
     }
 
-    /// Free bytes, and bytes of files of others; `more` are the bytes of the service's files other than blobs.
-    pub fn state(&self, more: u64) -> State {
-        let (free, total, taken) = space(&self.root).unwrap_or((u64::MAX, 0, 0));
-        let foreign = taken.saturating_sub(self.used().saturating_add(more)).saturating_sub(total / METADATA);
-        State { free, foreign }
+    /// Free bytes beyond the reserve and what accepted jobs will need.
+    pub fn spare(&self) -> u64 {
+        self.free().unwrap_or(u64::MAX).saturating_sub(self.taken())
     }
 
-    /// Free bytes beyond the reserve and what is `taken`.
-    pub fn spare(&self, taken: u64) -> u64 {
-        self.free().unwrap_or(u64::MAX).saturating_sub(taken.saturating_add(self.reserve()))
+    fn taken(&self) -> u64 {
+        self.uploads().saturating_mul(RESULTS).saturating_add(self.reserve)
     }
 
-    /// Free bytes that no upload takes.
-    fn reserve(&self) -> u64 {
-        self.limits.min_free_bytes.max(STORE_ROOM)
+    /// Bytes of the files of uploads.
+    pub fn uploads(&self) -> u64 {
+        self.uploads.load(Ordering::Relaxed)
     }
 
-    /// Counts written bytes.
-    pub fn written(&self, bytes: u64) {
-        self.blobs.fetch_add(bytes, Ordering::Relaxed);
+    /// Counts a file of an upload.
+    pub fn uploaded(&self, bytes: u64) {
+        self.uploads.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// Counts removed bytes.
+    /// Counts removed files of an upload.
     pub fn removed(&self, bytes: u64) {
-        let less = |blobs: u64| Some(blobs.saturating_sub(bytes));
-        let _ = self.blobs.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
-    }
-
-    /// Sets the free bytes of the store of jobs.
-    pub fn free_in_store(&self, bytes: u64) {
-        self.free_in_store.store(bytes, Ordering::Relaxed);
-    }
-
-    /// Bytes of the blobs and of what is in the store of jobs.
-    pub fn used(&self) -> u64 {
-        let database: u64 = ["jobs.sqlite3", "jobs.sqlite3-wal"]
-            .iter()
-            .filter_map(|name| Some(self.root.join(name).metadata().ok()?.len()))
-            .sum();
-        (self.blobs.load(Ordering::Relaxed) + database).saturating_sub(self.free_in_store.load(Ordering::Relaxed))
+        let less = |uploads: u64| Some(uploads.saturating_sub(bytes));
+        let _ = self.uploads.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
     }
 }
 
-/// Bytes of the file system of a folder: those that this process may still write, all, and those that are taken. None
-/// where that cannot be told.
+/// Bytes of the file system of a folder: those that this process may still write, and all. None where that cannot be
+/// told.
 #[cfg(unix)]
-fn space(folder: &Path) -> Option<(u64, u64, u64)> {
+fn space(folder: &Path) -> Option<(u64, u64)> {
     let found = rustix::fs::statvfs(folder).ok()?;
     let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);
-    Some((bytes(found.f_bavail), bytes(found.f_blocks), bytes(found.f_blocks.saturating_sub(found.f_bfree))))
+    Some((bytes(found.f_bavail), bytes(found.f_blocks)))
 }
 
 /// Bytes of the file system of a folder; none where that cannot be told.
 #[cfg(not(unix))]
-fn space(_: &Path) -> Option<(u64, u64, u64)> {
+fn space(_: &Path) -> Option<(u64, u64)> {
     None
 }
 
 /// Bytes of the file system of a folder; none where that cannot be told.
 pub(super) fn total_bytes(folder: &Path) -> Option<u64> {
-    space(folder).map(|(_, total, _)| total)
+    space(folder).map(|(_, total)| total).filter(|total| *total > 0)
 }

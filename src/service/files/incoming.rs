@@ -7,10 +7,8 @@ use futures_util::future::try_join_all;
 use super::blob::BlobWriter;
 use super::folder::Files;
 use super::names::Folder;
-use super::needs;
 use crate::error::Result;
-use crate::mesh::Limits;
-use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob, Spec};
+use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob};
 
 /// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
 pub(in crate::service) struct Incoming {
@@ -20,19 +18,16 @@ pub(in crate::service) struct Incoming {
     held: Vec<BlobWriter>,
     /// Whether they were not, and are files.
     has_files: bool,
-    /// Bytes of all whole blobs.
-    bytes: u64,
     kept: bool,
 }
 
 impl Incoming {
     pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
-        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false }
+        Self { files, id, held: Vec::new(), has_files: false, kept: false }
     }
 
-    /// The mesh of so many bytes lies in a bucket: what comes with it lies in files.
-    pub fn refers_to(&mut self, bytes: u64) {
-        self.bytes = bytes;
+    /// The mesh lies in a bucket: what comes with it lies in files.
+    pub fn is_referred(&mut self) {
         self.has_files = true;
     }
 
@@ -48,7 +43,6 @@ impl Incoming {
 
     /// Makes a blob part of the upload.
     pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
-        self.bytes += blob.bytes();
         self.held.push(blob);
         if self.has_files || !are_small(&self.held) {
             self.has_files = true;
@@ -57,12 +51,6 @@ impl Incoming {
             }
         }
         Ok(())
-    }
-
-    /// Promises the job that the upload will be room for its result, as long as the job lasts or the upload is there.
-    /// Refuses when there is none.
-    pub fn promise(&self, spec: &Spec, limits: &Limits) -> Result<()> {
-        self.files.promise(self.id, self.bytes, needs::of_upload(spec, self.bytes, limits))
     }
 
     /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.
@@ -106,7 +94,6 @@ impl Drop for Incoming {
             files.lock_incoming().remove(&id);
             return;
         }
-        files.give_back(id);
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
                 files.remove_upload(id).await;

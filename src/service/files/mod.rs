@@ -27,20 +27,17 @@ mod folder;
 mod incoming;
 mod lost;
 mod names;
-mod needs;
 mod place;
 mod references;
 mod referred;
-mod room;
 mod root;
 mod sweep;
 
 pub(super) use self::blob::{BlobWriter, BlockingWriter};
-pub(super) use self::disk::DiskLimits;
+pub(super) use self::disk::check_reserve;
 pub(super) use self::folder::Files;
 pub(super) use self::incoming::{Incoming, settle};
 pub(super) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
-pub(super) use self::needs::{of_faces, of_kept, of_result};
 pub(super) use self::references::check_prefixes;
 pub(super) use self::root::BLOBS;
 

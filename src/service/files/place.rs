@@ -15,7 +15,6 @@ use uuid::Uuid;
 use super::failure::{CANNOT_REACH, cannot_make};
 use super::folder::Files;
 use super::names::{RESULTS, UPLOADS};
-use super::needs;
 use super::root::BLOBS;
 use crate::error::{Error, Kind, Result};
 use crate::service::blobs::place::BlobPlace;
@@ -40,7 +39,6 @@ impl Files {
     /// checks that it works, and that place and store are each other's, from now on if they are new. Without a name and
     /// a data folder there is nothing to check that by.
     pub async fn take_place(&mut self, store: Option<&str>) -> Result<()> {
-        self.has_store &= store.is_none();
         let file = self.root.path().join(BLOBS);
         let record = Record::read(&file).map_err(|error| cannot_make(&file, error))?;
         let Some(place) = &self.elsewhere else {
@@ -139,27 +137,6 @@ impl Files {
         }
         Ok(())
     }
-
-    /// How many of the bytes of a job take room in the root. Of blobs elsewhere, small ones do, which the store keeps.
-    pub(super) fn in_root(&self, bytes: u64) -> u64 {
-        match self.is_shared() {
-            true if self.has_store => bytes.min(needs::SMALL_JOB),
-            true => 0,
-            false => bytes,
-        }
-    }
-
-    /// Whether no job takes room in the root, so that none is promised.
-    pub(super) fn has_room_for_all(&self) -> bool {
-        self.is_shared() && !self.has_store
-    }
-
-    /// Counts the bytes of a blob that was stored.
-    pub(super) fn written(&self, bytes: u64) {
-        if !self.is_shared() {
-            self.disk.written(bytes);
-        }
-    }
 }
 
 impl Record {
@@ -195,7 +172,7 @@ mod tests {
 
     use super::*;
     use crate::service::faults::Faults;
-    use crate::service::files::{DiskLimits, Folder, MESH};
+    use crate::service::files::{Folder, MESH};
     use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::JobId;
 
@@ -203,8 +180,8 @@ mod tests {
         path.to_str().expect("a name").parse().expect("a place")
     }
 
-    fn open(data_dir: Option<&Path>, elsewhere: Option<&BlobPlace>, limits: DiskLimits) -> Arc<Files> {
-        Arc::new(Files::open(data_dir, elsewhere, limits, Faults::default()).expect("it opens"))
+    fn open(data_dir: Option<&Path>, elsewhere: Option<&BlobPlace>, reserve: u64) -> Arc<Files> {
+        Arc::new(Files::open(data_dir, elsewhere, reserve, Faults::default()).expect("it opens"))
     }
 
     async fn write(files: &Arc<Files>, id: JobId) {
@@ -223,7 +200,7 @@ mod tests {
         let [data, another_data, blobs, other_blobs, used] = folders.each_ref().map(|folder| folder.path());
         let try_open = async |data: &Path, elsewhere: Option<&Path>| {
             let elsewhere = elsewhere.map(place);
-            let files = Files::open(Some(data), elsewhere.as_ref(), DiskLimits::default(), Faults::default());
+            let files = Files::open(Some(data), elsewhere.as_ref(), 0, Faults::default());
             let mut files = files.expect("it opens");
             let taken = files.take_place(None).await;
             files.close().await;
@@ -243,7 +220,7 @@ mod tests {
         }
         assert_eq!(try_open(another_data, Some(other_blobs)).await, Ok(()));
 
-        let files = open(Some(used), None, DiskLimits::default());
+        let files = open(Some(used), None, 0);
         write(&files, JobId::random()).await;
         files.close().await;
         let error = try_open(used, Some(&used.join("new"))).await.expect_err("files are here");
@@ -251,8 +228,7 @@ mod tests {
         assert_eq!(try_open(used, None).await, Ok(()));
 
         let place = place(blobs);
-        let mut files =
-            Files::open(Some(data), Some(&place), DiskLimits::default(), Faults::default()).expect("opened");
+        let mut files = Files::open(Some(data), Some(&place), 0, Faults::default()).expect("opened");
         assert_eq!(files.take_place(None).await, Ok(()));
         assert_eq!(files.probe_elsewhere().await, Ok(()));
         std::fs::remove_file(blobs.join(OWNER)).expect("there");
@@ -267,7 +243,7 @@ mod tests {
     async fn what_is_new_at_a_shared_place_stays_although_the_store_does_not_know_it() {
         let blobs = tempfile::tempdir().expect("a folder");
         let place = place(blobs.path());
-        let [one, other] = [(); 2].map(|()| open(None, Some(&place), DiskLimits::default()));
+        let [one, other] = [(); 2].map(|()| open(None, Some(&place), 0));
         let folder = tempfile::tempdir().expect("a folder");
         let store = store_in(folder.path()).await;
         let known = new_job();
@@ -302,15 +278,9 @@ mod tests {
     #[tokio::test]
     async fn files_elsewhere_take_no_room_in_the_data_folder() {
         let (data, blobs) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let limits = DiskLimits { max_bytes: Some(2 << 20), min_free_bytes: 0 };
-        let large = 1 << 30;
         for (elsewhere, is_taken) in [(Some(place(blobs.path())), true), (None, false)] {
-            let files = open(Some(data.path()), elsewhere.as_ref(), limits);
-            assert_eq!(files.check_room(large).is_ok(), is_taken);
-            assert_eq!(files.promise(JobId::random(), large, large).is_ok(), is_taken);
-            // small jobs are in the store, which is here
-            let small = (0..20).filter(|_| files.promise(JobId::random(), 1000, 500 << 10).is_ok()).count();
-            assert!((1..5).contains(&small), "{small}");
+            let files = open(Some(data.path()), elsewhere.as_ref(), 0);
+            assert_eq!(files.check_room(1 << 60).is_ok(), is_taken);
             files.close().await;
         }
     }
@@ -318,7 +288,7 @@ mod tests {
     #[tokio::test]
     async fn a_blob_is_not_gone_while_its_place_is_away() {
         let blobs = tempfile::tempdir().expect("a folder");
-        let files = open(None, Some(&place(blobs.path())), DiskLimits::default());
+        let files = open(None, Some(&place(blobs.path())), 0);
         let id = JobId::random();
         let kind = async || files.read(Folder::Result(id, 1), "x", None).await.expect_err("not there").kind;
         assert_eq!(kind().await, Kind::NotFound);

@@ -1,7 +1,7 @@
 //! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start.
 //!
 //! A temporary folder has a lock, too: a free lock marks the folder of a process that was killed, which a later process
-//! removes. Folders of builds that made no lock are removed when no other process of this program runs.
+//! removes.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
@@ -99,7 +99,7 @@ impl Root {
             io::Result::Ok(lock)
         };
         let lock = lock_it().map_err(cannot)?;
-        sweep_temporary(among, folder.path(), Path::new("/proc"));
+        sweep_temporary(among, folder.path());
         Ok(Self::Temporary { folder, lock })
     }
 
@@ -130,49 +130,22 @@ fn note_holder(lock: &mut File) -> io::Result<()> {
     lock.write_all(format!("{}\n", std::process::id()).as_bytes())
 }
 
-/// Removes temporary folders of processes that were killed: those with a lock that is free, and those without a lock
-/// while no other process of this program runs. Another user's folders stay.
-fn sweep_temporary(among: &Path, own: &Path, processes: &Path) {
-    // all folders before the first process: a process starts before it makes its folder
-    let folders: Vec<_> = std::fs::read_dir(among).into_iter().flatten().flatten().collect();
-    for entry in folders {
+/// Removes temporary folders of processes that were killed: those with a lock that is free. Another user's folders
+/// stay.
+fn sweep_temporary(among: &Path, own: &Path) {
+    for entry in std::fs::read_dir(among).into_iter().flatten().flatten() {
         let path = entry.path();
         let is_one = entry.file_name().to_str().is_some_and(|name| name.starts_with(PREFIX)) && path != own;
         if !is_one || !is_folder_of_same_owner(&path, own) {
             continue;
         }
-        let is_dead = match File::options().write(true).open(path.join(LOCK)) {
-            Ok(lock) => lock.try_lock().is_ok(),
-            Err(error) => error.kind() == io::ErrorKind::NotFound && is_alone(processes).unwrap_or(false),
-        };
-        if is_dead {
+        if File::options().write(true).open(path.join(LOCK)).is_ok_and(|lock| lock.try_lock().is_ok()) {
             match std::fs::remove_dir_all(&path) {
                 Ok(()) => tracing::info!(folder = %path.display(), "removed the temporary folder of a killed process"),
                 Err(error) => tracing::warn!(folder = %path.display(), %error, "a folder cannot be removed"),
             }
         }
     }
-}
-
-/// Whether this process is the only one of this program, known by its name, as Linux shows it in `/proc`. Fails where
-/// not every process is shown: outside of the first namespace of processes, and on other systems.
-fn is_alone(processes: &Path) -> io::Result<bool> {
-    const FIRST: &str = "pid:[4026531836]";
-    if std::fs::read_link(processes.join("self/ns/pid"))? != Path::new(FIRST) {
-        return Err(io::ErrorKind::Unsupported.into());
-    }
-    let name = std::fs::read_to_string(processes.join("self/comm"))?;
-    for entry in std::fs::read_dir(processes)? {
-        let entry = entry?;
-        let number = entry.file_name().to_str().and_then(|number| number.parse().ok());
-        let is_other = number.is_some_and(|number: u32| number != std::process::id());
-        // one that ends meanwhile has no name any more
-        let other = is_other.then(|| std::fs::read_to_string(entry.path().join("comm")).unwrap_or_default());
-        if other.is_some_and(|other| other == name || other.contains("tesserae")) {
-            return Ok(false);
-        }
-    }
-    Ok(true)
 }
 
 #[cfg(unix)]
@@ -196,43 +169,4 @@ fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
 #[cfg(not(unix))]
 fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
     one.created().ok() == other.created().ok()
-}
-
-#[cfg(test)]
-#[cfg(target_os = "linux")]
-mod tests {
-    use super::*;
-
-    /// A folder like `/proc`, of a process of this number and one with another.
-    fn processes(namespace: &str, other: &str) -> TempDir {
-        let folder = tempfile::tempdir().expect("a folder");
-        for (number, name) in [("self", "tesserae\n"), (&std::process::id().to_string(), "tesserae\n"), ("1", other)] {
-            std::fs::create_dir_all(folder.path().join(number).join("ns")).expect("made");
-            std::fs::write(folder.path().join(number).join("comm"), name).expect("written");
-        }
-        std::os::unix::fs::symlink(namespace, folder.path().join("self/ns/pid")).expect("a link");
-        folder
-    }
-
-    #[test]
-    fn a_folder_without_a_lock_goes_when_no_process_can_be_its_owner() {
-        let all = "pid:[4026531836]";
-        for (namespace, other, is_swept) in [
-            (all, "init\n", true),
-            (all, "tesserae\n", false),
-            (all, "tesserae-0.1\n", false),
-            ("pid:[4026532000]", "init\n", false),
-        ] {
-            let among = tempfile::tempdir().expect("a folder");
-            let [own, old, foreign] = [format!("{PREFIX}own"), format!("{PREFIX}old"), "other".to_owned()]
-                .map(|name| among.path().join(name));
-            for folder in [&own, &old, &foreign] {
-                std::fs::create_dir_all(folder.join("uploads")).expect("made");
-            }
-            sweep_temporary(among.path(), &own, processes(namespace, other).path());
-            assert_eq!(!old.exists(), is_swept, "{namespace} {other}");
-            assert!(own.exists() && foreign.exists());
-        }
-        assert!(is_alone(Path::new("/nothing/like/proc")).is_err());
-    }
 }

@@ -6,14 +6,13 @@ use std::time::{Duration, SystemTime};
 use super::*;
 use crate::artifacts::REPORT_JSON;
 use crate::error::{Error, Kind, Result};
-use crate::mesh::Limits;
 use crate::service::blobs::folder::size;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::tests::{new_job, store_in};
-use crate::service::store::{Created, End, Job, JobId, NewJob, Referred, SMALL_BLOBS, Spec, Summary};
+use crate::service::store::{Created, End, JobId, NewJob, SMALL_BLOBS, Summary};
 
-fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
-    Arc::new(Files::open(Some(path), None, limits, faults).expect("it opens"))
+fn open(path: &Path, reserve: u64, faults: Faults) -> Arc<Files> {
+    Arc::new(Files::open(Some(path), None, reserve, faults).expect("it opens"))
 }
 
 async fn write(mut blob: BlobWriter, bytes: &[u8]) -> Result<()> {
@@ -34,8 +33,7 @@ fn content(bytes: usize) -> Vec<u8> {
 #[tokio::test]
 async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), DiskLimits::default(), Faults::default());
-    files.make_ballast();
+    let files = open(folder.path(), 0, Faults::default());
     let id = JobId::random();
     for (attempt, bytes) in (1..).zip([0, 1, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 3 << 20]) {
         let content = content(bytes);
@@ -51,10 +49,8 @@ async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
             assert_eq!(part, content[3..9]);
         }
     }
-    let length = |name: &str| folder.path().join(name).metadata().expect("there").len();
-    assert_eq!(files.used_bytes(), size(folder.path()) - length("lock") - length("ballast"));
     files.remove(id).await;
-    assert_eq!(files.used_bytes(), 0);
+    assert_eq!(size(&folder.path().join("results")), 0);
     let gone = files.read(Folder::Result(id, 1), "x", None).await.expect_err("removed");
     assert_eq!(gone.kind, Kind::NotFound);
 }
@@ -62,19 +58,19 @@ async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
 #[tokio::test]
 async fn a_folder_is_for_one_process_at_a_time() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), DiskLimits::default(), Faults::default());
-    let error = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default()).expect_err("in use");
+    let files = open(folder.path(), 0, Faults::default());
+    let error = Files::open(Some(folder.path()), None, 0, Faults::default()).expect_err("in use");
     assert_eq!(error.kind, Kind::Conflict);
     let holder = std::process::id().to_string();
     assert!(error.message.contains("--data-dir") && error.message.contains(&holder), "{error}");
     files.close().await;
-    open(folder.path(), DiskLimits::default(), Faults::default());
+    open(folder.path(), 0, Faults::default());
 }
 
 #[tokio::test]
 async fn an_upload_that_is_not_kept_leaves_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let files = open(folder.path(), 0, Faults::default());
     let incoming = files.incoming();
     let id = incoming.id();
     write(incoming.blob(MESH), b"x").await.expect("written");
@@ -82,16 +78,16 @@ async fn an_upload_that_is_not_kept_leaves_nothing() {
     unfinished.write(&content(2 << 20)).await.expect("written");
     drop(unfinished);
     drop(incoming);
-    while files.lock_incoming().contains(&id) || size(&folder.path().join("uploads")) > 0 {
+    let left = folder.path().join(Folder::Upload(id).path().as_ref());
+    while files.lock_incoming().contains(&id) || left.exists() {
         tokio::task::yield_now().await;
     }
-    assert_eq!(files.used_bytes(), 0);
 }
 
 #[tokio::test]
 async fn blobs_that_are_small_together_become_no_files_and_others_do() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let files = open(folder.path(), 0, Faults::default());
     let limit = SMALL_BLOBS as usize;
     for (sizes, takes, is_small) in [
         (vec![limit], true, true),
@@ -127,46 +123,48 @@ async fn blobs_that_are_small_together_become_no_files_and_others_do() {
 }
 
 #[tokio::test]
-async fn uploads_are_refused_before_the_folder_is_full_and_results_are_not() {
+async fn a_reserve_that_the_disk_never_has_is_refused_and_one_that_it_has_not_now_refuses_uploads() {
     let folder = tempfile::tempdir().expect("a folder");
-    let limits = DiskLimits { max_bytes: Some(3 << 20), min_free_bytes: 0 };
-    let files = open(folder.path(), limits, Faults::default());
-    let incoming = files.incoming();
-    write(incoming.blob("a"), &content(2 << 20)).await.expect("there is room");
-    let error = write(incoming.blob("b"), &content(2 << 20)).await.expect_err("no room");
-    assert_eq!(error.kind, Kind::InsufficientStorage);
-    assert!(error.message.contains("--max-disk-bytes") && error.message.contains("3145728"), "{error}");
-    assert_eq!(files.check_room(2 << 20).expect_err("told").kind, Kind::InsufficientStorage);
-    let id = JobId::random();
-    write(files.result(id, 1, "x"), &content(2 << 20)).await.expect("what was accepted may end");
-    assert_eq!(files.check_room(0).expect_err("full").kind, Kind::InsufficientStorage);
-    assert_eq!(files.probe(), Ok(()), "what was accepted may end");
-    files.remove(id).await;
-    assert_eq!(files.check_room(0), Ok(()));
-
-    // no deletion makes room for these
     let total = disk::total_bytes(folder.path()).expect("known");
-    for bytes in [(3 << 20) + 1, total + 1] {
-        assert_eq!(files.check_room(bytes).expect_err("told").kind, Kind::TooLarge, "{bytes}");
-    }
-
-    let other = tempfile::tempdir().expect("a folder");
-    let total = disk::total_bytes(other.path()).expect("known");
-    let limits = DiskLimits { max_bytes: None, min_free_bytes: total - 1 };
-    let error = open(other.path(), limits, Faults::default()).check_room(0).expect_err("the disk holds something");
+    let files = open(folder.path(), total - 1, Faults::default());
+    let error = files.check_room(0).expect_err("the disk holds something");
+    assert_eq!(error.kind, Kind::InsufficientStorage);
     assert!(error.message.contains("--min-free-bytes"), "{error}");
-    // nor would it ever be taken
-    let limits = DiskLimits { min_free_bytes: total, ..limits };
-    let error = Files::open(Some(other.path()), None, limits, Faults::default()).expect_err("no disk is that empty");
+    assert_eq!(write(files.incoming().blob("a"), b"x").await.map_err(|error| error.kind), Err(Kind::TooLarge));
+    write(files.result(JobId::random(), 1, "x"), &content(2 << 20)).await.expect("what was accepted may end");
+    assert_eq!(files.probe(), Ok(()), "what was accepted may end");
+    files.close().await;
+    // no deletion makes room for these
+    let files = open(folder.path(), 0, Faults::default());
+    assert_eq!(files.check_room(total / 4).expect_err("never").kind, Kind::TooLarge);
+    files.close().await;
+    let error = Files::open(Some(folder.path()), None, total, Faults::default()).expect_err("no disk is that empty");
     let words = format!("less than the {total} bytes");
     assert!(error.message.contains("--min-free-bytes") && error.message.contains(&words), "{error}");
+}
+
+#[tokio::test]
+async fn room_for_results_is_kept_as_long_as_the_upload_is_there_also_by_the_next_process() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = open(folder.path(), 0, Faults::default());
+    let incoming = files.incoming();
+    let id = incoming.id();
+    write(incoming.blob(MESH), &content(2 << 20)).await.expect("written");
+    incoming.keep();
+    write(files.result(id, 1, "x"), &content(3 << 20)).await.expect("written");
+    assert_eq!(files.disk.uploads(), 2 << 20);
+    files.close().await;
+    let files = open(folder.path(), 0, Faults::default());
+    assert_eq!(files.disk.uploads(), 2 << 20);
+    files.remove_upload(id).await;
+    assert_eq!(files.disk.uploads(), 0);
 }
 
 #[tokio::test]
 async fn a_disk_that_fails_says_how() {
     let folder = tempfile::tempdir().expect("a folder");
     let faults = Faults::default();
-    let files = open(folder.path(), DiskLimits::default(), faults.clone());
+    let files = open(folder.path(), 0, faults.clone());
     let id = JobId::random();
     for (kind, expected) in
         [(ErrorKind::StorageFull, Kind::InsufficientStorage), (ErrorKind::ReadOnlyFilesystem, Kind::Unavailable)]
@@ -192,7 +190,7 @@ async fn a_disk_that_fails_says_how() {
 #[tokio::test]
 async fn a_sweep_leaves_what_jobs_know_of() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let files = open(folder.path(), 0, Faults::default());
     let store = store_in(folder.path()).await;
     let accepted = async || {
         let incoming = files.incoming();
@@ -247,7 +245,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
 async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let place = folder.path().to_str().expect("a name").parse().expect("a place");
-    let files = Files::open(None, Some(&place), DiskLimits::default(), Faults::default()).expect("it opens");
+    let files = Files::open(None, Some(&place), 0, Faults::default()).expect("it opens");
     let url = "s3://bucket/meshes/x.glb";
     let refused = async || {
         let forbidden = Error::new(Kind::Forbidden, "403");
@@ -258,35 +256,4 @@ async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing
     assert!(error.message.contains("s3:GetObject") && error.message.contains(url), "{error}");
     drop(folder);
     assert_eq!(refused().await.kind, Kind::Unavailable, "as with a wrong key");
-}
-
-#[tokio::test]
-async fn a_service_that_is_started_again_promises_the_same_room() {
-    let mesh_url = Referred { url: "s3://bucket/x.obj".to_owned(), tag: None };
-    for referred in [None, Some(mesh_url)] {
-        let folder = tempfile::tempdir().expect("a folder");
-        let (limits, mesh, seeds) = (Limits::default(), content(SMALL_BLOBS as usize), content(1000));
-        let files = open(folder.path(), DiskLimits::default(), Faults::default());
-        let mut incoming = files.incoming();
-        let mut uploaded = vec![(SEEDS, &seeds)];
-        match &referred {
-            Some(_) => incoming.refers_to(mesh.len() as u64),
-            None => uploaded.push((MESH, &mesh)),
-        }
-        for (name, bytes) in uploaded {
-            let mut blob = incoming.blob(name);
-            blob.write(bytes).await.expect("written");
-            incoming.add(blob).await.expect("added");
-        }
-        let spec = Spec { bytes: mesh.len() as u64, referred, ..new_job().spec };
-        incoming.promise(&spec, &limits).expect("there is room");
-        let job = Job::queued(incoming.id(), spec, SystemTime::now());
-        let promised = files.room.promised();
-        assert!(promised > mesh.len() as u64 / 10);
-        incoming.keep();
-        files.close().await;
-        let files = open(folder.path(), DiskLimits::default(), Faults::default());
-        files.promise_again(&[job], &limits).await.expect("promised");
-        assert_eq!(files.room.promised(), promised);
-    }
 }

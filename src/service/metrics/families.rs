@@ -131,6 +131,7 @@ metrics! {
         store_commands: Counter, "store_commands", "Changes in committed transactions";
         store_failed_commits: Counter, "store_failed_commits", "Transactions of the store that failed";
         file_errors: Counter, "file_errors", "Files that could not be written or read for reasons of their place";
+        stuck_jobs: Gauge, "stuck_jobs", "Jobs that repeat what they cannot read or write in their files";
         unknown_jobs: Gauge, "unknown_jobs",
             "Folders in the data folder of jobs that the store does not know, as of the last sweep";
         results_damaged: Counter, "results_damaged", "Stored results that were not what was stored when they were read";
@@ -152,12 +153,9 @@ metrics! {
             "Memory of its own that the device has allocated; 0 where it has none, as on the cpu";
         disk_free: Gauge, "disk_free" [Bytes],
             "Bytes that may still be written to the file system of the data folder";
-        disk_limit: Gauge, "disk_limit" [Bytes],
-            "Bytes in the data folder above which uploads are refused; 0 for no limit";
         disk_reserve: Gauge, "disk_reserve" [Bytes], "Free bytes below which uploads are refused";
         queue_limit: Gauge, "queue_limit", "Jobs that may wait";
         queue_oldest: Gauge<f64, AtomicU64>, "queue_oldest" [Seconds],
             "Age of the job that waits longest; 0 when none waits";
-        disk_used: Gauge, "disk_used" [Bytes], "Bytes of uploads, results and the store of jobs in the data folder";
     }
 }

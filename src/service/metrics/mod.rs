@@ -63,12 +63,12 @@ pub(super) struct Snapshot {
     pub store: Statistics,
     /// Files of jobs that could not be written or read for reasons of their place.
     pub file_errors: u64,
+    /// Jobs that repeat what they cannot read or write.
+    pub stuck_jobs: u64,
     /// Folders of jobs that the store does not know.
     pub unknown_jobs: u64,
     /// Results that were not what was stored.
     pub results_damaged: u64,
-    /// Bytes in the data folder.
-    pub disk_used: u64,
     /// What is left.
     pub room: Room,
 }
@@ -128,7 +128,6 @@ impl Metrics {
     /// What the settings allow.
     pub fn limits(&self, settings: &Settings) {
         let families = &self.families;
-        families.disk_limit.set(signed(settings.storage.max_disk_bytes.unwrap_or(0)));
         families.disk_reserve.set(signed(settings.storage.min_free_bytes));
         families.queue_limit.set(signed(settings.max_queued_jobs as u64));
     }
@@ -315,8 +314,8 @@ impl Metrics {
                 families.conditions.get_or_create(&label).set(i64::from(now == Some(severity)));
             }
         }
+        families.stuck_jobs.set(signed(now.stuck_jobs));
         families.unknown_jobs.set(signed(now.unknown_jobs));
-        families.disk_used.set(now.disk_used.cast_signed());
         if let Some(free) = now.room.disk_free {
             families.disk_free.set(signed(free));
         }

@@ -6,9 +6,9 @@
 //! tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job
 //! that fails, or panics, fails alone.
 //!
-//! An attempt at a job has one of three verdicts. The job has ended. Or it is released, because the device, the disk or
-//! the process failed and not the mesh. Or another process has it by now. Writes to the store are repeated until the
-//! disk works.
+//! An attempt at a job has one of three verdicts. The job has ended. Or it is released, because the device or the
+//! process failed and not the mesh. Or another process has it by now. Work on files that fails is repeated for a while
+//! ([`patience`]), and writes to the store until the disk works.
 //!
 //! `parts` holds the state, `stages` the work on one job, `run` the loop around them.
 
@@ -18,6 +18,7 @@ pub(super) mod device_thread;
 mod leases;
 mod memory;
 mod parts;
+mod patience;
 mod rows;
 mod run;
 mod slot;
@@ -29,3 +30,4 @@ mod virtual_times;
 
 pub(super) use self::memory::Memory;
 pub(super) use self::parts::{Costs, Parts, Pipeline};
+pub(super) use self::patience::PATIENCE;

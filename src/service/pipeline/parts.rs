@@ -50,6 +50,8 @@ pub(in crate::service) struct Costs {
     pub memory: Option<u64>,
     /// Time that the device may take for a job.
     pub time: Option<Duration>,
+    /// Time after which a job fails that cannot read or write its files.
+    pub patience: Duration,
 }
 
 /// What works on jobs.
@@ -61,6 +63,7 @@ pub(in crate::service) struct Pipeline {
     pub(super) device: DeviceThread,
     pub(super) limits: Limits,
     pub(super) time: Option<Duration>,
+    pub(super) patience: Duration,
     pub(super) slots: Arc<Semaphore>,
     /// The one slot for a tenant without a running job.
     pub(super) newcomer: Arc<Semaphore>,
@@ -84,6 +87,7 @@ impl Pipeline {
             device,
             limits: costs.limits,
             time: costs.time,
+            patience: costs.patience,
             slots: Arc::new(Semaphore::new(costs.slots)),
             newcomer: Arc::new(Semaphore::new(1)),
             shares,

@@ -82,6 +82,14 @@ impl Inbox {
                 if !error.is_of_storage() {
                     return Err(error);
                 }
+                // a job that ends on a full disk takes them along
+                if error.kind == Kind::InsufficientStorage && self.clustered.is_cancelled() {
+                    while let Ok(row) = self.rows.try_recv() {
+                        events.push(event(row, &mut progress)?);
+                    }
+                    log.leave(events, progress);
+                    return Ok(());
+                }
                 tokio::time::sleep(AGAIN).await;
             }
             events.clear();

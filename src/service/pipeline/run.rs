@@ -1,21 +1,26 @@
 //! The run of a pipeline: jobs are claimed, worked on and ended, or given back.
 
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use tokio::sync::{OwnedSemaphorePermit, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
 use super::bounds::AGAIN;
+use super::leases::Lease;
 use super::parts::Pipeline;
+use super::patience::Patience;
 use super::rows::Log;
 use super::slot::Slot;
 use super::stages::Written;
 use crate::device::Cancel;
 use crate::error::{Error, Kind};
-use crate::service::store::{Claiming, End, Ending, Job, Release, State, Summary, Ticket};
+use crate::job::Outcome;
+use crate::service::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
 use crate::service::trace::TraceParent;
 
 /// Least wait for the next start, so that a start that is due does not spin.
@@ -144,12 +149,8 @@ impl Pipeline {
         let _break_off = broken_off.clone().drop_guard();
         let outcome = tokio::select! {
             biased;
-            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => {
-                outcome.map_err(|error| self.judge(&job, error))
-            }
-            () = self.cancel_requested(&job) => Err(Verdict::Ended(End::Cancelled.into())),
-            () = lease.lost() => Err(Verdict::Lost),
-            () = abort.cancelled() => Err(self.stopped()),
+            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(judge),
+            verdict = self.broken_off(&job, &lease, &abort) => Err(verdict),
         };
         // What still runs for this job writes nothing any more, and stops soon.
         cancel.cancel();
@@ -158,18 +159,52 @@ impl Pipeline {
                 self.metrics.reported(&outcome.report);
                 let writing = Instant::now();
                 let span = tracing::info_span!("write");
-                let written = self.write(slot, &job, outcome, started).instrument(span).await;
+                let written = self.write_or_wait(slot, &job, outcome, started, self.broken_off(&job, &lease, &abort));
+                let verdict = written.instrument(span).await;
                 self.metrics.written(&job, writing.elapsed());
-                match written {
-                    Ok(Written { summary, small }) => {
-                        Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small })
-                    }
-                    Err(error) => self.judge(&job, error),
-                }
+                verdict
             }
             Err(verdict) => verdict,
         };
         self.conclude(ticket, &job, verdict, &log, started, &abort).await;
+    }
+
+    /// Writes the result of an attempt, until that works, takes too long, or is broken off. Nothing is broken off while
+    /// files are being written.
+    async fn write_or_wait(
+        &self,
+        slot: Slot,
+        job: &Job,
+        outcome: Outcome,
+        started: Instant,
+        broken_off: impl Future<Output = Verdict>,
+    ) -> Verdict {
+        let outcome = Arc::new(Mutex::new(outcome));
+        let mut patience = Patience::new(&self.files, self.patience);
+        let mut broken_off = pin!(broken_off);
+        loop {
+            let error = match self.write(&slot, job, &outcome, started).await {
+                Ok(Written { summary, small }) => {
+                    return Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small });
+                }
+                Err(error) => error,
+            };
+            tokio::select! {
+                biased;
+                verdict = &mut broken_off => return verdict,
+                waited = patience.wait(error) => if let Err(error) = waited { return judge(error) },
+            }
+        }
+    }
+
+    /// Completes when the attempt is not to go on, with its verdict.
+    async fn broken_off(&self, job: &Job, lease: &Lease, abort: &CancellationToken) -> Verdict {
+        tokio::select! {
+            biased;
+            () = self.cancel_requested(job) => Verdict::Ended(End::Cancelled.into()),
+            () = lease.lost() => Verdict::Lost,
+            () = abort.cancelled() => self.stopped(),
+        }
     }
 
     /// Stores the outcome of an attempt, and removes the files that are not needed any more.
@@ -184,11 +219,13 @@ impl Pipeline {
     ) {
         let milliseconds = started.elapsed().as_millis() as u64;
         let mut may_have_files = true;
-        let was_released = matches!(verdict, Verdict::Released(_));
+        // kept for a retry
+        let mut keeps_upload = matches!(verdict, Verdict::Released(_));
         let state = match verdict {
             Verdict::Ended(mut ending) => {
                 log_end(&ending.end, milliseconds);
                 let (state, problem, _) = ending.end.parts();
+                keeps_upload = store::keeps_upload(problem);
                 self.metrics.ended(job, state, started.elapsed(), problem.map(|problem| problem.kind));
                 may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
                 ending.rest = log.rest();
@@ -197,7 +234,7 @@ impl Pipeline {
                         Err(error) if self.may_try_again(&error, abort).await => {
                             // its end makes room, and on a full disk it takes some
                             let is_full = error.kind == Kind::InsufficientStorage;
-                            if self.files.gave_up(job.id) || is_full && state == State::Cancelled {
+                            if is_full && state != State::Succeeded {
                                 self.files.give_up_ballast().await;
                             }
                         }
@@ -226,17 +263,11 @@ impl Pipeline {
             }
             Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
         };
-        // kept for a retry
-        let is_given_up = was_released && state == Ok(State::Failed);
         if may_have_files && state != Ok(State::Succeeded) {
             self.files.remove_result(job.id, ticket.attempt).await;
         }
-        match &state {
-            Ok(state) if state.is_ended() => self.files.give_back_of(job.id, ticket.attempt),
-            _ => self.files.put_back(job.id, ticket.attempt),
-        }
         match state {
-            Ok(state) if state.is_ended() && !job.spec.is_small && !is_given_up => {
+            Ok(state) if state.is_ended() && !job.spec.is_small && !keeps_upload => {
                 self.files.remove_upload(job.id).await;
             }
             Ok(_) => {}
@@ -272,14 +303,6 @@ impl Pipeline {
         }
     }
 
-    /// The outcome of an attempt that ended with an error.
-    fn judge(&self, job: &Job, error: Error) -> Verdict {
-        match self.files.gave_up(job.id) {
-            true => Verdict::Ended(End::Failed(error).into()),
-            false => judge(error),
-        }
-    }
-
     /// The outcome of a job that the service does not wait for when it stops.
     fn stopped(&self) -> Verdict {
         match self.store.is_durable() {
@@ -298,10 +321,6 @@ fn judge(error: Error) -> Verdict {
         Kind::Cancelled => Verdict::Ended(End::Cancelled.into()),
         Kind::Conflict => Verdict::Lost,
         Kind::DeviceLost => Verdict::Released(Release::Failed(error)),
-        _ if error.is_of_storage() => {
-            tracing::warn!(%error, "the disk failed");
-            Verdict::Released(Release::Free)
-        }
         _ => Verdict::Ended(End::Failed(error).into()),
     }
 }

@@ -6,13 +6,15 @@ use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use axum::body::Bytes;
+use parking_lot::Mutex;
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
-use super::bounds::caught;
+use super::bounds::{AGAIN, caught};
 use super::memory::Reading;
 use super::parts::Pipeline;
+use super::patience::Patience;
 use super::rows::{Inbox, Log};
 use super::slot::Slot;
 use super::task::Task;
@@ -45,11 +47,6 @@ impl Pipeline {
             Span::current().record("clusters", prepared.spec.clustering.clusters());
         }
 
-        let faces = prepared.input.faces;
-        let needs =
-            files::of_faces(prepared.spec.reported(), faces).saturating_add(files::of_kept(&job.spec.kept, faces));
-        self.files.secure(job.id, job.attempt, needs).await?;
-
         let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
         let (on_row, inbox) = Inbox::open();
         let task = Task {
@@ -70,16 +67,21 @@ impl Pipeline {
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
-        self.files.secure(job.id, job.attempt, files::of_result(&outcome, &job.spec.kept)).await?;
         Ok(outcome)
     }
 
     /// From labels to files. Must not be dropped in the middle: it would go on, and leave files of no job.
-    pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Written> {
-        let files = Arc::clone(&self.files);
+    pub(super) async fn write(
+        &self,
+        slot: &Slot,
+        job: &Job,
+        outcome: &Arc<Mutex<Outcome>>,
+        started: Instant,
+    ) -> Result<Written> {
+        let (files, slot, outcome) = (Arc::clone(&self.files), slot.clone(), Arc::clone(outcome));
         let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
         let (mut summary, blobs) = blocking(move || {
-            let _slot = slot;
+            let (_slot, outcome) = (slot, &mut *outcome.lock());
             caught(|| write(outcome, &kept, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
         })
         .await??;
@@ -88,23 +90,28 @@ impl Pipeline {
         Ok(Written { summary, small })
     }
 
-    /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
-    /// A file that is small and has too many faces is opened twice.
-    async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
-        let spec = job.spec.clone();
-        let upload = async |name: &str| {
+    /// Reads the files of an upload, when there is memory for them.
+    async fn read(&self, ticket: Ticket, job: &Job) -> Result<Upload> {
+        let spec = &job.spec;
+        let open = async |name: &str| {
             job_blobs::upload(&self.files, self.store.as_ref(), job, name, None).await.map_err(upload_is_gone)
         };
         let mut uploads = Vec::new();
         for name in iter::once(files::MESH.to_owned()).chain((0..spec.buffers.len()).map(files::buffer)) {
-            uploads.push(upload(&name).await?);
+            uploads.push(open(&name).await?);
         }
         // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
         let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
         let memory = self.memory.read(bytes).await?;
-        if !spec.is_small {
-            // a small upload began with its claim
-            self.store.begin(ticket).await?;
+        // a small upload began with its claim
+        while !spec.is_small
+            && let Err(error) = self.store.begin(ticket).await
+        {
+            // a database that is away is waited for
+            if error.kind != Kind::Unavailable {
+                return Err(error);
+            }
+            tokio::time::sleep(AGAIN).await;
         }
         self.faults.abort_at(spec.file_name.as_deref());
         let reading = Instant::now();
@@ -112,15 +119,27 @@ impl Pipeline {
         for upload in uploads {
             contents.push(upload.bytes().await.map_err(upload_is_gone)?);
         }
-        let seeds = match spec.listed_seeds {
-            true => Some(upload(files::SEEDS).await?.bytes().await?),
-            false => None,
+        let read = async |name: &str, is_there: bool| match is_there {
+            true => open(name).await?.bytes().await.map(Some),
+            false => Ok(None),
         };
-        let weights = match spec.has_weights {
-            true => Some(upload(files::WEIGHTS).await?.bytes().await?),
-            false => None,
+        let seeds = read(files::SEEDS, spec.listed_seeds).await?;
+        let weights = read(files::WEIGHTS, spec.has_weights).await?;
+        Ok(Upload { memory, contents, seeds, weights, milliseconds: milliseconds(reading.elapsed()) })
+    }
+
+    /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
+    /// A file that is small and has too many faces is opened twice.
+    async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
+        let mut patience = Patience::new(&self.files, self.patience);
+        let upload = loop {
+            match self.read(ticket, job).await {
+                Ok(upload) => break upload,
+                Err(error) => patience.wait(error).await?,
+            }
         };
-        let read = reading.elapsed();
+        drop(patience);
+        let (spec, Upload { memory, contents, seeds, weights, milliseconds }) = (job.spec.clone(), upload);
         let limits = self.limits;
         let span = tracing::info_span!("read");
         let open = move |admits: &mut Admits<'_>| {
@@ -159,9 +178,20 @@ impl Pipeline {
             (prepared, _) => prepared,
         }
         .ok_or_else(|| Error::new(Kind::Internal, "a mesh was not read"))?;
-        prepared.timings.read = milliseconds(read);
+        prepared.timings.read = milliseconds;
         Ok(prepared)
     }
+}
+
+/// The files of an upload, in memory.
+struct Upload {
+    memory: Reading,
+    /// The mesh, then its buffers.
+    contents: Vec<Bytes>,
+    seeds: Option<Bytes>,
+    weights: Option<Bytes>,
+    /// Time that their reading took.
+    milliseconds: f64,
 }
 
 /// Gets memory for so many faces of a flat clustering or a hierarchy; false leaves the mesh to a later call.
@@ -246,7 +276,7 @@ pub(super) struct Written {
 
 /// Writes the result of a job to blobs, which are still to be settled.
 fn write(
-    mut outcome: Outcome,
+    outcome: &mut Outcome,
     kept: &Kept,
     blob: impl Fn(&str) -> BlockingWriter,
     started: Instant,
@@ -262,10 +292,12 @@ fn write(
             Err(error) => warnings.push(format!("{} was not written: {}", form.file, error.message)),
         }
     }
+    // there already where the writing is repeated
+    warnings.retain(|warning| !outcome.report.warnings.contains(warning));
     outcome.report.warnings.extend(warnings);
     outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
-    if let Some(mesh) = outcome.mesh.take().filter(|_| kept.mesh) {
-        blobs.push(blob(kept_mesh::NAME).fill(|out| kept_mesh::write(out, &mesh))?);
+    if let Some(mesh) = outcome.mesh.as_ref().filter(|_| kept.mesh) {
+        blobs.push(blob(kept_mesh::NAME).fill(|out| kept_mesh::write(out, mesh))?);
     }
     for form in artifacts::stored(&outcome.report.parameters) {
         // the report comes last, and has the times
@@ -275,11 +307,11 @@ fn write(
         blobs.push(blob(form.file).fill(encoding)?);
     }
     let contents = blobs.iter().map(BlobWriter::contents).collect();
-    let report = outcome.report;
+    let report = &outcome.report;
     let summary = Summary {
         faces: report.input.faces,
         clusters: report.clusters,
-        labels_sha256: report.labels_sha256,
+        labels_sha256: report.labels_sha256.clone(),
         is_small: false,
         blobs: contents,
     };

@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::heading;
 use crate::error::Result;
 use crate::service::blobs::place::BlobPlace;
-use crate::service::files::DiskLimits;
 use crate::service::store::StoreUrl;
 
 /// What is kept.
@@ -34,13 +33,8 @@ pub struct StorageSettings {
           default_value_t = StorageSettings::default().retention)]
     pub retention: u64,
 
-    /// Bytes in the data folder above which uploads are refused; no limit when left out. What lies elsewhere (--blobs)
-    /// does not count
-    #[arg(long, env = "TESSERAE_MAX_DISK_BYTES", value_name = "BYTES",
-          hide_short_help = true, help_heading = heading::ROOM)]
-    pub max_disk_bytes: Option<u64>,
-
-    /// Free bytes of the disk below which uploads are refused, so that what was accepted can end
+    /// Free bytes of the disk of the data folder that no upload takes, so that accepted jobs can end: at least 8 MiB.
+    /// The default is enough for 1024 small jobs
     #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES",
           hide_short_help = true, help_heading = heading::ROOM,
           default_value_t = StorageSettings::default().min_free_bytes)]
@@ -54,7 +48,6 @@ impl Default for StorageSettings {
             blobs: None,
             mesh_prefixes: Vec::new(),
             retention: 7 * 86_400,
-            max_disk_bytes: None,
             min_free_bytes: 256 << 20,
         }
     }
@@ -81,10 +74,5 @@ impl StorageSettings {
                 "this build has no --store: build tesserae with the cargo feature postgres",
             )),
         }
-    }
-
-    /// What the data folder may hold.
-    pub(in crate::service) fn disk(&self) -> DiskLimits {
-        DiskLimits { max_bytes: self.max_disk_bytes, min_free_bytes: self.min_free_bytes }
     }
 }

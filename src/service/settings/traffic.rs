@@ -3,7 +3,17 @@
 use std::time::Duration;
 
 use super::heading;
+use crate::error::{Error, Result};
 use crate::service::Network;
+
+/// Connections at a time that have not begun, or wait for a place. More stay with the system.
+pub(in crate::service) const BEGINNINGS: usize = 256;
+
+/// Files that are open beside those of connections that have a place: of the store, of jobs, of the device.
+const OTHER_FILES: u64 = 256 + BEGINNINGS as u64;
+
+/// Files of a connection that has a place: its socket, and one that it sends or receives.
+const FILES_OF_CONNECTION: u64 = 2;
 
 /// Settings of traffic. A client is a tenant, or an address where there are no tokens.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
@@ -75,6 +85,26 @@ impl Default for TrafficConstants {
             header_timeout: Duration::from_secs(15),
             body_timeout: Duration::from_secs(30),
             write_timeout: Duration::from_secs(60),
+        }
+    }
+}
+
+impl TrafficConstants {
+    /// Lowers [`connections`](Self::connections) to what a process may have that may open so many files, and
+    /// says so: jobs could not read and write theirs otherwise. Refuses when there is room for none.
+    pub(crate) fn fit(&mut self, files: u64) -> Result<()> {
+        let most = files.saturating_sub(OTHER_FILES) / FILES_OF_CONNECTION;
+        match u32::try_from(most).unwrap_or(u32::MAX) {
+            0 => Err(Error::parameter(format_args!(
+                "this process may open too few files for a service (ulimit -n, LimitNOFILE of systemd): allow it 4096 \
+                 or more; it is {files}"
+            ))),
+            most if most < self.connections => {
+                tracing::warn!(files, "connections at a time are at most {most}: this process may open so few files");
+                self.connections = most;
+                Ok(())
+            }
+            _ => Ok(()),
         }
     }
 }

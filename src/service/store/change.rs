@@ -7,10 +7,10 @@ use std::time::SystemTime;
 use uuid::Uuid;
 
 use super::database::rows::{Abort, Row, Rows, json, values};
-use super::job::{Job, JobId, Progress, Spec, Ticket, no_such_job};
+use super::job::{Job, JobId, Progress, Spec, Ticket, keeps_upload, no_such_job};
 use super::listeners::Effects;
 use super::terms::{Ending, Pulse, What};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::service::queue::{Change, Event, Refused, Rules, Standing, State, not_yours};
 
 /// The transaction of a change.
@@ -230,7 +230,7 @@ impl Transaction<'_> {
             self.effects.endings = true;
         }
         // a job that was given up may be run again
-        if problem.is_none_or(|problem| problem.kind != Kind::Poison) {
+        if !keeps_upload(problem) {
             self.rows.write("DELETE FROM blobs WHERE job = $1", values![live.number])?;
         }
         for blob in ending.iter().flat_map(|ending| &ending.result) {

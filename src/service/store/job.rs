@@ -84,9 +84,6 @@ pub(in crate::service) struct Spec {
     /// Whether all of these are small blobs, which the store keeps.
     #[serde(default)]
     pub is_small: bool,
-    /// Faces that the head of the mesh [claims](crate::mesh::claimed_faces), where it does.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub claimed_faces: Option<u64>,
     /// Jobs of a tenant with a higher priority are claimed first. Left out where it is 0, so that the digest of an
     /// idempotent request is the same as in releases without priorities.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -226,10 +223,16 @@ impl Job {
         self.spec.referred.is_none() && (!self.state.is_ended() || self.keeps_upload())
     }
 
-    /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.
+    /// Whether its upload is kept after its end, so that it may be run again.
     pub fn keeps_upload(&self) -> bool {
-        self.problem.as_ref().is_some_and(|problem| problem.kind == Kind::Poison)
+        keeps_upload(self.problem.as_ref())
     }
+}
+
+/// Whether the upload of a job that ends with this problem is kept: that of a job that was given up, or whose files
+/// could not be read or written.
+pub(in crate::service) fn keeps_upload(problem: Option<&Error>) -> bool {
+    problem.is_some_and(|problem| matches!(problem.kind, Kind::Poison | Kind::InsufficientStorage))
 }
 
 /// The right to write about a running job.

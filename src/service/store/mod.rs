@@ -39,7 +39,7 @@ mod workers;
 pub(super) use self::database::postgres::Address;
 pub(super) use self::job::{
     Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, Summary, Ticket,
-    no_such_job,
+    keeps_upload, no_such_job,
 };
 pub(super) use self::store::Store;
 pub(super) use self::terms::{
@@ -83,7 +83,6 @@ pub(super) mod tests {
             listed_seeds: false,
             has_weights: false,
             is_small: false,
-            claimed_faces: None,
             priority: 0,
             kept: Kept::default(),
             referred: None,

@@ -30,7 +30,7 @@ use tower::ServiceExt;
 use super::origin;
 use super::socket::Socket;
 use crate::service::metrics::Metrics;
-use crate::service::settings::TrafficSettings;
+use crate::service::settings::{BEGINNINGS, TrafficSettings};
 
 /// For how long nothing is accepted after the system had no means to (too many open files).
 const BREATHER: Duration = Duration::from_millis(200);
@@ -40,9 +40,6 @@ const PROBES: [&[u8]; 2] = [b"GET /healthz ", b"HEAD /healthz "];
 
 /// Largest head of a probe, in bytes: what the accepting thread parses.
 const PROBE_HEAD: usize = 8 << 10;
-
-/// Connections at a time that have not begun, or wait for a place. More stay with the system.
-const BEGINNINGS: usize = 1024;
 
 /// For how long the accepting thread waits for the beginning, which a probe sends at once; and for how long others wait
 /// for a place.

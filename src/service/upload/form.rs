@@ -99,7 +99,7 @@ impl Form {
             "weights" => {
                 once("weights", self.weights.is_some())?;
                 let weights = self.into.save(content(field), files::WEIGHTS, |_| Ok(())).await?;
-                job::check_head_of_weights(weights.head())?;
+                job::check_head_of_weights(&weights.head)?;
                 self.weights = Some(weights);
                 Ok(())
             }
@@ -196,12 +196,11 @@ impl Form {
             listed_seeds: self.seeds.is_some(),
             has_weights: self.weights.is_some(),
             is_small: false,
-            claimed_faces: None,
             priority,
             kept,
             referred,
         };
-        Ok(Upload { folder: self.into.folder, spec, digests, head: saved.head })
+        Ok(Upload { folder: self.into.folder, spec, digests })
     }
 }
 

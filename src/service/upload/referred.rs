@@ -3,8 +3,9 @@
 use futures_util::StreamExt as _;
 use object_store::GetRange;
 
-use super::{Destination, KEPT, Saved, Upload, kept_name, spec_of};
+use super::{Destination, Saved, Upload, kept_name, spec_of};
 use crate::error::{Error, Kind, Result};
+use crate::mesh::HEAD_BYTES;
 use crate::service::files::{Files, Incoming};
 use crate::service::intake::{Content, Rules};
 use crate::service::request::Wanted;
@@ -27,11 +28,11 @@ pub(super) async fn find(url: &str, files: &Files, folder: &mut Incoming, tenant
     let head = match found.bytes {
         0 => Vec::new(),
         bytes => {
-            let range = GetRange::Bounded(0..bytes.min(KEPT as u64));
+            let range = GetRange::Bounded(0..bytes.min(HEAD_BYTES as u64));
             files.read_referred(tenant, &referred, Some(range)).await?.bytes().await?.into()
         }
     };
-    folder.refers_to(found.bytes);
+    folder.is_referred();
     let saved = Saved { bytes: found.bytes, head, digest: None };
     Ok(Mesh { saved, file_name: url.rsplit('/').next().map(kept_name), referred })
 }
@@ -56,5 +57,5 @@ pub(super) async fn without_body(
     let mut spec = spec_of(wanted, format, mesh.saved.bytes)?;
     spec.file_name = mesh.file_name;
     spec.referred = Some(mesh.referred);
-    Ok(Upload { folder: into.folder, spec, digests: Vec::new(), head: mesh.saved.head })
+    Ok(Upload { folder: into.folder, spec, digests: Vec::new() })
 }

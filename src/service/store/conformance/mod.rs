@@ -105,7 +105,6 @@ fn spec(name: &str) -> Spec {
         listed_seeds: true,
         has_weights: true,
         is_small: false,
-        claimed_faces: None,
         priority: 0,
         kept: Kept::default(),
         referred: None,
