@@ -230,7 +230,7 @@ impl Transaction<'_> {
             self.effects.endings = true;
         }
         // a job that was given up may be run again
-        if !keeps_upload(problem) {
+        if !keeps_upload(problem.as_ref()) {
             self.rows.write("DELETE FROM blobs WHERE job = $1", values![live.number])?;
         }
         for blob in ending.iter().flat_map(|ending| &ending.result) {
