@@ -163,7 +163,7 @@ async fn part(response: Response, range: Range<u64>, length: u64) -> Result<Resp
 async fn slice(body: Body, range: Range<u64>) -> io::Result<Body> {
     let mut bytes = StreamReader::new(body.into_data_stream().map_err(io::Error::other));
     tokio::io::copy(&mut (&mut bytes).take(range.start), &mut tokio::io::sink()).await?;
-    Ok(Body::from_stream(ReaderStream::new(bytes.take(range.end - range.start))))
+    Ok(Body::from_stream(ReaderStream::with_capacity(bytes.take(range.end - range.start), 1 << 16)))
 }
 
 /// Reads the headers.
