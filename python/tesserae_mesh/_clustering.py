@@ -274,10 +274,26 @@ class Clustering:
         return geometry
 
     def plot(self, **options: Any) -> Any:
-        """Show the clusters in colours, by pyvista; `tesserae_mesh._plot.plot` describes the options."""
-        from tesserae_mesh._plot import plot
+        """Show the clusters by pyvista, in the colours that outputs have.
 
-        return plot(self, **options)
+        Parameters
+        ----------
+        **options
+            Of `pyvista.plot`, such as ``off_screen=True``, ``screenshot="clusters.png"`` and ``show_edges=True``.
+
+        Returns
+        -------
+        What `pyvista.plot` returns.
+
+        Raises
+        ------
+        tesserae_mesh.Error
+            pyvista is not installed (``"unavailable"``).
+        """
+        from tesserae_mesh._plot import polydata
+
+        mesh: Any = polydata(self.mesh)
+        return mesh.plot(scalars=_native.colours(self.clusters)[self.labels], rgb=True, **options)
 
     def __repr__(self) -> str:
         return f"Clustering({self._outcome.faces} faces, {self.clusters} clusters, energy {self.energy:.6g})"

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use super::files::{Extension, Target};
-use super::results::OutputFile;
 use crate::artifacts::{ALL, Artifact, Form, LABELS, MESH, REPORT};
 
 /// The flag.
@@ -17,7 +16,7 @@ static USUAL: [&Artifact; 3] = [&REPORT, &MESH, &LABELS];
 #[derive(Debug, Clone)]
 pub enum Named {
     /// An output.
-    File(OutputFile),
+    File(&'static Artifact, &'static Form, Target),
     /// A folder for labels, report and hierarchy.
     Folder(PathBuf),
 }
@@ -28,11 +27,15 @@ pub fn parse(path: PathBuf, writes: fn(&Artifact) -> bool, takes_folders: bool) 
     match is_folder {
         true if takes_folders => Ok(Named::Folder(path)),
         true => Err("it is a folder: give the name of a file in it".to_owned()),
-        false => file(Target::from(path), writes).map(Named::File),
+        false => {
+            let target = Target::from(path);
+            file(&target, writes).map(|(artifact, form)| Named::File(artifact, form, target))
+        }
     }
 }
 
-fn file(target: Target, writes: fn(&Artifact) -> bool) -> Result<OutputFile, String> {
+/// The output and the form of a file of this name.
+fn file(target: &Target, writes: fn(&Artifact) -> bool) -> Result<(&'static Artifact, &'static Form), String> {
     let extension = match target.extension() {
         Extension::Is(extension) => extension.to_string_lossy().to_ascii_lowercase(),
         Extension::None | Extension::Missing => {
@@ -40,13 +43,10 @@ fn file(target: Target, writes: fn(&Artifact) -> bool) -> Result<OutputFile, Str
         }
     };
     let fits = |form: &Form| target.ends_in(form.extension());
-    match meant(&extension, &fits, writes) {
-        Ok((artifact, form)) => Ok(OutputFile { flag: FLAG, artifact, form, target }),
-        Err(several) if several.is_empty() => {
-            Err(format!("no output has the extension .{extension}; there are {}", known(writes)))
-        }
-        Err(several) => Err(format!("say which output it is: {}", flags(&several, &extension))),
-    }
+    meant(&extension, &fits, writes).map_err(|several| match several.is_empty() {
+        true => format!("no output has the extension .{extension}; there are {}", known(writes)),
+        false => format!("say which output it is: {}", flags(&several, &extension)),
+    })
 }
 
 /// The output and the form of a file whose name has this last extension, and what `fits` of further ones; or else the
@@ -100,7 +100,7 @@ mod tests {
     use crate::artifacts::Need;
 
     fn of_job(name: &str) -> Result<(&'static str, &'static str), String> {
-        file(Target::from(PathBuf::from(name)), |_| true).map(|file| (file.artifact.name, file.form.file))
+        file(&Target::from(PathBuf::from(name)), |_| true).map(|(artifact, form)| (artifact.name, form.file))
     }
 
     #[test]
@@ -136,10 +136,10 @@ mod tests {
             let error = of_job(name).expect_err(name);
             assert!(words.iter().all(|word| error.contains(word)), "{name}: {error}");
         }
-        let of_mesh = |name: &str| file(Target::from(PathBuf::from(name)), |artifact| artifact.needs(Need::Mesh));
+        let of_mesh = |name: &str| file(&Target::from(PathBuf::from(name)), |artifact| artifact.needs(Need::Mesh));
         let error = of_mesh("x.json").expect_err("several");
         assert!(error.contains("--graph OUT.json or --boundaries OUT.json"), "{error}");
         assert!(of_mesh("x.npy").expect_err("none").contains("no output has the extension .npy"));
-        assert_eq!(of_mesh("x.csv").map(|file| file.artifact.name), Ok("clusters"));
+        assert_eq!(of_mesh("x.csv").map(|(artifact, _)| artifact.name), Ok("clusters"));
     }
 }

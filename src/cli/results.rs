@@ -139,7 +139,7 @@ impl<W: Writes> clap::FromArgMatches for OutputFiles<W> {
         let mut folders = Vec::new();
         for named in matches.get_many::<Named>(OUTPUT).into_iter().flatten().cloned() {
             match named {
-                Named::File(file) => files.push(file),
+                Named::File(artifact, form, target) => files.push(OutputFile { flag: FLAG, artifact, form, target }),
                 Named::Folder(folder) => folders.push(folder),
             }
         }

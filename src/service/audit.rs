@@ -44,7 +44,7 @@ pub(super) fn record(action: Action, caller: &Caller, job: impl Display) {
         token = caller.token_id(),
         client = origin.map(|origin| tracing::field::display(origin.client)),
         request = origin.map(|origin| origin.request.as_str()),
-        trace = origin.map(|origin| tracing::field::display(origin.trace.trace())),
+        trace = origin.map(|origin| origin.trace.trace()),
         "{name}"
     );
 }
@@ -59,7 +59,7 @@ pub(super) fn denied(kind: Kind, method: impl Display, path: &str, origin: Optio
         path,
         client = origin.map(|origin| tracing::field::display(origin.client)),
         request = origin.map(|origin| origin.request.as_str()),
-        trace = origin.map(|origin| tracing::field::display(origin.trace.trace())),
+        trace = origin.map(|origin| origin.trace.trace()),
         "denied"
     );
 }

@@ -5,19 +5,23 @@
 //! Labels whose digest is known have a tag made of that instead, which is the same wherever and whenever they were
 //! made.
 
+use std::io;
 use std::ops::Range;
 use std::sync::Arc;
 
-use axum::body::{Body, BodyDataStream, Bytes, HttpBody};
+use axum::body::{Body, HttpBody};
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use futures_util::TryStreamExt as _;
 use futures_util::future::BoxFuture;
-use futures_util::{StreamExt, stream};
 use sha2::{Digest, Sha256};
+use tokio::io::AsyncReadExt as _;
+use tokio_util::io::{ReaderStream, StreamReader};
 
 use super::problem::Failure;
+use super::upload::content_length;
 use crate::error::{Error, Kind};
 
 /// What compression adds to a tag, because compressed bytes are other bytes.
@@ -68,7 +72,8 @@ pub(super) async fn results(request: Request, next: Next) -> Response {
         *response.status_mut() = StatusCode::NOT_MODIFIED;
         return response;
     }
-    match (is_get, length(&response), asked.get(header::RANGE)) {
+    let length = content_length(response.headers()).or_else(|| response.body().size_hint().exact());
+    match (is_get, length, asked.get(header::RANGE)) {
         (true, Some(length), Some(range)) if if_range(&asked, &tag) => match parse(range, length) {
             Some(Ok(range)) => part(response, range, length).await.unwrap_or_else(Failure::into_response),
             Some(Err(error)) => Failure { complete_length: Some(length), ..error.into() }.into_response(),
@@ -118,12 +123,6 @@ fn if_range(asked: &HeaderMap, tag: &str) -> bool {
     asked.get(header::IF_RANGE).is_none_or(|value| value.as_bytes() == format!("\"{tag}\"").as_bytes())
 }
 
-/// Bytes of a response, if that is known.
-fn length(response: &Response) -> Option<u64> {
-    let declared = response.headers().get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse().ok());
-    declared.or_else(|| response.body().size_hint().exact())
-}
-
 /// The bytes of a `Range` header. None for what may be ignored: other units, several ranges, and nonsense.
 fn parse(range: &HeaderValue, length: u64) -> Option<Result<Range<u64>, Error>> {
     let range = range.to_str().ok()?.strip_prefix("bytes=")?.trim();
@@ -155,32 +154,16 @@ async fn part(response: Response, range: Range<u64>, length: u64) -> Result<Resp
     }
     let body = match parts.extensions.remove() {
         Some(Parts(part)) => part(range).await?,
-        None => Body::from_stream(slice(body.into_data_stream(), range)),
+        None => slice(body, range).await.map_err(|error| Error::io("the result cannot be read", error))?,
     };
     Ok(Response::from_parts(parts, body))
 }
 
-/// Some bytes of a stream: those before are read and dropped, those after are not read.
-fn slice(body: BodyDataStream, range: Range<u64>) -> impl stream::Stream<Item = Result<Bytes, axum::Error>> {
-    stream::unfold((body, range.start, range.end - range.start), |(mut body, mut skip, left)| async move {
-        if left == 0 {
-            return None;
-        }
-        loop {
-            let mut bytes = match body.next().await? {
-                Ok(bytes) => bytes,
-                Err(error) => return Some((Err(error), (body, skip, 0))),
-            };
-            let dropped = skip.min(bytes.len() as u64);
-            skip -= dropped;
-            drop(bytes.split_to(dropped as usize));
-            bytes.truncate(left.min(bytes.len() as u64) as usize);
-            if !bytes.is_empty() {
-                let left = left - bytes.len() as u64;
-                return Some((Ok(bytes), (body, skip, left)));
-            }
-        }
-    })
+/// Some bytes of a body: those before are read and dropped, those after are not read.
+async fn slice(body: Body, range: Range<u64>) -> io::Result<Body> {
+    let mut bytes = StreamReader::new(body.into_data_stream().map_err(io::Error::other));
+    tokio::io::copy(&mut (&mut bytes).take(range.start), &mut tokio::io::sink()).await?;
+    Ok(Body::from_stream(ReaderStream::with_capacity(bytes.take(range.end - range.start), 1 << 16)))
 }
 
 /// Reads the headers.
@@ -194,6 +177,9 @@ pub(super) fn for_fuzzing(headers: &HeaderMap, length: u64) {
 
 #[cfg(test)]
 mod tests {
+    use axum::body::Bytes;
+    use futures_util::stream;
+
     use super::*;
 
     #[test]
@@ -241,9 +227,9 @@ mod tests {
         let all: Vec<u8> = (0..=255).collect();
         for (chunk, range) in [(1, 0..256), (7, 3..4), (7, 6..8), (100, 99..201), (256, 255..256), (3, 0..1)] {
             let chunks: Vec<_> =
-                all.chunks(chunk).map(|bytes| Ok::<_, std::io::Error>(Bytes::copy_from_slice(bytes))).collect();
+                all.chunks(chunk).map(|bytes| Ok::<_, io::Error>(Bytes::copy_from_slice(bytes))).collect();
             let body = Body::from_stream(stream::iter(chunks));
-            let sliced = Body::from_stream(slice(body.into_data_stream(), range.clone()));
+            let sliced = slice(body, range.clone()).await.expect("a slice");
             let bytes = axum::body::to_bytes(sliced, 1000).await.expect("bytes");
             assert_eq!(bytes, all[range.start as usize..range.end as usize], "{chunk} {range:?}");
         }

@@ -1,6 +1,7 @@
 //! Content negotiation by `Accept` (RFC 9110 §12.5.1).
 
 use axum::http::{HeaderMap, header};
+use mime::{Mime, Name};
 
 use crate::artifacts::{Artifact, Form};
 use crate::error::{Error, Kind, Result};
@@ -31,15 +32,17 @@ pub(super) fn choose_among(
     forms: impl Iterator<Item = &'static Form>,
 ) -> Result<&'static Form> {
     let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
-    let accepted = match accepted.join(",") {
-        nothing if nothing.trim().is_empty() => "*/*".to_owned(),
-        accepted => accepted,
-    };
+    let accepted = accepted.join(",");
+    let mut ranges: Vec<Mime> =
+        accepted.split(',').take(MAX_RANGES).filter_map(|range| range.trim().parse().ok()).collect();
+    if accepted.trim().is_empty() {
+        ranges.push(mime::STAR_STAR);
+    }
     let mut best = None;
     for form in forms {
-        let quality = quality(&accepted, form.media_type);
-        if quality > 0 && best.is_none_or(|(_, other)| quality > other) {
-            best = Some((form, quality));
+        let weight = weight(&ranges, form.media_type);
+        if weight > 0.0 && best.is_none_or(|(_, other)| weight > other) {
+            best = Some((form, weight));
         }
     }
     best.map(|(form, _)| form).ok_or_else(|| {
@@ -51,32 +54,17 @@ pub(super) fn choose_among(
     })
 }
 
-/// How much a type is liked, in thousandths: by the most specific range that covers it, not by the most generous.
-fn quality(accepted: &str, media_type: &str) -> u32 {
-    let main_type = media_type.split('/').next().unwrap_or_default();
-    accepted
-        .split(',')
-        .take(MAX_RANGES)
-        .filter_map(|range| {
-            let mut fields = range.split(';').map(str::trim);
-            let range = fields.next()?;
-            let specificity = if range.eq_ignore_ascii_case(media_type) {
-                2
-            } else if range == "*/*" {
-                0
-            } else if range.strip_suffix("/*").is_some_and(|main| main.eq_ignore_ascii_case(main_type)) {
-                1
-            } else {
-                return None;
-            };
-            let weight = fields
-                .filter_map(|field| field.split_once('='))
-                .find(|(name, _)| name.trim().eq_ignore_ascii_case("q"))
-                .map_or(Some(1.0), |(_, value)| value.trim().parse::<f64>().ok())?;
-            Some((specificity, (weight.clamp(0.0, 1.0) * 1000.0) as u32))
-        })
-        .max()
-        .map_or(0, |(_, weight)| weight)
+/// How much a type is liked: by the most specific range that covers it, not by the most generous.
+fn weight(ranges: &[Mime], media_type: &str) -> f32 {
+    let is_star = |name: Name<'_>| name == mime::STAR;
+    let covers = |range: &&Mime| match (is_star(range.type_()), is_star(range.subtype())) {
+        (true, _) => true,
+        (false, true) => media_type.split('/').next() == Some(range.type_().as_str()),
+        (false, false) => media_type == range.essence_str(),
+    };
+    let stars = |range: &&Mime| u8::from(is_star(range.type_())) + u8::from(is_star(range.subtype()));
+    let weight = |range: &Mime| range.get_param("q").map_or(Ok(1.0), |weight| weight.as_str().parse::<f32>());
+    ranges.iter().filter(covers).min_by_key(stars).and_then(|range| weight(range).ok()).unwrap_or(0.0)
 }
 
 #[cfg(test)]

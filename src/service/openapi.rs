@@ -4,6 +4,7 @@
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use axum::http::header;
 use axum::response::IntoResponse;
@@ -14,13 +15,14 @@ use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
-use utoipa::{Modify, OpenApi, PartialSchema as _};
+use utoipa::{OpenApi, PartialSchema as _};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
 use super::api::binary::Binary;
-use super::api::{
-    create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, upload, workers,
-};
+use super::api::{self, events};
 use super::problem::{Answer, Problematic};
+use super::state::Shared;
 use super::store::PRIORITIES;
 use super::urls;
 use crate::artifacts::{self, Artifact, Choice, Form, Need};
@@ -38,25 +40,6 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         title = "Tesserae",
         description = "Clusters the faces of polygon meshes: a mesh in, one label a face and live energies out."
     ),
-    paths(
-        create::create,
-        list::list,
-        job::show,
-        remove::remove,
-        retry::retry,
-        upload::upload,
-        events::stream,
-        labels::labels,
-        hierarchy::hierarchy,
-        workers::list,
-        info::device,
-        info::formats,
-        info::version,
-        health::healthz,
-        health::readyz,
-        metrics::metrics,
-        show,
-    ),
     components(
         schemas(events::StateEvent, events::EndEvent),
         responses(Problematic)
@@ -66,84 +49,84 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         (name = "results", description = "What a job gave"),
         (name = "service", description = "The service itself"),
     ),
-    modifiers(&Adjustments),
 )]
 struct Document;
 
-/// What the derives cannot say: outputs come from their table, the members of `Parameters` are query parameters of
-/// `POST /v1/jobs` too, no request carries a null, and seeds are no path here.
-struct Adjustments;
+/// All routes of the service but the page's, and what the description says about them.
+pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
+    OpenApiRouter::with_openapi(Document::openapi()).merge(api::routes()).routes(routes!(show))
+}
 
-impl Modify for Adjustments {
-    fn modify(&self, document: &mut openapi::OpenApi) {
-        add_outputs(document);
-        let Some(components) = document.components.as_mut() else { return };
-        let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-            "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, \
-             /readyz, /v1/version and /openapi.yaml",
-        ));
-        components.add_security_scheme("token", SecurityScheme::Http(token.build()));
-        // either without or with one: which of the two is the operator's choice
-        let with_token = SecurityRequirement::new("token", Vec::<String>::new());
-        document.security = Some(vec![SecurityRequirement::default(), with_token]);
-        let schemas = &mut components.schemas;
-        let Some(RefOr::T(Schema::Object(parameters))) = schemas.get_mut("Parameters") else {
-            return;
-        };
-        if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
-            let on_the_command_line = seeds.description.take().unwrap_or_default();
-            seeds.description = Some(
-                on_the_command_line
-                    .replace("file:PATH with a list of face numbers", "listed, which is implied by a part `seeds`"),
-            );
-            seeds.enum_values =
-                Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
+/// Adds what the derives cannot say: outputs come from their table, the members of `Parameters` are query parameters of
+/// `POST /v1/jobs` too, no request carries a null, and seeds are no path here.
+fn complete(document: &mut openapi::OpenApi) {
+    add_outputs(document);
+    let Some(components) = document.components.as_mut() else { return };
+    let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
+        "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, \
+         /readyz, /v1/version and /openapi.yaml",
+    ));
+    components.add_security_scheme("token", SecurityScheme::Http(token.build()));
+    // either without or with one: which of the two is the operator's choice
+    let with_token = SecurityRequirement::new("token", Vec::<String>::new());
+    document.security = Some(vec![SecurityRequirement::default(), with_token]);
+    let schemas = &mut components.schemas;
+    let Some(RefOr::T(Schema::Object(parameters))) = schemas.get_mut("Parameters") else {
+        return;
+    };
+    if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
+        let on_the_command_line = seeds.description.take().unwrap_or_default();
+        seeds.description = Some(
+            on_the_command_line
+                .replace("file:PATH with a list of face numbers", "listed, which is implied by a part `seeds`"),
+        );
+        seeds.enum_values =
+            Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
+    }
+    let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
+    let mut of_jobs = parameters.clone();
+    of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
+    let webhook = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .description(Some("URL that is called at the end of the job; on a host that the operator allows"));
+    let priority = ObjectBuilder::new()
+        .schema_type(Type::Integer)
+        .minimum(Some(*PRIORITIES.start()))
+        .maximum(Some(*PRIORITIES.end()))
+        .description(Some("Of your waiting jobs, those with a higher priority start first; 0 when left out"));
+    of_jobs.properties.insert("priority".to_owned(), Schema::from(priority).into());
+    let outputs = ArrayBuilder::new()
+        .items(ObjectBuilder::new().schema_type(Type::String))
+        .description(Some("Files to make of the mesh, which is gone when the job has ended"));
+    of_jobs.properties.insert("outputs".to_owned(), Schema::from(outputs).into());
+    let keep_mesh = ObjectBuilder::new()
+        .schema_type(Type::Boolean)
+        .description(Some("Keep the mesh with the result, so that every output can be made of it later"));
+    of_jobs.properties.insert("keep_mesh".to_owned(), Schema::from(keep_mesh).into());
+    of_jobs.properties.insert("webhook".to_owned(), Schema::from(webhook).into());
+    schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
+    if let Some(form) = schemas.get_mut("UploadForm") {
+        refer_to(form, "#/components/schemas/Parameters", "#/components/schemas/JobParameters");
+    }
+    for (path, item) in &mut document.paths.paths {
+        for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+            if path.contains("{id}") {
+                operation.parameters.get_or_insert_default().insert(0, id_in(path).into());
+            }
+            add_common_answers(path, &mut operation.responses.responses);
         }
-        let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
-        let mut of_jobs = parameters.clone();
-        of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
-        let webhook = ObjectBuilder::new()
-            .schema_type(Type::String)
-            .description(Some("URL that is called at the end of the job; on a host that the operator allows"));
-        let priority = ObjectBuilder::new()
-            .schema_type(Type::Integer)
-            .minimum(Some(*PRIORITIES.start()))
-            .maximum(Some(*PRIORITIES.end()))
-            .description(Some("Of your waiting jobs, those with a higher priority start first; 0 when left out"));
-        of_jobs.properties.insert("priority".to_owned(), Schema::from(priority).into());
-        let outputs = ArrayBuilder::new()
-            .items(ObjectBuilder::new().schema_type(Type::String))
-            .description(Some("Files to make of the mesh, which is gone when the job has ended"));
-        of_jobs.properties.insert("outputs".to_owned(), Schema::from(outputs).into());
-        let keep_mesh = ObjectBuilder::new()
-            .schema_type(Type::Boolean)
-            .description(Some("Keep the mesh with the result, so that every output can be made of it later"));
-        of_jobs.properties.insert("keep_mesh".to_owned(), Schema::from(keep_mesh).into());
-        of_jobs.properties.insert("webhook".to_owned(), Schema::from(webhook).into());
-        schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
-        if let Some(form) = schemas.get_mut("UploadForm") {
-            refer_to(form, "#/components/schemas/Parameters", "#/components/schemas/JobParameters");
+        for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+            for parameter in operation.parameters.iter_mut().flatten() {
+                if let RefOr::T(parameter) = parameter {
+                    parameter.schema = parameter.schema.as_ref().and_then(without_null);
+                }
+            }
         }
-        for (path, item) in &mut document.paths.paths {
-            for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
-                if path.contains("{id}") {
-                    operation.parameters.get_or_insert_default().insert(0, id_in(path).into());
-                }
-                add_common_answers(path, &mut operation.responses.responses);
+        if let Some(post) = item.post.as_mut().filter(|_| path == "/v1/jobs") {
+            if let Some(RefOr::T(body)) = &mut post.request_body {
+                add_mesh_types(body);
             }
-            for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
-                for parameter in operation.parameters.iter_mut().flatten() {
-                    if let RefOr::T(parameter) = parameter {
-                        parameter.schema = parameter.schema.as_ref().and_then(without_null);
-                    }
-                }
-            }
-            if let Some(post) = item.post.as_mut().filter(|_| path == "/v1/jobs") {
-                if let Some(RefOr::T(body)) = &mut post.request_body {
-                    add_mesh_types(body);
-                }
-                post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
-            }
+            post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
         }
     }
 }
@@ -374,7 +357,9 @@ fn without_null(schema: &RefOr<Schema>) -> Option<RefOr<Schema>> {
 
 /// The description as YAML, as it stands in `openapi.yaml`.
 pub fn openapi_yaml() -> Result<String> {
-    Document::openapi()
+    let mut document = routes().into_openapi();
+    complete(&mut document);
+    document
         .to_yaml()
         .map(|yaml| super::yaml::quoted(&yaml))
         .map_err(|error| Error::new(Kind::Internal, format_args!("the description cannot be written: {error}")))

@@ -8,24 +8,20 @@ use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::Response;
-use axum::routing::{get, post};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::cors::CorsLayer;
+use tower_http::trace::TraceLayer;
 
 use super::access::Caller;
-use super::api::{
-    create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show, upload,
-    workers,
-};
+use super::access_log;
 use super::metrics::Metrics;
 use super::state::Shared;
 use super::traffic::sites::{self, Sites};
 use super::traffic::{self, heads, queries};
-use super::{access_log, conditional, openapi, page, problem, urls};
-use crate::artifacts::{self, Need};
+use super::{conditional, openapi, page, problem};
 
 /// Bytes from which on an answer is compressed if the client can read that.
 const COMPRESSED_FROM: u64 = 1024;
@@ -46,6 +42,14 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
     let proxies = shared.settings.traffic.trusted_proxies.clone().into();
     let layers = ServiceBuilder::new()
         .layer(from_fn_with_state(proxies, access_log::log))
+        .layer(
+            TraceLayer::new_for_http()
+                .make_span_with(access_log::span)
+                .on_request(())
+                .on_response(())
+                .on_eos(())
+                .on_failure(()),
+        )
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), every_answer))
         .option_layer(cors(&shared.settings.access.cors_origins))
         .layer(from_fn(conditional::distinguish_codings))
@@ -62,36 +66,8 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
-    let results =
-        artifacts::ALL.into_iter().filter(|artifact| artifact.is_served).fold(Router::new(), |routes, artifact| {
-            let handler = match artifact.name {
-                "labels" => get(labels::labels),
-                "hierarchy" => get(hierarchy::hierarchy),
-                _ if artifact.needs(Need::Mesh) => get(move |shared, caller, id, uri, headers| {
-                    derived::derived(artifact, shared, caller, id, uri, headers)
-                }),
-                _ => get(move |shared, caller, id, headers| output::output(artifact, shared, caller, id, headers)),
-            };
-            routes.route(&urls::route(artifact), handler)
-        });
-    let results = results.route("/v1/jobs/{id}/upload", get(upload::upload)).layer(from_fn(conditional::results));
-    let routes = Router::new()
-        .route("/v1/jobs", post(create::create).get(list::list))
-        .route("/v1/jobs/{id}", get(show::show).delete(remove::remove))
-        .route("/v1/jobs/{id}/retry", post(retry::retry))
-        .route("/v1/jobs/{id}/events", get(events::stream))
-        .merge(results)
-        .merge(page::routes().layer(from_fn(conditional::results)))
-        .route("/v1/workers", get(workers::list))
-        .route("/v1/device", get(info::device))
-        .route("/v1/formats", get(info::formats))
-        .route("/v1/version", get(info::version))
-        .route("/healthz", get(health::healthz))
-        .route("/readyz", get(health::readyz))
-        .route("/metrics", get(metrics::metrics))
-        .route("/openapi.yaml", get(openapi::show))
-        .layer(from_fn(remember_route))
-        .with_state(shared);
+    let page = page::routes().layer(from_fn(conditional::results));
+    let routes = openapi::routes().split_for_parts().0.merge(page).layer(from_fn(remember_route)).with_state(shared);
     // Around the router rather than around each route, where the answers that the router makes itself pass through.
     Router::new().fallback_service(routes).layer(layers)
 }

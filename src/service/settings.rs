@@ -30,9 +30,6 @@ use crate::error::{Error, Result};
 use crate::mesh::Limits;
 use crate::service::files::check_prefixes;
 
-/// Least bytes of memory with which the service can do anything.
-const LEAST_BYTES: u64 = 1 << 20;
-
 /// Settings of `tesserae serve`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct Settings {

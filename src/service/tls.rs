@@ -1,4 +1,4 @@
-//! The cryptography of connections that the service opens: to webhooks and to collectors of traces.
+//! The cryptography of connections that the service opens, as to webhooks and to the database.
 
 /// Chooses it for the process, once; what is chosen already stays.
 pub(super) fn prepare() {

@@ -1,5 +1,5 @@
-//! Imports: no module imports in a circle, no file or folder of the service does, and each only what stands above it
-//! in the map of the crate.
+//! Imports: no module and no file imports in a circle, no folder of the service does, and each only what stands above
+//! it in the map of the crate.
 //!
 //! The tests read the paths in the source (`crate::`, `super::`, `self::`, `use`), without comments and test code. A
 //! `mod` item is no import: a parent that declares a child does not use it.
@@ -21,6 +21,17 @@ type Graph = BTreeMap<String, BTreeSet<String>>;
 #[test]
 fn modules_do_not_import_in_circles() {
     assert_eq!(circles(&imports(&crate_sources(), layer)), Vec::<Vec<String>>::new());
+}
+
+#[test]
+fn files_do_not_import_in_circles() {
+    let graph = without_parents(imports(&crate_sources(), file));
+    assert!(graph.len() > 300 && graph["mesh::format"].contains("mesh::gltf"), "{graph:?}");
+    assert_eq!(circles(&graph), Vec::<Vec<String>>::new());
+    let graph = without_parents(python_imports(&sources(&["python/tesserae_mesh"], &["py"])));
+    let of = |from: &str, to: &str| graph[from].contains(to);
+    assert!(of("_cluster", "_clustering") && of("client::sync", "client::results"), "{graph:?}");
+    assert_eq!(circles(&graph), Vec::<Vec<String>>::new());
 }
 
 #[test]
@@ -109,6 +120,28 @@ fn a_circle_of_files_is_found_however_it_is_written() {
     }
 }
 
+#[test]
+fn circles_of_files_are_found_below_one_parent_and_in_python() {
+    let files = [
+        invented("src/mesh/mod.rs", "mod one;\npub use self::one::One;\npub struct Part;"),
+        invented("src/mesh/one.rs", "use super::Part;\nuse super::two::Two;"),
+        invented("src/mesh/two.rs", "use super::one::One;"),
+    ];
+    assert_eq!(circles(&without_parents(imports(&files, file))), [["mesh::one", "mesh::two"]]);
+    let files = [
+        invented("python/tesserae_mesh/__init__.py", "from tesserae_mesh._one import One"),
+        invented(
+            "python/tesserae_mesh/_one.py",
+            "from tesserae_mesh import _native\nfrom tesserae_mesh.client import two",
+        ),
+        invented(
+            "python/tesserae_mesh/client/two.py",
+            "def f():\n    from tesserae_mesh._one import (\n        One,\n    )",
+        ),
+    ];
+    assert_eq!(circles(&without_parents(python_imports(&files))), [["_one", "client::two"]]);
+}
+
 fn crate_sources() -> Vec<Source> {
     sources(&["src"], &["rs"])
 }
@@ -124,6 +157,19 @@ fn layer(module: &[String]) -> Option<String> {
     let is_engine = ENGINE.iter().any(|name| module.first().is_some_and(|first| first == name));
     let depth = if is_engine { module.len().min(2) } else { 1 };
     module.get(..depth).filter(|node| !node.is_empty()).map(|node| node.join("::"))
+}
+
+/// The node of a module among all files.
+fn file(module: &[String]) -> Option<String> {
+    (!module.is_empty()).then(|| module.join("::"))
+}
+
+/// A graph of files less the imports between a module and those inside it, which make one unit: a parent exports what
+/// its children define, and children use what it has in common for them.
+fn without_parents(mut graph: Graph) -> Graph {
+    let is_inside = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with("::"));
+    graph.iter_mut().for_each(|(from, all)| all.retain(|to| !is_inside(from, to) && !is_inside(to, from)));
+    graph
 }
 
 /// The node of a module among the files of the service.
@@ -149,6 +195,24 @@ fn imports(sources: &[Source], node: fn(&[String]) -> Option<String>) -> Graph {
         graph.entry(name.clone()).or_default().extend(to);
     }
     graph
+}
+
+/// The graph of imports between the modules of the Python package, those inside functions and for type checkers too.
+fn python_imports(sources: &[Source]) -> Graph {
+    let name = |path: &str| path.trim_start_matches("tesserae_mesh").trim_matches('.').replace('.', "::");
+    let module = |source: &Source| {
+        let path = source.path.trim_start_matches("python/").trim_end_matches(".py").trim_end_matches("/__init__");
+        name(&path.replace('/', "."))
+    };
+    let modules: BTreeSet<String> = sources.iter().map(module).collect();
+    let named = |line: &str| {
+        let (from, names) = line.trim().strip_prefix("from tesserae_mesh")?.split_once(" import ")?;
+        let names = names.trim_start_matches('(').split(", ").map(|inner| name(&format!("{from}.{inner}")));
+        let known = names.map(|inner| if modules.contains(&inner) { inner } else { name(from) });
+        Some(known.filter(|known| !known.is_empty()).collect::<Vec<_>>())
+    };
+    let imports = |source: &Source| source.text.lines().filter_map(named).flatten().collect();
+    sources.iter().map(|source| (module(source), imports(source))).filter(|(name, _)| !name.is_empty()).collect()
 }
 
 /// The source without comments and without what is compiled for tests only.

@@ -231,10 +231,10 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
     assert_eq!((&created["client"], &created["status"]), (&"198.51.100.7".into(), &202.into()), "{created}");
     assert!(created["latency_ms"].as_f64().expect("a number") > 0.0, "{created}");
     assert_eq!(created["received"], sphere(300).len(), "{created}");
-    assert_eq!(of("mine-2")["cut_short"], Value::Null, "all of the file was sent");
+    assert!(of("mine-2")["bytes"].as_u64() > Some(4 * 70_000), "all of the file was sent");
     let read = of(&id);
     assert_eq!((&read["bytes"], &read["client"]), (&bytes.into(), &"127.0.0.1".into()), "{read}");
-    assert!(lines.iter().all(|line| line["fields"]["path"] != "/healthz"), "probes are below INFO");
+    assert!(lines.iter().all(|line| line["fields"]["path"] != "/healthz"), "probes have no line");
     assert!(lines.iter().all(|line| line.get("span").is_none() && line.get("spans").is_none()), "{lines:#?}");
 
     let audit = log.lines("tesserae::audit");

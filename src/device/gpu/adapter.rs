@@ -1,9 +1,12 @@
 //! What adapters there are, and which of them can cluster.
 
 use super::Tuning;
-use super::kernels::KERNELS;
-use super::memory::largest_meshes;
-use crate::device::adapter::{AdapterKind, AdapterReport};
+use super::buffers::Sizes;
+use super::kernels::{KERNELS, needed};
+use crate::device::adapter::{AdapterKind, AdapterReport, LargestMeshes};
+
+/// Faces that threads of a dispatch can number in u32, the last row half empty.
+pub(super) const MOST_FACES: u64 = 1 << 31;
 
 impl From<wgpu::DeviceType> for AdapterKind {
     fn from(kind: wgpu::DeviceType) -> Self {
@@ -58,6 +61,26 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
         reason,
         largest: largest_meshes(&limits),
     }
+}
+
+/// The largest closed triangle meshes, by the sizes of their buffers.
+pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
+    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    let [flat, hierarchy] = [(false, 4), (true, 1)].map(|(is_merging, faces_a_cluster)| {
+        let needed = needed(is_merging);
+        let fits = |faces: u64| {
+            let clusters = (faces / faces_a_cluster).max(1);
+            let sizes = Sizes { faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
+            needed.iter().all(|buffer| (buffer.spec().bytes)(&sizes) <= most)
+        };
+        let (mut least, mut beyond) = (0, MOST_FACES + 1);
+        while beyond - least > 1 {
+            let middle = least.midpoint(beyond);
+            *(if fits(middle) { &mut least } else { &mut beyond }) = middle;
+        }
+        least
+    });
+    LargestMeshes { flat, hierarchy }
 }
 
 /// Why an adapter with these properties cannot cluster.

@@ -15,8 +15,7 @@ use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
 use super::kernels::{self, Kernel};
 use super::layout::IterationStats;
-use super::merge_steps::Search;
-use super::steps::{GpuSteps, History};
+use super::state::{GpuSteps, History, Search};
 use crate::device::{Cancel, Ending, FLOOD_FROM};
 use crate::error::Result;
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-use super::connection::lock;
+use super::lock;
 use crate::device::{Profile, StageTime};
 
 /// Passes that can be timed between two reads: a pass takes two queries of the set.

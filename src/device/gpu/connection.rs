@@ -4,10 +4,11 @@
 //! is called after every wait for the device. A connection that failed once is not used again: the next surface opens a
 //! new one.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::Receiver;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use rayon::prelude::*;
@@ -15,8 +16,7 @@ use rayon::prelude::*;
 use super::adapter::Found;
 use super::clock::{self, Clock};
 use super::kernels::{KERNELS, Kernel};
-use super::upload::Staging;
-use super::{Fault, FaultPoint, Overrides, Tuning};
+use super::{Fault, FaultPoint, Overrides, Tuning, lock};
 use crate::device::Profile;
 use crate::device::adapter::AdapterKind;
 use crate::error::{Error, Kind, Result};
@@ -51,15 +51,29 @@ pub(super) struct Connection {
     clock: Option<Clock>,
 }
 
+/// Memory that the host writes and the device copies from. Pieces are used again: wgpu fills new ones with zeros, which
+/// takes as long as writing what is to be sent.
+#[derive(Debug, Default)]
+pub(super) struct Staging {
+    /// Mapped.
+    pub(super) idle: Vec<wgpu::Buffer>,
+    /// In the order of their submissions.
+    pub(super) in_flight: VecDeque<InFlight>,
+}
+
+/// A piece from which the device copies; it is mapped again after that.
+#[derive(Debug)]
+pub(super) struct InFlight {
+    pub(super) buffer: wgpu::Buffer,
+    pub(super) submission: wgpu::SubmissionIndex,
+    pub(super) mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+}
+
 /// Failures that callbacks reported.
 #[derive(Debug, Default)]
 struct Health {
     lost: Mutex<Option<String>>,
     failed: Mutex<Option<Error>>,
-}
-
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Connection {

@@ -116,6 +116,12 @@ impl Kernel {
     }
 }
 
+/// The buffers that a flat clustering needs, or a hierarchy.
+pub fn needed(is_merging: bool) -> Vec<Buffer> {
+    let kernels = KERNELS.iter().filter(|kernel| is_merging || !kernel.is_merging());
+    kernels.flat_map(|kernel| kernel.bindings()).map(|binding| binding.buffer).collect()
+}
+
 /// The names that the first lines of a WGSL text have under a key.
 pub fn names(wgsl: &'static str, key: &str) -> impl Iterator<Item = &'static str> {
     let head = wgsl.lines().map_while(|line| line.strip_prefix("//! ")).filter_map(|line| line.split_once(": "));

@@ -6,13 +6,13 @@ use std::mem::size_of;
 
 use bytemuck::Zeroable;
 
+use super::adapter::MOST_FACES;
 use super::buffers::{BATCH, Buffer, Sizes};
 use super::connection::Connection;
-use super::kernels::{KERNELS, Kernel, Threads};
+use super::kernels::{self, Kernel, Threads};
 use super::layout::{Dispatch, Iteration};
 use super::upload::{upload, upload_graph};
 use super::{FaultPoint, Tuning};
-use crate::device::adapter::LargestMeshes;
 use crate::device::dual_edge::Ties;
 use crate::energy::words::Proxy;
 use crate::error::{Error, Kind, Result};
@@ -20,9 +20,6 @@ use crate::surface::DualGraph;
 
 /// The iteration, and the entry of the statistics, of what is done between batches.
 pub(super) const BETWEEN: u32 = BATCH;
-
-/// Faces that threads of a dispatch can number in u32, the last row half empty.
-const MOST_FACES: u64 = 1 << 31;
 
 /// A surface on the device.
 #[derive(Debug)]
@@ -62,7 +59,7 @@ impl SurfaceMemory {
             face_groups: u64::from(columns) * u64::from(rows),
         };
         connection.reach(FaultPoint::Upload);
-        let needed = needed(is_merging);
+        let needed = kernels::needed(is_merging);
         let create = |buffer: &Buffer| create(connection, *buffer, needed.contains(buffer).then_some(&sizes));
         let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
         let stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Iteration>() as u32);
@@ -179,32 +176,6 @@ impl SurfaceMemory {
         });
         (pipeline, bind_group)
     }
-}
-
-/// The buffers that a flat clustering needs, or a hierarchy.
-fn needed(is_merging: bool) -> Vec<Buffer> {
-    let kernels = KERNELS.iter().filter(|kernel| is_merging || !kernel.is_merging());
-    kernels.flat_map(|kernel| kernel.bindings()).map(|binding| binding.buffer).collect()
-}
-
-/// The largest closed triangle meshes, by the sizes of their buffers.
-pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
-    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-    let [flat, hierarchy] = [(false, 4), (true, 1)].map(|(is_merging, faces_a_cluster)| {
-        let needed = needed(is_merging);
-        let fits = |faces: u64| {
-            let clusters = (faces / faces_a_cluster).max(1);
-            let sizes = Sizes { faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
-            needed.iter().all(|buffer| (buffer.spec().bytes)(&sizes) <= most)
-        };
-        let (mut least, mut beyond) = (0, MOST_FACES + 1);
-        while beyond - least > 1 {
-            let middle = least.midpoint(beyond);
-            *(if fits(middle) { &mut least } else { &mut beyond }) = middle;
-        }
-        least
-    });
-    LargestMeshes { flat, hierarchy }
 }
 
 /// The proxies of clusters without faces.

@@ -14,30 +14,12 @@ use super::kernels::{self, Kernel};
 use super::layout::{CandidateEdge, CopiedSums, DualEdge as ListedEdge, IterationStats};
 use super::memory::BETWEEN;
 use super::readback::BatchStats;
-use super::steps::{GpuSteps, History};
+use super::state::{Found, GpuSteps, History, Search};
 use super::upload::upload;
 use crate::device::dual_edge::Ties;
 use crate::device::{DualEdge, FREE, MergeSteps};
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
-
-/// A search for dual edges.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Search {
-    /// The best of each cluster.
-    Best(Ties),
-    /// The cheapest of all.
-    Cheapest(Ties),
-}
-
-/// What a search has found.
-#[derive(Debug)]
-pub(super) enum Found {
-    /// In the order of the clusters.
-    Best(Vec<DualEdge>),
-    /// The ends, the smaller number first.
-    Cheapest(Option<(u32, u32)>),
-}
 
 impl GpuSteps<'_> {
     /// Encodes the removal of faces from the list that are no longer on a boundary, and a search.

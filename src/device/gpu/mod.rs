@@ -8,8 +8,9 @@
 //! | `kernels` | the table of kernels: a kernel is its WGSL file, a row, and a dispatch |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
+//! | `state` | what is known about a surface between the steps; `readback` brings results back |
+//! | `batches` | iterations that are queued at once |
 //! | `steps`, `pieces`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
-//! | `batches`, `readback` | iterations that are queued at once; results on their way back |
 //! | `probe` | what dispatches, round trips and transfers cost |
 //! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
@@ -46,24 +47,30 @@ mod pieces;
 mod probe;
 mod readback;
 mod self_test;
+mod state;
 mod steps;
 #[cfg(test)]
 mod tests;
 mod upload;
 mod verify;
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use self::adapter::Found;
 pub use self::choice::{adapters, open, open_hardware, tested_adapters};
-use self::connection::{Connection, lock};
+use self::connection::Connection;
 pub use self::probe::probe;
-use self::steps::GpuSteps;
+use self::state::GpuSteps;
 use super::adapter::AdapterReport;
 pub use super::tuning::Tuning;
 use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
+
+/// What a mutex holds, also after a panic.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Changes to how an adapter is opened: limits that tests lower instead of making meshes that reach them, and
 /// timestamps, which cost time.

@@ -3,7 +3,7 @@
 use super::FaultPoint;
 use super::buffers::Buffer;
 use super::kernels;
-use super::steps::{GpuSteps, Sums};
+use super::state::{GpuSteps, Sums};
 use crate::error::Result;
 
 impl GpuSteps<'_> {

@@ -10,7 +10,7 @@ use super::connection::PATIENCE;
 use super::kernels;
 use super::layout::{IterationStats, Move, UNLISTED};
 use super::memory::BETWEEN;
-use super::steps::{GpuSteps, History, Sums};
+use super::state::{GpuSteps, History, Sums};
 use super::verify::verify;
 use crate::error::Result;
 

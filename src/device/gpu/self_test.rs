@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use super::connection::Connection;
-use super::steps::GpuSteps;
+use super::state::GpuSteps;
 use crate::device::cpu::CpuDevice;
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Step};

@@ -4,12 +4,11 @@
 use std::mem::{offset_of, size_of};
 use std::sync::Arc;
 
-use super::adapter::enumerate;
+use super::adapter::{enumerate, largest_meshes};
 use super::buffers::Buffer;
 use super::kernels::{Kernel, Threads};
 use super::layout::BoundaryList;
-use super::memory::largest_meshes;
-use super::steps::GpuSteps;
+use super::state::GpuSteps;
 use super::{GpuDevice, Overrides};
 use crate::cluster::seeds;
 use crate::dev::sample::{Sample, generate};

@@ -1,12 +1,12 @@
 //! What the host writes to the device.
 
-use std::collections::VecDeque;
 use std::ops::Range;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::channel;
 
 use bytemuck::{Pod, cast, cast_slice};
 
-use super::connection::{Connection, PATIENCE, lock};
+use super::connection::{Connection, InFlight, PATIENCE, Staging};
+use super::lock;
 use crate::energy::Item;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
@@ -60,24 +60,6 @@ const PIECE: usize = 4 << 20;
 
 /// Pieces that a connection keeps: the host fills one while the device copies from others.
 const PIECES: usize = 4;
-
-/// Memory that the host writes and the device copies from. Pieces are used again: wgpu fills new ones with zeros, which
-/// takes as long as writing what is to be sent.
-#[derive(Debug, Default)]
-pub(super) struct Staging {
-    /// Mapped.
-    idle: Vec<wgpu::Buffer>,
-    /// In the order of their submissions.
-    in_flight: VecDeque<InFlight>,
-}
-
-/// A piece from which the device copies; it is mapped again after that.
-#[derive(Debug)]
-struct InFlight {
-    buffer: wgpu::Buffer,
-    submission: wgpu::SubmissionIndex,
-    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
-}
 
 impl Staging {
     /// A mapped piece.

@@ -10,7 +10,7 @@ use gltf::json;
 use serde::Deserialize;
 
 use super::{extensions, head};
-use crate::error::{Brief, Error, Quoted, Result, wrong_json};
+use crate::error::{Error, Result};
 use crate::mesh::allowance::Allowance;
 use crate::mesh::without_mark;
 
@@ -123,7 +123,7 @@ impl Document {
         Allowance::new(json.len() as u64).check_objects(objects)?;
         // versions come first: another version's JSON does not have the form of this one's
         head::check(json)?;
-        let document: Self = serde_json::from_slice(json).map_err(|error| unreadable::<Self>(json, error))?;
+        let document: Self = serde_json::from_slice(json).map_err(|error| head::unreadable::<Self>(json, error))?;
         extensions::check_required(&document.extensions_required)?;
         Ok(document)
     }
@@ -137,23 +137,6 @@ pub fn lookup<'a, T>(elements: &'a [T], index: usize, kind: &str, whence: &str) 
             elements.len()
         ))
     })
-}
-
-/// Why the JSON cannot be read as a `T`: where, by line and by path, and what.
-pub(super) fn unreadable<'de, T: Deserialize<'de>>(json: &'de [u8], error: serde_json::Error) -> Error {
-    let (line, column) = (error.line(), error.column());
-    let what = wrong_json(&error);
-    let place = format!("line {line}, column {column}");
-    if error.is_eof() {
-        return Error::mesh(format_args!("the glTF JSON is truncated: it ends in the middle of a value at {place}"));
-    }
-    if !error.is_data() {
-        return Error::mesh(format_args!("the glTF JSON is damaged at {place}: {}", Brief(what)));
-    }
-    // read once more, now noting the path, which costs time
-    let path = serde_path_to_error::deserialize::<_, T>(&mut serde_json::Deserializer::from_slice(json));
-    let path = path.err().map(|error| error.path().to_string()).unwrap_or_default();
-    Error::mesh(format_args!("the glTF JSON has a wrong value at {place}, {}: {}", Quoted(&path), Brief(what)))
 }
 
 /// An upper bound on the number of values in the JSON text, and the number of objects among them.

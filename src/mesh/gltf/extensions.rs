@@ -7,6 +7,9 @@
 
 use crate::error::{Error, Quoted, Result};
 
+/// The extension that replaces a primitive's accessors by compressed bytes.
+pub const DRACO: &str = "KHR_draco_mesh_compression";
+
 /// Extensions that change geometry and are read here.
 const READ: [&str; 5] = [
     "EXT_mesh_gpu_instancing",
@@ -65,7 +68,7 @@ const HARMLESS: [&str; 22] = [
 pub fn check_required(required: &[String]) -> Result<()> {
     match required.iter().find(|name| !READ.contains(&name.as_str()) && !is_harmless(name)) {
         None => Ok(()),
-        Some(name) if name == super::primitive::DRACO => Err(Error::unsupported(format_args!(
+        Some(name) if name == DRACO => Err(Error::unsupported(format_args!(
             "the glTF file is compressed with Draco, which is not read: export it without compression, or compressed \
              with meshopt (extensionsRequired: {})",
             Quoted(name)

@@ -9,8 +9,7 @@ use serde::de::{Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::document::unreadable;
-use crate::error::{Error, Quoted, Result};
+use crate::error::{Brief, Error, Quoted, Result, wrong_json};
 
 /// The parts of the JSON that tell its version.
 #[derive(Debug, Deserialize)]
@@ -119,5 +118,22 @@ fn text<'a>(asset: &'a Value, field: &str) -> Result<Option<&'a str>> {
 
 /// A JSON value in a message.
 fn short(value: &impl Serialize) -> String {
-    crate::error::Brief(serde_json::to_string(value).unwrap_or_default()).to_string()
+    Brief(serde_json::to_string(value).unwrap_or_default()).to_string()
+}
+
+/// Why the JSON cannot be read as a `T`: where, by line and by path, and what.
+pub fn unreadable<'de, T: Deserialize<'de>>(json: &'de [u8], error: serde_json::Error) -> Error {
+    let (line, column) = (error.line(), error.column());
+    let what = wrong_json(&error);
+    let place = format!("line {line}, column {column}");
+    if error.is_eof() {
+        return Error::mesh(format_args!("the glTF JSON is truncated: it ends in the middle of a value at {place}"));
+    }
+    if !error.is_data() {
+        return Error::mesh(format_args!("the glTF JSON is damaged at {place}: {}", Brief(what)));
+    }
+    // read once more, now noting the path, which costs time
+    let path = serde_path_to_error::deserialize::<_, T>(&mut serde_json::Deserializer::from_slice(json));
+    let path = path.err().map(|error| error.path().to_string()).unwrap_or_default();
+    Error::mesh(format_args!("the glTF JSON has a wrong value at {place}, {}: {}", Quoted(&path), Brief(what)))
 }

@@ -7,10 +7,8 @@ use gltf::json::validation::Checked;
 
 use super::accessor::{Accessors, Elements};
 use super::document::{Document, lookup};
+use super::extensions::DRACO;
 use crate::error::{Error, Quoted, Result};
-
-/// The extension that replaces a primitive's accessors by compressed bytes.
-pub const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// A primitive made of triangles whose bytes are there.
 #[derive(Debug)]

@@ -6,9 +6,9 @@
 
 use rayon::prelude::*;
 
-use super::header::{Element, Header, Order, Property, shown};
+use super::header::{Element, Header, Property, shown};
 use super::roles::Role;
-use super::value::Integer;
+use super::value::{Integer, Order};
 use super::{Contents, fault};
 use crate::error::{Error, Result};
 use crate::mesh::polygons::Polygons;

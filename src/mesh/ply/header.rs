@@ -14,7 +14,7 @@
 //! Its lines end at line feeds, or at carriage returns where the first line does. The data begin right after the line
 //! `end_header`: the next byte is data, even if it is a line feed.
 
-use super::value::Type;
+use super::value::{Order, Type};
 use crate::error::{Error, Quoted, Result};
 use crate::mesh::text::is_space;
 
@@ -47,25 +47,6 @@ pub enum Encoding {
     Text,
     /// As bytes.
     Binary(Order),
-}
-
-/// Which byte of a number comes first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Order {
-    /// The least significant one.
-    Little,
-    /// The most significant one.
-    Big,
-}
-
-impl Order {
-    /// The other one.
-    pub fn other(self) -> Self {
-        match self {
-            Self::Little => Self::Big,
-            Self::Big => Self::Little,
-        }
-    }
 }
 
 impl Encoding {

@@ -1,6 +1,23 @@
 //! Types of values: their two sets of names, their sizes, and how they are read in either byte order.
 
-use super::header::Order;
+/// Which byte of a number comes first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// The least significant one.
+    Little,
+    /// The most significant one.
+    Big,
+}
+
+impl Order {
+    /// The other one.
+    pub fn other(self) -> Self {
+        match self {
+            Self::Little => Self::Big,
+            Self::Big => Self::Little,
+        }
+    }
+}
 
 /// The type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -22,7 +22,7 @@ use crate::service::intake::Rules;
 use crate::service::problem::{Answer, Failure, Problematic};
 use crate::service::state::{App, Shared};
 use crate::service::store::{Created, Job, NewJob};
-use crate::service::trace::TraceParent;
+use crate::service::trace::Origin;
 use crate::service::upload::{self, Upload};
 use crate::service::{idempotency, intake, prefer, urls};
 
@@ -122,7 +122,7 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
         }
     }
     let wait = prefer::wait(request.headers());
-    let parent = request.extensions().get::<TraceParent>().map(TraceParent::to_string);
+    let parent = request.extensions().get::<Origin>().map(|origin| origin.trace.to_string());
     let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
     upload.spec.trace_parent = parent;
     if let Some(webhook) = &upload.spec.webhook {

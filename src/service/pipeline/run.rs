@@ -61,7 +61,7 @@ impl Pipeline {
                     clusters = job.spec.parameters.clusters,
                 );
                 if let Some(parent) = job.spec.trace_parent.as_deref().and_then(TraceParent::parse) {
-                    span.record("trace", tracing::field::display(parent.trace()));
+                    span.record("trace", parent.trace());
                 }
                 let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
                 jobs.spawn(work.instrument(span));

@@ -43,13 +43,7 @@ pub struct StorageSettings {
 
 impl Default for StorageSettings {
     fn default() -> Self {
-        Self {
-            store: None,
-            blobs: None,
-            mesh_prefixes: Vec::new(),
-            retention: 7 * 86_400,
-            min_free_bytes: 256 << 20,
-        }
+        Self { store: None, blobs: None, mesh_prefixes: Vec::new(), retention: 7 * 86_400, min_free_bytes: 256 << 20 }
     }
 }
 

@@ -79,9 +79,8 @@ impl Store {
         }
         *self.next_start.lock() = None;
         // a look without the lock: many workers are woken by an arrival
-        let waits = |rows: &mut dyn Rows| {
-            rows.first("SELECT number FROM jobs WHERE state = 'queued' LIMIT 1", Vec::new())
-        };
+        let waits =
+            |rows: &mut dyn Rows| rows.first("SELECT number FROM jobs WHERE state = 'queued' LIMIT 1", Vec::new());
         if self.read("look", waits).await?.is_none() {
             return Ok(Vec::new());
         }

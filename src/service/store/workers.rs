@@ -120,7 +120,8 @@ impl Store {
         let found = self.read_much("workers", |rows| {
             let since = rows.now()? - SHOWN;
             let sql = "SELECT worker_id, id FROM jobs WHERE state = 'running' ORDER BY number";
-            let found = rows.all(&[("SELECT * FROM workers ORDER BY started_at, id", Vec::new()), (sql, Vec::new())])?;
+            let found =
+                rows.all(&[("SELECT * FROM workers ORDER BY started_at, id", Vec::new()), (sql, Vec::new())])?;
             let mut jobs = HashMap::<Option<Uuid>, Vec<JobId>>::new();
             for row in found.get(1).into_iter().flatten() {
                 jobs.entry(row.get("worker_id")?).or_default().push(row.get("id")?);
@@ -171,7 +172,9 @@ impl Store {
         let ids = |rows: Vec<Row>| rows.iter().map(|row| row.get("job")).collect::<Result<Vec<_>>>();
         let rows = match self.is_shared() {
             true => self.change("untold", take).await?,
-            false => self.read_much("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?,
+            false => {
+                self.read_much("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?
+            }
         };
         ids(rows)
     }

@@ -8,15 +8,22 @@ use hyper::body::{Frame, SizeHint};
 
 /// A body with a guard.
 #[derive(Debug)]
-pub(super) struct Guarded<G> {
+pub(in crate::service) struct Guarded<G> {
     body: Body,
-    _guard: G,
+    guard: G,
+    /// Notes bytes that are sent.
+    note: fn(&mut G, usize),
 }
 
 impl<G> Guarded<G> {
     /// `guard` is dropped with the body.
     pub fn new(body: Body, guard: G) -> Self {
-        Self { body, _guard: guard }
+        Self::noting(body, guard, |_, _| {})
+    }
+
+    /// The same, with a note of the bytes of each frame.
+    pub fn noting(body: Body, guard: G, note: fn(&mut G, usize)) -> Self {
+        Self { body, guard, note }
     }
 }
 
@@ -28,7 +35,12 @@ impl<G: Unpin> HttpBody for Guarded<G> {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        Pin::new(&mut self.body).poll_frame(context)
+        let this = &mut *self;
+        let polled = Pin::new(&mut this.body).poll_frame(context);
+        if let Poll::Ready(Some(Ok(frame))) = &polled {
+            (this.note)(&mut this.guard, frame.data_ref().map_or(0, Bytes::len));
+        }
+        polled
     }
 
     fn is_end_stream(&self) -> bool {

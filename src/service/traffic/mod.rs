@@ -13,7 +13,7 @@
 
 mod clients;
 pub(super) mod connections;
-mod guarded;
+pub(super) mod guarded;
 pub(super) mod heads;
 pub(super) mod origin;
 pub(super) mod queries;
