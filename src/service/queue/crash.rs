@@ -2,9 +2,9 @@
 
 use std::time::{Duration, SystemTime};
 
-use super::claim::View;
 use super::job::{Change, Standing};
 use super::rules::Rules;
+use super::view::View;
 
 /// Time alone after the first crash.
 const ALONE: Duration = Duration::from_secs(30);
@@ -60,11 +60,13 @@ pub(super) fn allowed(
     });
     let Some((start, _, crashes, index)) = waiting.min() else { return Allowed::Others(None) };
     let latest = start + alone(crashes);
-    match (start > now, view.mine.is_empty(), latest > now) {
-        (true, ..) => Allowed::Others(Some(start)),
-        (false, false, true) if view.is_least_busy => Allowed::Nothing(latest),
-        (false, false, true) => Allowed::Others(Some(latest)),
-        (false, ..) if limit == 0 => Allowed::Others(None),
-        (false, ..) => Allowed::Suspect(index),
+    if start > now {
+        Allowed::Others(Some(start))
+    } else if limit > 0 && (view.mine.is_empty() || latest <= now) {
+        Allowed::Suspect(index)
+    } else if latest > now && view.is_least_busy {
+        Allowed::Nothing(latest)
+    } else {
+        Allowed::Others((latest > now).then_some(latest))
     }
 }

@@ -42,7 +42,15 @@
 //! holds its worker up for half a minute, unless it was in many crashes.
 //!
 //! Time alone is bounded, so a worker that is never idle starts a suspect, too.
-
+//!
+//! Cases without a rule of their own:
+//!
+//! | case | what happens |
+//! |---|---|
+//! | a crash while several jobs ran, one of them a suspect | counts for none; each is alone for longer next time |
+//! | several suspects of one crash | start one after the other, each alone |
+//! | many crashes of one job | the pause stays the same; the time alone doubles |
+//! | several workers that could wait for a suspect | no reservation: the one with the fewest jobs waits |
 
 mod claim;
 mod crash;
@@ -54,8 +62,10 @@ pub(in crate::service) mod model;
 mod rules;
 #[cfg(test)]
 mod tests;
+mod view;
 
-pub(in crate::service) use self::claim::{Claiming, Picks, Share, Shares, Suspect, Tenant, Turn, View, Waiting, claim};
+pub(in crate::service) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
 pub(in crate::service) use self::crash::crashed;
 pub(in crate::service) use self::job::{Change, Event, Refused, Release, Standing, State};
 pub(in crate::service) use self::rules::{Rules, not_yours};
+pub(in crate::service) use self::view::{Suspect, Tenant, View, Waiting};

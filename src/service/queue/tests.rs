@@ -1,3 +1,5 @@
+//! Each rule, and random histories of all of them.
+
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, SystemTime};
 
@@ -8,7 +10,7 @@ use proptest::test_runner::TestRunner;
 
 use super::history::{New, RULES, Step, Stored, histories, play, state};
 use super::model::{Altered, Model, claiming};
-use super::{Change, Picks, Rules, Standing, State, Suspect, Tenant, View, Waiting, claim};
+use super::{Change, Picks, Refused, Standing, State, Suspect, Tenant, Turn, View, Waiting, claim, crashed};
 
 fn seen(history: &[Step], workers: usize, altered: Altered, ends: bool) -> Vec<String> {
     let mut model = Model::new(workers, altered);
@@ -106,6 +108,7 @@ fn a_suspect_starts_alone_and_waits_for_that_in_bounded_time() {
     assert_eq!(picks(&[], due - seconds(1), 8, true), (vec![0, 1], Some(due)), "it pauses");
     let latest = due + seconds(60);
     assert_eq!(picks(&[running], due + seconds(59), 0, true), (vec![], Some(latest)), "others end first");
+    assert_eq!(picks(&[], due, 0, true), (vec![], Some(latest)), "a place becomes free first");
     assert_eq!(picks(&[running], due + seconds(59), 8, false), (vec![0, 1], Some(latest)), "another worker waits");
     assert_eq!(picks(&[running], latest, 8, true), (vec![9], None), "others take too long");
     assert_eq!(picks(&[running], latest, 0, true), (vec![0], None), "it takes no place for newcomers");
@@ -117,8 +120,28 @@ fn a_suspect_starts_alone_and_waits_for_that_in_bounded_time() {
     assert_eq!(picks(&[alone], before, 8, true), (vec![9], None));
     let capped = vec![Tenant { suspect: Some(suspect), ..tenant("c", 1, 0.0, 0..2) }];
     assert_eq!(claim(view(capped), &claiming(0, 8, 0, 1), &RULES, due), Picks::default(), "its tenant is at its limit");
+    let turns = claim(view(tenants()), &claiming(0, 8, 1, 1), &RULES, due).turns;
+    assert_eq!(turns, [Turn { tenant: "a".to_owned(), served: 0.0, next: 1.0 }], "it is a turn like any other");
     assert_eq!([1, 2, 8].map(super::crash::alone), [30, 60, 3840].map(seconds));
     assert!(super::crash::alone(u32::MAX) < seconds(1 << 22));
+}
+
+#[test]
+fn a_job_is_claimed_once_blamed_alone_and_begins_anew_with_a_retry() {
+    let apply = |job: Standing, change| job.apply(change, &RULES, now());
+    let claim = Change::Claim { worker: "w".into(), lease: Duration::ZERO, is_small: true };
+    let (running, _) = apply(Standing::created().0, claim.clone()).expect("it waits");
+    assert_eq!(apply(running, claim), Err(Refused(State::Running)));
+    let claimed = Standing { has_begun: false, ..running };
+    let blamed = |counts: [bool; 2]| counts.map(|counts| Change::Crashed { counts });
+    assert_eq!(crashed(&[claimed, running]), blamed([false, true]));
+    assert_eq!(crashed(&[running, running]), blamed([false, false]), "either may have caused it");
+    let ended = Standing { state: State::Succeeded, ..running };
+    assert_eq!(apply(ended, Change::Cancel), Ok((ended, None)), "it stays");
+    let failed = Standing { state: State::Failed, suspicion: 5, cancel_requested: true, ..running };
+    let (again, _) = apply(failed, Change::Retry).expect("it failed");
+    assert_eq!((again.uncounted, again.suspicion, again.not_before), (again.attempt, 1, Some(now())));
+    assert!(!again.cancel_requested && !again.has_begun);
 }
 
 /// On a worker that is never idle: jobs take 40 seconds, and one is claimed every 20.

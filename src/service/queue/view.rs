@@ -1,0 +1,54 @@
+//! What the rules of a claim see of the queue.
+
+use std::time::SystemTime;
+
+use super::job::Standing;
+
+/// What a store loads for a claim, in the transaction of the claim. One claim at a time sees the queue.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct View {
+    /// The tenants with waiting jobs, in any order.
+    pub tenants: Vec<Tenant>,
+    /// The latest start of a turn of any tenant: the largest `served`, 0 when there is none.
+    pub clock: f64,
+    /// The running jobs of this worker.
+    pub mine: Vec<Standing>,
+    /// Whether no other worker comes before this one by (number of running jobs, id). Only workers count that run a
+    /// job, run no suspect and do not drain. True in a store of one worker.
+    pub is_least_busy: bool,
+}
+
+/// A tenant with waiting jobs.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Tenant {
+    /// Its name.
+    pub name: String,
+    /// Its jobs that run, on any worker.
+    pub running: u64,
+    /// When its next turn starts, in virtual time: `next` of its last [`Turn`](super::Turn), 0 before the first one.
+    pub next: f64,
+    /// Its first waiting jobs that are no suspects, by urgency, then by number: as many as are claimed, if there are.
+    pub waiting: Vec<Waiting>,
+    /// Of its waiting suspects the one with the earliest `not_before`, then the smallest number.
+    pub suspect: Option<Suspect>,
+}
+
+/// A waiting job. The order is that in which a tenant's jobs are claimed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::service) struct Waiting {
+    /// The priority, negated.
+    pub urgency: i16,
+    /// Counts the jobs ever created.
+    pub number: i64,
+}
+
+/// A waiting job that is a suspect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) struct Suspect {
+    /// Counts the jobs ever created.
+    pub number: i64,
+    /// Its [`Standing::suspicion`].
+    pub crashes: u32,
+    /// Its [`Standing::not_before`].
+    pub not_before: SystemTime,
+}
