@@ -44,10 +44,11 @@ const TURN: usize = 1 << 16;
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
 const ANY_INFLATION: u64 = 1 << 20;
 
-/// How many times as large as its compressed form an upload may be: meshes as text become up to 20 times as large.
+/// How many times as large as its compressed form an upload may be: more than text of meshes, a tenth of what DEFLATE
+/// can reach.
 const MAX_INFLATION: u64 = 100;
 
-/// Bytes a second that an upload must bring on average: the slowest mobile networks bring ten times as many.
+/// Bytes a second that an upload must bring on average: a GSM modem brings 1,200.
 const MIN_RATE: u64 = 1024;
 
 /// What a body may be like.

@@ -28,7 +28,8 @@ pub enum LogFormat {
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct LogSettings {
     /// What the lines of the log look like
-    #[arg(long, env = "TESSERAE_LOG_FORMAT", value_enum, help_heading = heading::LOG, default_value_t)]
+    #[arg(long, env = "TESSERAE_LOG_FORMAT", value_enum,
+          hide_short_help = true, help_heading = heading::LOG, default_value_t)]
     pub log_format: LogFormat,
 
     /// What is logged: a level, or a list such as `info,tesserae::access=warn`, which is no access log

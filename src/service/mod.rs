@@ -102,6 +102,7 @@ pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use preflight::preflight;
 pub use server::{Extras, Server, serve};
+pub(crate) use settings::heading;
 pub use settings::{
     AccessSettings, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookSettings, WorkSettings,
 };

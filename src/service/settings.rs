@@ -11,7 +11,7 @@ macro_rules! durations {
 }
 
 mod access;
-pub(super) mod heading;
+pub(crate) mod heading;
 mod storage;
 mod traffic;
 mod webhooks;
@@ -54,24 +54,27 @@ pub struct Settings {
     pub max_upload_bytes: u64,
 
     /// Largest number of faces of a mesh
-    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", help_heading = heading::LIMITS,
+    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", hide_short_help = true, help_heading = heading::LIMITS,
           default_value_t = Settings::default().max_faces)]
     pub max_faces: u64,
 
     /// Jobs that may wait; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", help_heading = heading::LIMITS,
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N",
+          hide_short_help = true, help_heading = heading::LIMITS,
           default_value_t = Settings::default().max_queued_jobs)]
     pub max_queued_jobs: usize,
 
     /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory
     /// allows
-    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", help_heading = heading::WORK,
+    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N",
+          hide_short_help = true, help_heading = heading::WORK,
           default_value_t = Settings::default().meshes_in_memory,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub meshes_in_memory: usize,
 
     /// Time that running jobs get to finish when the service is asked to stop, in seconds
-    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS", help_heading = heading::STOP,
+    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS",
+          hide_short_help = true, help_heading = heading::STOP,
           default_value_t = Settings::default().grace_period,
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,

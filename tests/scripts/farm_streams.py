@@ -1,17 +1,24 @@
 """Many event streams of one job, over two front ends."""
 
 import asyncio
+import json
 import re
 import resource
+import subprocess
 import time
 
-from farm_replica import BINARY, MANY, WORK, Replica, ended, submitted
+from farm_replica import BINARY, MANY, TOKENS, WORK, Replica, ended, submitted
 from service import resident
 
 
-async def open_stream(replica, path):
+# streams from one address: a service takes 2,048 connections from one
+FROM_ADDRESS = 1000
+
+
+async def open_stream(replica, path, number):
     """A stream of a job's events that has given its first one: both ends of the connection, and that event."""
-    reader, writer = await asyncio.open_connection(*replica.address)
+    address = f"127.0.0.{1 + number // FROM_ADDRESS}"
+    reader, writer = await asyncio.open_connection(*replica.address, local_addr=(address, 0))
     host = "%s:%d" % replica.address
     # 1.0, so that the stream comes without the lengths of chunks
     writer.write(f"GET {path} HTTP/1.0\r\nHost: {host}\r\nAuthorization: Bearer {MANY}\r\n\r\n".encode())
@@ -33,7 +40,7 @@ async def follow_all(fronts, worker, path, count):
 
     async def one(number):
         async with at_once:
-            return await open_stream(fronts[number % 2], path)
+            return await open_stream(fronts[number % 2], path, number)
 
     streams = await asyncio.gather(*(one(number) for number in range(count)))
     full = [resident(front.process) for front in fronts]
@@ -48,9 +55,9 @@ def follow_one_job(database, kind, count):
     if count == 0:
         return
     resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
-    limits = [flag for name in ("streams", "streams-per-client", "connections-per-address")
-              for flag in (f"--max-{name}", str(count))]
-    names = [("stream-front-1", ["--work", "off", *limits]), ("stream-front-2", ["--work", "off", *limits]),
+    quota = json.dumps({"max_streams": count})
+    subprocess.run([BINARY, "token", "quota", "many", quota, "--tokens", TOKENS], check=True)
+    names = [("stream-front-1", ["--work", "off"]), ("stream-front-2", ["--work", "off"]),
              ("stream-worker", ["--work", "on"])]
     replicas = []
     try:
@@ -73,7 +80,7 @@ def follow_one_job(database, kind, count):
               f"each; all had the {len(numbers)} events of a job {lasting:.1f} s after its worker was started")
     except BaseException:
         for replica in replicas:
-            print(f"--- {replica.name}\n{replica.tail()}")
+            print(f"--- {replica.part}\n{replica.tail()}")
         raise
     finally:
         for replica in replicas:

@@ -322,27 +322,26 @@ async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
 
 #[tokio::test]
 async fn uploads_share_the_bytes_in_flight() {
-    // four times as much may come in at a time
-    let service = Service::with(|settings| settings.max_upload_bytes = 25_000, Box::new(CpuDevice::new())).await;
+    let change = |settings: &mut Settings| {
+        settings.traffic.constants.bytes_in_flight = 100_000;
+        settings.max_upload_bytes = 100_000;
+    };
+    let service = Service::with(change, Box::new(CpuDevice::new())).await;
+    let mut slow = TcpStream::connect(service.address).await.expect("connected");
     let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n\
          Transfer-Encoding: chunked\r\n\r\n";
-    let mut slow = Vec::new();
-    for _ in 0..4 {
-        let mut upload = TcpStream::connect(service.address).await.expect("connected");
-        upload.write_all(head.as_bytes()).await.expect("sent");
-        upload.write_all(format!("{:x}\r\n", 24_000).as_bytes()).await.expect("sent");
-        upload.write_all(&b"v 0 0 0\n".repeat(24_000 / 8)).await.expect("sent");
-        slow.push(upload);
-    }
-    until(async || metric(&service, "tesserae_upload_in_flight_bytes").await >= 96_000.0).await;
+    slow.write_all(head.as_bytes()).await.expect("sent");
+    slow.write_all(format!("{:x}\r\n", 90_000).as_bytes()).await.expect("sent");
+    slow.write_all(&b"v 0 0 0\n".repeat(90_000 / 8)).await.expect("sent");
+    until(async || metric(&service, "tesserae_upload_in_flight_bytes").await >= 90_000.0).await;
     let post = || service.post("/v1/jobs?clusters=2").header("content-type", "model/obj");
-    let detail = refused(post().body(sphere(300)), 503, "overloaded").await;
+    let detail = refused(post().body(sphere(600)), 503, "overloaded").await;
     assert!(detail.ends_with("100000"), "{detail}");
-    let form = Form::new().part("mesh", Part::bytes(sphere(300)).file_name("a.obj"));
+    let form = Form::new().part("mesh", Part::bytes(sphere(600)).file_name("a.obj"));
     refused(service.post("/v1/jobs?clusters=2").multipart(form), 503, "overloaded").await;
     drop(slow);
     until(async || metric(&service, "tesserae_upload_in_flight_bytes").await == 0.0).await;
-    assert_eq!(post().body(sphere(300)).send().await.expect("answered").status(), 202);
+    assert_eq!(post().body(sphere(600)).send().await.expect("answered").status(), 202);
 }
 
 #[tokio::test]

@@ -36,11 +36,13 @@ pub struct StorageSettings {
 
     /// Bytes in the data folder above which uploads are refused; no limit when left out. What lies elsewhere (--blobs)
     /// does not count
-    #[arg(long, env = "TESSERAE_MAX_DISK_BYTES", value_name = "BYTES", help_heading = heading::ROOM)]
+    #[arg(long, env = "TESSERAE_MAX_DISK_BYTES", value_name = "BYTES",
+          hide_short_help = true, help_heading = heading::ROOM)]
     pub max_disk_bytes: Option<u64>,
 
     /// Free bytes of the disk below which uploads are refused, so that what was accepted can end
-    #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES", help_heading = heading::ROOM,
+    #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES",
+          hide_short_help = true, help_heading = heading::ROOM,
           default_value_t = StorageSettings::default().min_free_bytes)]
     pub min_free_bytes: u64,
 }

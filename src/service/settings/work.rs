@@ -22,7 +22,8 @@ pub struct WorkSettings {
     pub work: Switch,
 
     /// Time that a job may take on the device and until its results are made, in seconds; 0 for any
-    #[arg(long, env = "TESSERAE_MAX_JOB_SECONDS", value_name = "SECONDS", help_heading = heading::WORK,
+    #[arg(long, env = "TESSERAE_MAX_JOB_SECONDS", value_name = "SECONDS",
+          hide_short_help = true, help_heading = heading::WORK,
           default_value_t = WorkSettings::default().max_job_seconds)]
     pub max_job_seconds: u64,
 

@@ -44,9 +44,6 @@ use crate::error::{Error, Kind};
 /// Paths of probes, which get an answer even when their address is over its limits.
 const PROBES: [&str; 2] = ["/healthz", "/readyz"];
 
-/// Uploads of the largest size that may come in at a time: their sum bounds the bytes in flight.
-const LARGEST_UPLOADS: u64 = 4;
-
 /// The limits, and what is in use of them.
 #[derive(Debug)]
 pub(super) struct Traffic {
@@ -68,7 +65,7 @@ impl Traffic {
             clients: Arc::default(),
             faults,
             streams: Arc::new(Semaphore::new(settings.traffic.constants.streams as usize)),
-            uploads: Arc::new(Budget::new(settings.max_upload_bytes.saturating_mul(LARGEST_UPLOADS))),
+            uploads: Arc::new(Budget::new(settings.traffic.constants.bytes_in_flight.max(settings.max_upload_bytes))),
         }
     }
 
