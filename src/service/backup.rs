@@ -263,7 +263,7 @@ fn sync(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-        use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{RULES, new_job};
     use crate::service::store::{NewJob, Referred, Spec, Store};
 
     #[test]

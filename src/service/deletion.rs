@@ -44,7 +44,7 @@ mod tests {
     use super::*;
     use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
-        use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::tests::{RULES, new_job};
     use crate::service::store::{State, Store};
 
     #[tokio::test]

@@ -159,8 +159,8 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::DiskLimits;
-    use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::End;
+    use crate::service::store::tests::{new_job, store_in};
 
     #[tokio::test]
     async fn a_clock_that_jumps_forward_makes_no_job_expire_at_once() {

@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
-        use crate::service::store::tests::{RULES, new_job, store_in};
+    use crate::service::store::tests::{RULES, new_job, store_in};
     use crate::service::store::{Release, Rules, Store};
 
     /// Two retries of a job, of which the first fails: the queue is full until the second one begins.
@@ -182,8 +182,7 @@ mod tests {
         let files = Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens");
         let (files, rules) = (Arc::new(files), Rules { max_queued: 1, max_attempts: 1, ..RULES });
         let path = files.database();
-        let store: Arc<Store> =
-            Arc::new(Store::open(&path, rules, faults.clone()).await.expect("a store"));
+        let store: Arc<Store> = Arc::new(Store::open(&path, rules, faults.clone()).await.expect("a store"));
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::default()));
         let given_up = new_job().id;
         let mut job = new_job();

@@ -23,9 +23,9 @@ use self::tokens::{Tenant, TokenName, Tokens};
 use super::blocking::blocking;
 use super::health::{Health, Part};
 use super::problem::Failure;
+use super::queue::Shares;
 use super::settings::AccessSettings;
 use super::store::LOCAL_TENANT;
-use super::queue::Shares;
 use super::trace::Origin;
 use crate::error::{Error, Kind, Result};
 

@@ -196,8 +196,8 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::{DiskLimits, Folder, MESH};
-    use crate::service::store::tests::{new_job, store_in};
     use crate::service::store::JobId;
+    use crate::service::store::tests::{new_job, store_in};
 
     fn place(path: &Path) -> BlobPlace {
         path.to_str().expect("a name").parse().expect("a place")

@@ -14,9 +14,9 @@ use crate::mesh::Limits;
 use crate::service::faults::Faults;
 use crate::service::files::Files;
 use crate::service::metrics::Metrics;
+use crate::service::queue::Shares;
 use crate::service::storage::Storage;
 use crate::service::store::Store;
-use crate::service::queue::Shares;
 
 /// What a pipeline is made of.
 #[derive(Debug)]

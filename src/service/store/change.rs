@@ -223,7 +223,8 @@ impl Transaction<'_> {
         let text = problem.as_ref().map(json).transpose()?;
         self.save(live, text.clone(), summary, Some(now), progress)?;
         if let Some(webhook) = live.webhook.clone() {
-            let spec: Spec = self.rows.one("SELECT spec FROM jobs WHERE number = $1", values![live.number])?.json("spec")?;
+            let spec: Spec =
+                self.rows.one("SELECT spec FROM jobs WHERE number = $1", values![live.number])?.json("spec")?;
             let state = live.standing.state;
             self.rows.write("DELETE FROM notices WHERE job = $1", values![live.id])?;
             self.rows.write(NOTICE, values![live.id, webhook, spec.trace_parent, state, text, now, live.ends])?;

@@ -230,8 +230,7 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     let key = idempotency.as_ref().map(|wanted| &*wanted.key);
     let request = idempotency.as_ref().map(|wanted| &*wanted.request);
     let (text, progress) = (json(spec)?, json(&job.progress)?);
-    let values =
-        values![*id, &*spec.tenant, text, spec.webhook.clone(), progress, key, request, created_at, urgency];
+    let values = values![*id, &*spec.tenant, text, spec.webhook.clone(), progress, key, request, created_at, urgency];
     let Some(row) = change.rows.first(CREATE, values)? else {
         // another service took the key in this moment; or this job was created before, and the answer was lost
         return match (find(change.rows, *id)?, idempotency) {

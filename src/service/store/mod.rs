@@ -26,8 +26,8 @@ mod cursor;
 mod database;
 mod job;
 mod jobs;
-mod lists;
 mod listeners;
+mod lists;
 mod schema;
 #[expect(clippy::module_inception, reason = "it is the store")]
 mod store;
@@ -43,8 +43,7 @@ pub(super) use self::job::{
 };
 pub(super) use self::store::Store;
 pub(super) use self::terms::{
-    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, Statistics,
-    What,
+    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, Statistics, What,
 };
 pub use self::url::StoreUrl;
 pub(super) use self::workers::{Presence, Worker, WorkerId};

@@ -119,7 +119,8 @@ impl Store {
         let row = match store.read("open", find).await? {
             Some(row) => row,
             None => {
-                let secrets = values![tokio_util::bytes::Bytes::copy_from_slice(store.cursors.key()), store.name.clone()];
+                let secrets =
+                    values![tokio_util::bytes::Bytes::copy_from_slice(store.cursors.key()), store.name.clone()];
                 let keep = move |change: &mut Transaction<'_>| {
                     let sql = "INSERT INTO secrets (id, cursors, name) VALUES (1, $1, $2) ON CONFLICT (id) DO NOTHING";
                     change.rows.write(sql, secrets.clone())?;

@@ -8,12 +8,7 @@ async fn add_for(store: &Store, tenant: &str, priority: i8) -> JobId {
     add(store, JobId::random(), spec).await.id
 }
 
-async fn claim_with(
-    store: &Store,
-    limit: usize,
-    newcomers: usize,
-    shares: &[(&str, Share)],
-) -> Vec<(Ticket, Job)> {
+async fn claim_with(store: &Store, limit: usize, newcomers: usize, shares: &[(&str, Share)]) -> Vec<(Ticket, Job)> {
     let shares: Shares = shares.iter().map(|(tenant, share)| ((*tenant).to_owned(), *share)).collect();
     let claiming = Claiming { limit, newcomers, lease: LEASE, worker: "w".into(), shares: Arc::new(shares) };
     store.claim_as(claiming).await.expect("claimable")

@@ -144,9 +144,7 @@ pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &
     assert_eq!(store.counts().await.expect("counted"), [0; 5]);
 }
 
-pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(
-    store: &Store,
-) {
+pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(store: &Store) {
     let blob = |name: &str, bytes: Vec<u8>| SmallBlob { name: name.to_owned(), bytes: bytes.into() };
     let upload = [blob("mesh", (0..200_000).map(|at| at as u8).collect()), blob("ü/β", Vec::new())];
     let result = [blob("report", b"{}".to_vec()), blob("mesh", vec![7; 70_000])];

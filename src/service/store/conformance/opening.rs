@@ -59,8 +59,7 @@ async fn damage_is_found_when_the_store_is_opened() {
 #[tokio::test]
 async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_again() {
     let (_folder, path) = in_a_folder();
-    let store =
-        Store::open(&path, Rules { max_queued: 1000, ..RULES }, Faults::default()).await.expect("it opens");
+    let store = Store::open(&path, Rules { max_queued: 1000, ..RULES }, Faults::default()).await.expect("it opens");
     for _ in 0..300 {
         store.create(new_job()).await.expect("created");
     }

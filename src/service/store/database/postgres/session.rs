@@ -188,8 +188,10 @@ async fn run(
 
 /// Rows of the driver as rows of the store.
 pub fn read(rows: Vec<tokio_postgres::Row>) -> Result<Vec<Row>, Abort> {
-    let names: Arc<[String]> =
-        rows.first().map(|row| row.columns().iter().map(|column| column.name().to_owned()).collect()).unwrap_or_default();
+    let names: Arc<[String]> = rows
+        .first()
+        .map(|row| row.columns().iter().map(|column| column.name().to_owned()).collect())
+        .unwrap_or_default();
     let row = |row: tokio_postgres::Row| {
         let values = row.columns().iter().enumerate().map(|(place, column)| value(&row, place, column.type_()));
         Ok(Row { names: Arc::clone(&names), values: values.collect::<Result<_, _>>().map_err(failure)? })

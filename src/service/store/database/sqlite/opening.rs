@@ -78,8 +78,7 @@ pub fn migrate(connection: &Connection, migrations: &[&str]) -> Result<(), OpenE
         connection.execute_batch(sql)?;
     }
     connection.pragma_update(None, "user_version", schema::version(migrations))?;
-    connection.execute_batch("COMMIT")
-        .map_err(OpenError::Database)
+    connection.execute_batch("COMMIT").map_err(OpenError::Database)
 }
 
 #[cfg(test)]
