@@ -193,7 +193,7 @@ def survive(database, replicas, kinds):
 def check_files(database):
     """Files of jobs that succeeded are there, of the attempt that did; uploads of jobs that ended are not."""
     known = dict(line.split("|") for line in database.ask(
-        "SELECT id, attempt FROM tesserae.jobs WHERE state = 'succeeded' AND NOT (summary ->> 'is_small')::boolean"
+        "SELECT id, attempt FROM tesserae.jobs WHERE state = 'succeeded' AND NOT (summary::json ->> 'is_small')::boolean"
     ).splitlines())
     found = {folder.name: {attempt.name for attempt in folder.iterdir()}
              for folder in (BLOBS / "results").iterdir()} if (BLOBS / "results").exists() else {}

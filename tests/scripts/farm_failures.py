@@ -85,7 +85,7 @@ def frozen_database(database, kinds, long):
         assert front.request("GET", "/healthz")[0] == 200
         # a lease is over, by the clock of the database
         wait_for(lambda: database.ask(f"SELECT 1 FROM tesserae.jobs WHERE id = '{running}' AND state = 'running' "
-                                      "AND lease_until < clock_timestamp()"), "no heartbeat arrives")
+                                      "AND lease_until < extract(epoch FROM clock_timestamp()) * 1000000"), "no heartbeat arrives")
         gate.thaw()
         for replica in (front, worker):
             replica.wait_until_ready()
@@ -129,7 +129,7 @@ def flood(database, front, workers, kind, count):
         f"SELECT count(*) FROM tesserae.jobs AS flood, tesserae.jobs AS one WHERE one.id = '{id}' "
         "AND flood.tenant = 'many' AND flood.started_at > one.created_at AND flood.started_at < one.started_at"))
     assert before <= PLACES * len(workers), before
-    wait = database.ask(f"SELECT round(extract(epoch FROM started_at - created_at) * 1000) FROM tesserae.jobs "
+    wait = database.ask(f"SELECT (started_at - created_at) / 1000 FROM tesserae.jobs "
                         f"WHERE id = '{id}'")
     wait_for(lambda: database.ask("SELECT 1 FROM tesserae.jobs WHERE state IN ('queued', 'running') LIMIT 1") == "",
              "the flood ends", 300)

@@ -64,7 +64,7 @@ const OVER: &str = "SELECT number, id, webhook, state, attempt, uncounted, begun
     worker_id, started_at, lease_until, cancel_requested, last_seq, ends, \
     (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
     (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
-    FROM jobs WHERE state = 'running' AND lease_until <= $1 ORDER BY number FOR UPDATE";
+    FROM jobs WHERE state = 'running' AND lease_until <= $1 FOR UPDATE";
 
 /// A claimed job with its ticket, and the number of its last event.
 type Taken = (Ticket, u64, Job);
@@ -139,7 +139,7 @@ impl Store {
     /// Releases all running jobs, as their process died, and forgets it; how many they were.
     pub(super) async fn recover(&self) -> Result<usize> {
         let recovered = self.change("reclaim", |change| {
-            let rows = change.rows.query(live!("WHERE state = 'running' ORDER BY number"), Vec::new())?;
+            let rows = change.rows.query(live!("WHERE state = 'running'"), Vec::new())?;
             let jobs = rows.iter().map(Live::of).collect::<Result<Vec<_>>>()?;
             let count = jobs.len();
             judge(change, jobs)?;

@@ -13,6 +13,10 @@ use crate::service::queue::State;
 /// For how long counts of jobs are believed where they take long.
 const COUNTS: std::time::Duration = std::time::Duration::from_secs(2);
 
+const COUNT: &str = "SELECT state, count(*) AS jobs FROM jobs WHERE ended_at IS NOT NULL GROUP BY state \
+    UNION ALL SELECT 'queued' AS state, count(*) AS jobs FROM jobs WHERE state = 'queued' \
+    UNION ALL SELECT 'running' AS state, count(*) AS jobs FROM jobs WHERE state = 'running'";
+
 impl Store {
     /// A page of jobs, newest first. A cursor that this store did not give is
     /// [`Kind::InvalidParameter`](crate::Kind::InvalidParameter).
@@ -26,14 +30,29 @@ impl Store {
         // one text a filter, so that each has its index
         let sql = match (&list.tenant, list.state) {
             (None, None) => jobs!("WHERE number < $1 ORDER BY number DESC LIMIT $2"),
+            (None, Some(State::Queued)) => {
+                jobs!("WHERE number < $1 AND state = 'queued' ORDER BY number DESC LIMIT $2")
+            }
+            (None, Some(State::Running)) => {
+                jobs!("WHERE number < $1 AND state = 'running' ORDER BY number DESC LIMIT $2")
+            }
             (None, Some(_)) => jobs!("WHERE number < $1 AND state = $3 ORDER BY number DESC LIMIT $2"),
             (Some(_), None) => jobs!("WHERE number < $1 AND tenant = $3 ORDER BY number DESC LIMIT $2"),
+            (Some(_), Some(State::Queued)) => {
+                jobs!("WHERE number < $1 AND state = 'queued' AND tenant = $3 ORDER BY number DESC LIMIT $2")
+            }
+            (Some(_), Some(State::Running)) => {
+                jobs!("WHERE number < $1 AND state = 'running' AND tenant = $3 ORDER BY number DESC LIMIT $2")
+            }
             (Some(_), Some(_)) => {
-                jobs!("WHERE number < $1 AND tenant = $3 AND state = $4 ORDER BY number DESC LIMIT $2")
+                jobs!(
+                    "WHERE number < $1 AND ended_at IS NOT NULL AND tenant = $3 AND state = $4 \
+                     ORDER BY number DESC LIMIT $2"
+                )
             }
         };
         values.extend(list.tenant.as_deref().map(Into::into));
-        values.extend(list.state.map(Into::into));
+        values.extend(list.state.filter(|state| state.is_ended()).map(Into::into));
         let found = self.read_much("list", move |rows| {
             let rows = rows.query(sql, values.clone())?;
             Ok(rows.iter().map(|row| Ok((row.get("number")?, job(row)?))).collect::<Result<Vec<_>>>()?)
@@ -55,7 +74,7 @@ impl Store {
         }
         let found = self.read_much("counts", |rows| {
             let mut counts = [0; State::ALL.len()];
-            for row in rows.query("SELECT state, count(*) AS jobs FROM jobs GROUP BY state", Vec::new())? {
+            for row in rows.query(COUNT, Vec::new())? {
                 counts[row.get::<State>("state")? as usize] = row.get("jobs")?;
             }
             Ok(counts)

@@ -30,12 +30,13 @@ CREATE TABLE jobs (
 ) STRICT;
 
 CREATE UNIQUE INDEX jobs_by_key ON jobs (tenant, idempotency_key) WHERE idempotency_key IS NOT NULL;
-CREATE INDEX jobs_waiting ON jobs (tenant, urgency, number) WHERE state = 'queued';
-CREATE INDEX jobs_suspect ON jobs (tenant, not_before, number) WHERE state = 'queued' AND suspicion > 0;
-CREATE INDEX jobs_running ON jobs (tenant, worker_id) WHERE state = 'running';
+CREATE INDEX jobs_waiting ON jobs (state, tenant, urgency, number) WHERE state = 'queued';
+CREATE INDEX jobs_suspect ON jobs (state, tenant, not_before, number) WHERE state = 'queued' AND suspicion > 0;
+CREATE INDEX jobs_running ON jobs (state, tenant, worker_id) WHERE state = 'running';
 CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE ended_at IS NOT NULL;
 CREATE INDEX jobs_by_tenant ON jobs (tenant, number);
-CREATE INDEX jobs_by_tenant_and_state ON jobs (tenant, state, number);
+-- without jobs that have not ended: a claim must not read those that have
+CREATE INDEX jobs_ended ON jobs (tenant, state, number) WHERE ended_at IS NOT NULL;
 
 CREATE TABLE events (
     job  INTEGER NOT NULL,

@@ -1,6 +1,6 @@
 //! The processes that work on jobs, what each says about itself, and what they do for all.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -119,16 +119,17 @@ impl Store {
     pub async fn workers(&self) -> Result<Vec<Worker>> {
         let found = self.read_much("workers", |rows| {
             let since = rows.now()? - SHOWN;
-            let sql = "SELECT worker_id, id FROM jobs WHERE state = 'running' ORDER BY number";
+            let sql = "SELECT worker_id, id, number FROM jobs WHERE state = 'running'";
             let found =
                 rows.all(&[("SELECT * FROM workers ORDER BY started_at, id", Vec::new()), (sql, Vec::new())])?;
-            let mut jobs = HashMap::<Option<Uuid>, Vec<JobId>>::new();
+            let mut jobs = HashMap::<Option<Uuid>, BTreeMap<i64, JobId>>::new();
             for row in found.get(1).into_iter().flatten() {
-                jobs.entry(row.get("worker_id")?).or_default().push(row.get("id")?);
+                jobs.entry(row.get("worker_id")?).or_default().insert(row.get("number")?, row.get("id")?);
             }
             let mut workers = Vec::new();
             for row in found.first().into_iter().flatten() {
-                workers.push(worker(row, jobs.remove(&row.get("id")?).unwrap_or_default())?);
+                let jobs = jobs.remove(&row.get("id")?).unwrap_or_default();
+                workers.push(worker(row, jobs.into_values().collect())?);
             }
             workers.retain(|worker| worker.seen_at > since || !worker.jobs.is_empty());
             Ok(workers)
