@@ -27,7 +27,7 @@ pub(in crate::service) struct UploadQuery {
 /// Get the upload
 ///
 /// The mesh as it was uploaded, in the format that `mesh.format` of the job names, or one of its buffers. It is there
-/// while the job waits and runs, and of a job that can be [run again](self); 404 otherwise, and where the mesh
+/// while the job waits and runs, and of a failed job that can be run again; 404 otherwise, and where the mesh
 /// was named by a `mesh_url`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/upload", tag = "jobs", operation_id = "getUpload",

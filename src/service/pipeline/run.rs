@@ -219,7 +219,7 @@ impl Pipeline {
     ) {
         let milliseconds = started.elapsed().as_millis() as u64;
         let mut may_have_files = true;
-        // kept for a retry
+        // for a retry, if it has failed
         let mut keeps_upload = matches!(verdict, Verdict::Released(_));
         let state = match verdict {
             Verdict::Ended(mut ending) => {
@@ -267,9 +267,8 @@ impl Pipeline {
             self.files.remove_result(job.id, ticket.attempt).await;
         }
         match state {
-            Ok(state) if state.is_ended() && !job.spec.is_small && !keeps_upload => {
-                self.files.remove_upload(job.id).await;
-            }
+            Ok(State::Failed) if keeps_upload => {}
+            Ok(state) if state.is_ended() && !job.spec.is_small => self.files.remove_upload(job.id).await,
             Ok(_) => {}
             Err(error) if error.kind == Kind::Conflict => tracing::warn!("nothing of this attempt counts: {error}"),
             Err(error) => tracing::error!(%error, "the end of a job cannot be stored; it will be run again"),
