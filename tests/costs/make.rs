@@ -11,6 +11,11 @@ use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 /// A facet of an STL text.
 pub const FACET: &str = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
 
+/// What is not the head of an input, which has the rest: in proportion to the bytes, as times are to be.
+fn payload(bytes: usize) -> usize {
+    bytes / 6 * 5
+}
+
 /// A head, as many units as there is room for, and a tail.
 pub fn repeated(head: &str, unit: impl Fn(usize) -> String, tail: &str, bytes: usize) -> Vec<u8> {
     let mut text = head.to_owned();
@@ -96,7 +101,7 @@ fn ply_rows(
 ) -> Vec<u8> {
     let mut rows = Vec::new();
     let mut count = 0;
-    while rows.len() + 600 < bytes {
+    while rows.len() < payload(bytes) {
         rows.extend(row(count));
         count += 1;
     }
@@ -119,7 +124,7 @@ fn ply_rows(
 
 /// A PLY text with one face, whose corners take the bytes.
 pub fn ply_long_face(bytes: usize) -> Vec<u8> {
-    let corners = bytes.saturating_sub(600) / 2;
+    let corners = payload(bytes) / 2;
     let face = format!("{corners}{}\n", " 0 1 2".repeat(corners / 3 + 1).split_at(2 * corners).0);
     ply_rows("ascii", ["face", "property list uint uchar vertex_indices\n", ""], 4, &|_| face.clone().into_bytes(), 601)
 }
@@ -135,7 +140,7 @@ pub fn ply_skipped(format: &str, row: &[u8], bytes: usize) -> Vec<u8> {
 
 /// A PLY with one strip of one byte a corner.
 pub fn ply_strip(bytes: usize, corner: impl Fn(usize) -> u8) -> Vec<u8> {
-    let corners = bytes.saturating_sub(600);
+    let corners = payload(bytes);
     let strip = [&(corners as u32).to_le_bytes()[..], &(0..corners).map(corner).collect::<Vec<_>>()].concat();
     let properties = "property list uint char vertex_indices\n";
     ply_rows("binary_little_endian", ["tristrips", properties, ""], 4, &|_| strip.clone(), 601)
@@ -194,7 +199,7 @@ fn positions(vertices: usize) -> impl Iterator<Item = u8> {
 
 /// A GLB with one strip of one byte an index, at some places or as many as may be.
 pub fn gltf_strip(bytes: usize, places: usize) -> Vec<u8> {
-    let indices = bytes.saturating_sub(1200);
+    let indices = payload(bytes);
     let places = places.min((2 * bytes + (1 << 19)) / indices);
     let binary: Vec<u8> = positions(4).chain((0..indices).map(|i| (i % 4) as u8)).collect();
     glb(&document(4, 1, indices, 5, places), &binary)
@@ -202,7 +207,7 @@ pub fn gltf_strip(bytes: usize, places: usize) -> Vec<u8> {
 
 /// A GLB with one fan.
 pub fn gltf_indexed(bytes: usize, mode: u32) -> Vec<u8> {
-    let count = bytes.saturating_sub(1200) / 16;
+    let count = payload(bytes) / 16;
     let binary: Vec<u8> = positions(count).chain((0..count as u32).flat_map(u32::to_le_bytes)).collect();
     glb(&document(count, 4, count, mode, 1), &binary)
 }
@@ -253,7 +258,7 @@ pub fn primitives_by_nodes(bytes: usize) -> Vec<u8> {
 
 /// A glTF whose buffer is a data URI.
 pub fn gltf_data_uri(bytes: usize) -> Vec<u8> {
-    let vertices = bytes.saturating_sub(1200) / 16 / 3 * 3;
+    let vertices = payload(bytes) / 16 / 3 * 3;
     let head = gltf_up_to("buffers")
         .replace("\"count\":3", &format!("\"count\":{vertices}"))
         .replace("\"byteLength\":36", &format!("\"byteLength\":{}", 12 * vertices));

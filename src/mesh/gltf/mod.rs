@@ -78,18 +78,19 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
     let accessors = &Accessors::new(&buffers);
     let mut skipped = Skipped::default();
     let mut meshes: BTreeMap<usize, (u64, Vec<Primitive<'_>>)> = BTreeMap::new();
-    let mut places = Vec::new();
+    let mut instances = BTreeMap::new();
     let (mut triangles, mut parts) = (0u64, 0u64);
-    let (placements, hidden) = scene::placements(document)?;
+    let (mut placements, hidden) = scene::placements(document)?;
     skipped.hidden = hidden;
-    let placed = placements.len();
-    for placement in placements {
-        let node = &document.nodes[placement.node];
-        let (once, primitives) = match meshes.entry(placement.mesh) {
+    let (placed, mut kept) = (placements.len(), 0);
+    for at in 0..placed {
+        let Placement { node: index, mesh, .. } = placements[at];
+        let node = &document.nodes[index];
+        let (once, primitives) = match meshes.entry(mesh) {
             Entry::Occupied(entry) => entry.into_mut(),
             Entry::Vacant(entry) => {
-                let whence = format!("node {}", placement.node);
-                let primitives = primitive::open(accessors, placement.mesh, &whence, attribute, &mut skipped)?;
+                let whence = format!("node {index}");
+                let primitives = primitive::open(accessors, mesh, &whence, attribute, &mut skipped)?;
                 entry.insert((primitives.iter().map(|p| p.triangles as u64).sum(), primitives))
             }
         };
@@ -97,18 +98,23 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
             continue;
         }
         skipped.skinned += u64::from(node.skin.is_some());
-        let instances = match &node.extensions.instancing {
-            Some(instancing) => Instances::open(accessors, placement.node, instancing)?,
-            None => Instances::single(placement.node),
+        let count = match &node.extensions.instancing {
+            Some(instancing) => {
+                let of_node = Instances::open(accessors, index, instancing)?;
+                instances.entry(index).or_insert(of_node).count
+            }
+            None => 1,
         };
-        if instances.count == 0 {
+        if count == 0 {
             continue;
         }
-        triangles = triangles.saturating_add(once.saturating_mul(instances.count as u64));
+        triangles = triangles.saturating_add(once.saturating_mul(count as u64));
         limits.check_faces(triangles)?;
-        parts = parts.saturating_add((primitives.len() as u64).saturating_mul(instances.count as u64));
-        places.push((placement, instances));
+        parts = parts.saturating_add((primitives.len() as u64).saturating_mul(count as u64));
+        placements.swap(kept, at);
+        kept += 1;
     }
+    placements.truncate(kept);
     if triangles == 0 {
         return Err(primitive::no_faces(document, placed, &skipped));
     }
@@ -122,7 +128,7 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
     let allowance = accessors.buffers().allowance();
     allowance.check_faces(triangles, limits.max_faces_per_byte)?;
     allowance.check_parts(parts)?;
-    let placed = Placed { document, meshes, places, triangles, parts, allowance, skipped };
+    let placed = Placed { document, meshes, placements, instances, triangles, parts, allowance, skipped };
     then(Opened::new(triangles, move || placed.build(source.format, attribute.is_some())));
     Ok(())
 }
@@ -132,7 +138,9 @@ struct Placed<'b> {
     document: &'b Document,
     /// Of each mesh its triangles and primitives.
     meshes: BTreeMap<usize, (u64, Vec<Primitive<'b>>)>,
-    places: Vec<(Placement, Instances<'b>)>,
+    placements: Vec<Placement>,
+    /// Of each node that has instances.
+    instances: BTreeMap<usize, Instances<'b>>,
     triangles: u64,
     parts: u64,
     allowance: Allowance,
@@ -142,11 +150,12 @@ struct Placed<'b> {
 impl Placed<'_> {
     /// Builds the mesh, and the attribute if there is one.
     fn build(self, format: Format, has_numbers: bool) -> Result<WithNumbers> {
-        let Self { document, meshes, places, triangles, parts, allowance, skipped } = self;
+        let Self { document, meshes, placements, instances, triangles, parts, allowance, skipped } = self;
         let mut builder = Builder::new(document, triangles, parts, allowance, has_numbers);
-        for (placement, instances) in &places {
+        for placement in &placements {
             let primitives = meshes.get(&placement.mesh).map_or(&[][..], |(_, primitives)| primitives);
-            builder.place(placement, instances, primitives)?;
+            let single = Instances::single(placement.node);
+            builder.place(placement, instances.get(&placement.node).unwrap_or(&single), primitives)?;
         }
         let mut warnings = skipped.warnings();
         warnings.extend(allowance.limit_names(&mut builder.parts));

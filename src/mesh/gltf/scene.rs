@@ -28,26 +28,29 @@ pub fn placements(document: &Document) -> Result<(Vec<Placement>, u64)> {
         Some(scene) => scene.nodes.iter().map(|&node| node as usize).collect(),
         None => (0..document.nodes.len()).filter(|&node| parents[node].is_none()).collect(),
     };
-    let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, Affine::IDENTITY, false)).collect();
-    let (mut placements, mut hidden) = (Vec::new(), 0);
+    let mut placements = Vec::with_capacity(document.nodes.iter().filter(|node| node.mesh.is_some()).count());
+    let (mut open, mut hidden) = (Vec::new(), 0);
     let mut reached = vec![false; document.nodes.len()];
-    while let Some((index, outer, is_below_hidden)) = open.pop() {
-        let node = lookup(&document.nodes, index, "node", "the scene")?;
-        if std::mem::replace(&mut reached[index], true) {
-            return Err(Error::mesh(format_args!(
-                "the nodes are no tree: a node is its own ancestor, or is listed in the scene twice or beside its \
-                 parent: {index}"
-            )));
+    for root in roots {
+        open.push((root, Affine::IDENTITY, false));
+        while let Some((index, outer, is_below_hidden)) = open.pop() {
+            let node = lookup(&document.nodes, index, "node", "the scene")?;
+            if std::mem::replace(&mut reached[index], true) {
+                return Err(Error::mesh(format_args!(
+                    "the nodes are no tree: a node is its own ancestor, or is listed in the scene twice or beside its \
+                     parent: {index}"
+                )));
+            }
+            let world = outer.after(&Affine::of_node(node, format_args!("node {index}"))?);
+            let is_hidden = is_below_hidden || node.extensions.is_hidden();
+            if is_hidden {
+                hidden += u64::from(node.mesh.is_some());
+            } else if let Some(mesh) = node.mesh {
+                placements.push(Placement { node: index, mesh: mesh as usize, world });
+            }
+            let children = node.children.iter().rev();
+            open.extend(children.map(|&child| (child as usize, world, is_hidden)));
         }
-        let world = outer.after(&Affine::of_node(node, &format!("node {index}"))?);
-        let is_hidden = is_below_hidden || node.extensions.is_hidden();
-        if is_hidden {
-            hidden += u64::from(node.mesh.is_some());
-        } else if let Some(mesh) = node.mesh {
-            placements.push(Placement { node: index, mesh: mesh as usize, world });
-        }
-        let children = node.children.iter().rev();
-        open.extend(children.map(|&child| (child as usize, world, is_hidden)));
     }
     if let (None, Some(lost)) = (scene, reached.iter().position(|&reached| !reached)) {
         return Err(Error::mesh(format_args!("the nodes are no tree: a node is its own ancestor: {lost}")));
@@ -147,7 +150,7 @@ impl<'b> Instances<'b> {
             self.translations.map_or([0.0; 3], |all| all.vector(index)),
             self.rotations.map_or([0.0, 0.0, 0.0, 1.0], |all| all.vector(index)),
             self.scales.map_or([1.0; 3], |all| all.vector(index)),
-            &format!("instance {index} of node {}", self.node),
+            format_args!("instance {index} of node {}", self.node),
         )
     }
 }

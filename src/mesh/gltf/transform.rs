@@ -2,6 +2,8 @@
 //!
 //! Only + − × ÷ in a fixed order, so that positions are the same bytes on every machine.
 
+use std::fmt::Display;
+
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
 
 use super::document::Node;
@@ -16,7 +18,7 @@ impl Affine {
     pub const IDENTITY: Self = Self(DAffine3::IDENTITY);
 
     /// The transform of a node relative to its parent.
-    pub fn of_node(node: &Node, whence: &str) -> Result<Self> {
+    pub fn of_node(node: &Node, whence: impl Display) -> Result<Self> {
         let Some(matrix) = &node.matrix else {
             return Self::compose(
                 node.translation.unwrap_or([0.0; 3]),
@@ -37,7 +39,12 @@ impl Affine {
     }
 
     /// Scales, then rotates by a quaternion x, y, z, w of any length but 0, then translates.
-    pub fn compose(translation: [f64; 3], [x, y, z, w]: [f64; 4], scale: [f64; 3], whence: &str) -> Result<Self> {
+    pub fn compose(
+        translation: [f64; 3],
+        [x, y, z, w]: [f64; 4],
+        scale: [f64; 3],
+        whence: impl Display,
+    ) -> Result<Self> {
         let square = x * x + y * y + z * z + w * w;
         if !(square.is_normal()) {
             return Err(Error::mesh(format_args!("the rotation of {whence} is no unit quaternion: {x} {y} {z} {w}")));

@@ -14,7 +14,8 @@ mod chunk;
 mod text;
 
 use std::borrow::Cow;
-use std::collections::HashSet;
+use std::collections::HashMap;
+use std::hash::BuildHasher;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -230,8 +231,8 @@ struct Parts {
     object: Option<String>,
     group: Option<String>,
     first_face: u64,
-    /// Names of parts so far, each kept once.
-    names: HashSet<Arc<str>>,
+    /// Names of parts so far by their hashes, which growth of the map needs: names are far apart in memory.
+    names: HashMap<u64, Arc<str>>,
 }
 
 impl Parts {
@@ -258,12 +259,15 @@ impl Parts {
             (Some(object), Some(group)) => Some(Cow::Owned(format!("{object}/{group}"))),
             (object, group) => object.as_deref().or(group.as_deref()).map(Cow::Borrowed),
         };
-        let group = group.map(|name| match self.names.get(&*name) {
-            Some(name) => Arc::clone(name),
-            None => {
-                let name: Arc<str> = name.into();
-                self.names.insert(Arc::clone(&name));
-                name
+        let group = group.map(|name| {
+            let hash = self.names.hasher().hash_one(&*name);
+            match self.names.get(&hash) {
+                Some(known) if **known == *name => Arc::clone(known),
+                _ => {
+                    let name: Arc<str> = name.into();
+                    self.names.insert(hash, Arc::clone(&name));
+                    name
+                }
             }
         });
         match self.parts.last_mut() {
