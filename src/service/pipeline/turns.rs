@@ -1,7 +1,7 @@
 //! Turns at the device: which of the meshes that wait for it is next, and which are clustered beside it.
 //!
-//! Turns are shared fairly among tenants by the time that each used the device, divided by its weight ([`virtual_times`]); a
-//! tenant's own meshes come in the order of their arrival. Knows no device.
+//! Turns are shared fairly among tenants by the time that each used the device, divided by its weight
+//! ([`virtual_times`]); a tenant's own meshes come in the order of their arrival. Knows no device.
 //!
 //! [`virtual_times`]: super::virtual_times
 

@@ -5,6 +5,7 @@
 //! could prolong a lease, so a lease that was over when the server started is valid for another term.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::change::{Live, Transaction, live, standing, unplaced};
@@ -66,29 +67,39 @@ const OVER: &str = "SELECT number, id, webhook, state, attempt, uncounted, begun
     (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
     FROM jobs WHERE state = 'running' AND lease_until <= $1 FOR UPDATE";
 
+/// A claim that has no answer yet.
+struct Unsure<'s>(&'s AtomicBool);
+
+impl Drop for Unsure<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Relaxed);
+    }
+}
+
 /// A claimed job with its ticket, and the number of its last event.
 type Taken = (Ticket, u64, Job);
 
 impl Store {
     /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on.
     pub async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
-        let mut is_unsure = self.is_unsure.lock().await;
-        if *is_unsure {
+        if self.is_unsure.load(Relaxed) {
+            let _alone = self.claims.write().await;
             self.give_back_unknown().await?;
-            *is_unsure = false;
+            self.is_unsure.store(false, Relaxed);
         }
+        let _others = self.claims.read().await;
         *self.next_start.lock() = None;
-        // a look without the lock: many workers are woken by an arrival
+        // a look without the lock of the queue: an arrival wakes many workers
         let waits =
             |rows: &mut dyn Rows| rows.first("SELECT number FROM jobs WHERE state = 'queued' LIMIT 1", Vec::new());
-        if self.read("look", waits).await?.is_none() {
+        if self.is_idle.load(Relaxed) && self.read("look", waits).await?.is_none() {
             return Ok(Vec::new());
         }
-        *is_unsure = true;
+        let unsure = Unsure(&self.is_unsure);
         let is_alone = !self.is_shared();
-        let taken = self.change("claim", move |change| claim(change, &claiming, is_alone)).await;
-        let (taken, wait) = taken?;
-        *is_unsure = false;
+        let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
+        std::mem::forget(unsure);
+        self.is_idle.store(taken.is_empty(), Relaxed);
         *self.next_start.lock() = wait.map(|wait| Instant::now() + wait);
         let mut held = self.held.lock();
         held.extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));

@@ -143,8 +143,8 @@ impl Store {
         })
     }
 
-    /// Requests the end of a job: at once while it waits; by a pulse while it runs; an ended job stays as it is. The job
-    /// after that; none when there is no such job.
+    /// Requests the end of a job: at once while it waits; by a pulse while it runs; an ended job stays as it is. The
+    /// job after that; none when there is no such job.
     pub async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
         let cancelled = self.change("cancel", move |change| {
             let Some(live) = change.find(id)? else { return Ok(None) };

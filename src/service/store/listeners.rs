@@ -1,5 +1,5 @@
-//! What follows from a change once it is committed: tasks that wait for the store wake, here and, where several services
-//! share the store, there; and the store counts.
+//! What follows from a committed change: tasks that wait for the store wake, also those of other services that share
+//! it, and the store counts.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};

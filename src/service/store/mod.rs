@@ -1,12 +1,12 @@
 //! The store of jobs and their events.
 //!
-//! [`Store`] is written once, over [`database`]: jobs are kept in a file (SQLite), or in a database that several
-//! services share (PostgreSQL). It stores: which state follows which, which job is claimed and what a crash counts for is
-//! said by [`queue`](super::queue). It knows nothing of HTTP, of files or of devices. Both databases pass the suite in
-//! `conformance`.
+//! [`Store`] is written once, over [`database`]: it keeps jobs in a file (SQLite), or in a database that several
+//! services share (PostgreSQL). [`queue`](super::queue) decides which state follows which, which job is claimed and
+//! what a crash counts for. The store knows nothing of HTTP, of files or of devices. It passes the suite in
+//! `conformance` on both databases.
 //!
-//! A worker writes with the [`Ticket`] of its claim; a ticket of a job that has ended or was claimed again writes nothing
-//! and gets [`Kind::Conflict`](crate::Kind). Every change of state is an event of the job, appended in the same
+//! A worker writes with the [`Ticket`] of its claim; a ticket of a job that has ended or was claimed again writes
+//! nothing and gets [`Kind::Conflict`](crate::Kind). Every change of state is an event of the job, appended in the same
 //! transaction; events are numbered from 1 without gaps.
 //!
 //! What queries select by is a column; everything else is JSON, so that a new field of a job needs no new

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::fmt;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -18,6 +19,8 @@ use super::database::sqlite::Sqlite;
 use super::job::Ticket;
 use super::listeners::{Effects, Listeners};
 use super::terms::Statistics;
+#[cfg(feature = "postgres")]
+use super::url::StoreUrl;
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::Faults;
 use crate::service::queue::{Rules, State};
@@ -43,8 +46,12 @@ pub(in crate::service) struct Store {
     name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
-    /// Locked while jobs are claimed. Whether a claim ended without an answer: it may have taken jobs.
-    pub(super) is_unsure: tokio::sync::Mutex<bool>,
+    /// Shared by claims. Where one ended without an answer, the jobs that it may have taken are given back alone.
+    pub(super) claims: tokio::sync::RwLock<()>,
+    /// Whether a claim ended without an answer.
+    pub(super) is_unsure: AtomicBool,
+    /// Whether the last claim took nothing.
+    pub(super) is_idle: AtomicBool,
     /// When a job that the last claim passed over may be claimed.
     pub(super) next_start: Mutex<Option<Instant>>,
     /// Counts of jobs in each state, and when they were read: counting the ended ones takes long.
@@ -92,7 +99,7 @@ impl Store {
     /// Opens the store in a database that several services share, with at most so many connections beside one for
     /// notifications.
     #[cfg(feature = "postgres")]
-    pub async fn shared(url: &super::StoreUrl, most: usize, rules: Rules) -> Result<Self> {
+    pub async fn shared(url: &StoreUrl, most: usize, rules: Rules) -> Result<Self> {
         let (me, listeners) = (Uuid::new_v4(), Arc::new(Listeners::of_several()));
         let database = Postgres::open(url, most, me, Arc::clone(&listeners)).await?;
         Self::with(Database::Postgres(database), me, listeners, rules).await
@@ -107,7 +114,9 @@ impl Store {
             cursors: Cursors::random()?,
             name: Uuid::new_v4().to_string(),
             held: Mutex::default(),
-            is_unsure: tokio::sync::Mutex::new(false),
+            claims: tokio::sync::RwLock::default(),
+            is_unsure: AtomicBool::new(false),
+            is_idle: AtomicBool::new(true),
             next_start: Mutex::default(),
             counts: Mutex::default(),
             observer: OnceLock::new(),
@@ -172,14 +181,7 @@ impl Store {
         operation: &'static str,
         work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
-        let read = async {
-            match &self.database {
-                Database::Sqlite(file) => file.read(work).await,
-                #[cfg(feature = "postgres")]
-                Database::Postgres(database) => database.read(work).await,
-            }
-        };
-        self.observed(operation, read).await
+        self.read_rows(operation, false, work).await
     }
 
     /// Reads what may be many rows.
@@ -188,9 +190,19 @@ impl Store {
         operation: &'static str,
         work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
+        self.read_rows(operation, true, work).await
+    }
+
+    async fn read_rows<T: Send + 'static>(
+        &self,
+        operation: &'static str,
+        are_many: bool,
+        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
         let read = async {
             match &self.database {
-                Database::Sqlite(file) => file.read_much(work).await,
+                Database::Sqlite(file) if are_many => file.read_much(work).await,
+                Database::Sqlite(file) => file.read(work).await,
                 #[cfg(feature = "postgres")]
                 Database::Postgres(database) => database.read(work).await,
             }

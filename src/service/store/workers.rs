@@ -167,8 +167,8 @@ impl Store {
         self.listeners.endings.subscribe()
     }
 
-    /// Jobs whose webhook is not settled, in the order of their ends, deleted jobs included: of a shared store those that
-    /// this service delivers while it lives. As durable as jobs.
+    /// Jobs whose webhook is not settled, in the order of their ends, deleted jobs included: of a shared store those
+    /// that this service delivers while it lives. As durable as jobs.
     pub async fn untold(&self) -> Result<Vec<JobId>> {
         let ids = |rows: Vec<Row>| rows.iter().map(|row| row.get("job")).collect::<Result<Vec<_>>>();
         let rows = match self.is_shared() {

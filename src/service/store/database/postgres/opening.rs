@@ -8,7 +8,7 @@ use super::super::rows::Abort;
 use super::connections::{Connections, PATIENCE, failure};
 use crate::error::{Error, Kind, Result};
 
-/// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes that are not compressed,
+/// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes without compression,
 /// which for meshes and labels costs more time than it saves.
 const STORAGE: &str = "\
     ALTER TABLE jobs SET (fillfactor = 70, autovacuum_vacuum_scale_factor = 0.02, autovacuum_vacuum_threshold = 500); \

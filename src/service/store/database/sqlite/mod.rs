@@ -1,8 +1,8 @@
 //! SQLite: a file for one process at a time.
 //!
 //! One [`writer`] makes every change; reads have connections of their own and do not wait for writes. The journal is a
-//! write-ahead log, and a commit returns when it is on the disk (`synchronous = FULL`): answered changes survive a crash
-//! of the process, of the system, and of the power. In a temporary folder no commit waits for the disk.
+//! write-ahead log, and a commit returns when it is on the disk (`synchronous = FULL`): answered changes survive a
+//! crash of the process, of the system, and of the power. In a temporary folder no commit waits for the disk.
 //!
 //! A prepared statement takes some microseconds, less than the way to another thread and back. So the writer's thread
 //! runs changes, and a task reads a few rows itself; long reads run on a thread for blocking work.
