@@ -22,6 +22,8 @@ pub struct Transaction<'t> {
     pub me: Uuid,
     /// Microseconds that a test adds to the clock.
     pub offset: i64,
+    /// The time of the change, once it was read: that of all its jobs.
+    pub now: Option<SystemTime>,
 }
 
 /// A `SELECT` for [`job`]: all columns, and the place in the tenant's queue.
@@ -133,7 +135,12 @@ impl Live {
 impl Transaction<'_> {
     /// Now by the clock of the store.
     pub fn now(&mut self) -> Result<SystemTime, Abort> {
-        Ok(moved(self.rows.now()?, self.offset))
+        let now = match self.now {
+            Some(now) => now,
+            None => moved(self.rows.now()?, self.offset),
+        };
+        self.now = Some(now);
+        Ok(now)
     }
 
     /// The job of that id, locked.
