@@ -20,6 +20,7 @@ use super::api::binary::Binary;
 use super::api::{
     create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, upload, workers,
 };
+use super::live::LabelsEvent;
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
 use super::urls;
@@ -53,6 +54,7 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         workers::resume,
         info::device,
         info::formats,
+        info::limits,
         info::version,
         health::healthz,
         health::readyz,
@@ -60,7 +62,7 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         show,
     ),
     components(
-        schemas(events::StateEvent, events::EndEvent),
+        schemas(events::StateEvent, events::EndEvent, LabelsEvent),
         responses(Problematic)
     ),
     tags(

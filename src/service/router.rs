@@ -87,6 +87,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .route("/v1/workers/{id}/drain", post(workers::drain).delete(workers::resume))
         .route("/v1/device", get(info::device))
         .route("/v1/formats", get(info::formats))
+        .route("/v1/limits", get(info::limits))
         .route("/v1/version", get(info::version))
         .route("/healthz", get(health::healthz))
         .route("/readyz", get(health::readyz))

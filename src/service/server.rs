@@ -16,6 +16,7 @@ use super::admission::Admission;
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
+use super::live::Live;
 use super::metrics::Metrics;
 use super::metrics::timed_store::TimedStore;
 use super::pipeline::device_thread::{DeviceThread, Reopen};
@@ -146,6 +147,7 @@ impl Server {
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout();
+        let live = Arc::<Live>::default();
         let parts = Parts {
             shares: access.shares(),
             worker: settings.work.worker().into(),
@@ -163,6 +165,7 @@ impl Server {
                 Arc::clone(&metrics),
             )?,
             metrics: Arc::clone(&metrics),
+            live: Arc::clone(&live),
         };
         let costs = Costs {
             limits: settings.limits(),
@@ -180,6 +183,7 @@ impl Server {
             storage,
             device: description,
             health,
+            live,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
             memory: pipeline.memory(),

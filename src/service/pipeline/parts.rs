@@ -13,6 +13,7 @@ use crate::error::Result;
 use crate::mesh::Limits;
 use crate::service::faults::Faults;
 use crate::service::files::Files;
+use crate::service::live::Live;
 use crate::service::metrics::Metrics;
 use crate::service::storage::Storage;
 use crate::service::store::JobStore;
@@ -31,6 +32,8 @@ pub(in crate::service) struct Parts {
     pub device: DeviceThread,
     /// What is counted.
     pub metrics: Arc<Metrics>,
+    /// Running jobs that are watched.
+    pub live: Arc<Live>,
     /// What tenants may use.
     pub shares: watch::Receiver<Arc<Shares>>,
     /// Name of this process for clients.
@@ -73,12 +76,13 @@ pub(in crate::service) struct Pipeline {
     pub(super) small: SmallMeshes,
     pub(super) leases: Arc<Leases>,
     pub(super) metrics: Arc<Metrics>,
+    pub(super) live: Arc<Live>,
 }
 
 impl Pipeline {
     /// A pipeline of these parts.
     pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
-        let Parts { store, files, storage, device, metrics, shares, worker, faults } = parts;
+        let Parts { store, files, storage, device, metrics, live, shares, worker, faults } = parts;
         Ok(Self {
             store,
             files,
@@ -95,6 +99,7 @@ impl Pipeline {
             small: SmallMeshes::start()?,
             leases: Arc::new(Leases::new(costs.lease)),
             metrics,
+            live,
         })
     }
 

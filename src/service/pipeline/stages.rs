@@ -62,6 +62,7 @@ impl Pipeline {
             is_retry: ticket.attempt > 1,
             on_row,
             span: tracing::info_span!("cluster"),
+            channel: self.live.channel(job.id),
             slot: slot.clone(),
         };
         let telling = tokio::spawn(inbox.tell(self.store.clone(), ticket, Arc::clone(log)));

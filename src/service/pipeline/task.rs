@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
 
 use crate::service::faults::{FaultPoint, Faults};
+use crate::service::live::{Channel, Watched};
 use crate::service::metrics::Metrics;
 
 /// A mesh to be clustered.
@@ -27,6 +28,8 @@ pub(super) struct Task {
     pub on_row: OnRow,
     /// Where the lines of the log belong.
     pub span: tracing::Span,
+    /// Shows its labels to clients that watch.
+    pub channel: Channel,
     /// Freed when the mesh is: other meshes wait for its place in memory.
     pub slot: Slot,
 }
@@ -56,7 +59,10 @@ impl Task {
     /// What a device has to do with it.
     pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();
-        job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row)
+        match Watched::new(&mut *device, &self.prepared, self.channel.clone()) {
+            Some(mut watched) => job::cluster(&self.prepared, &mut watched, &self.cancel, &mut *self.on_row),
+            None => job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row),
+        }
     }
 }
 
