@@ -4,8 +4,6 @@
 //! A watcher costs at most [`MOST_FACES`] labels in memory, and each of its events 8 bytes a face that changed, in
 //! base64. There is one event in [`PACE`] at most, and a slow client misses labels in between.
 
-mod watched;
-
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,13 +17,11 @@ use utoipa::ToSchema;
 
 use super::store::JobId;
 
-pub(super) use self::watched::Watched;
-
 /// Faces of the largest mesh whose labels can be watched.
 pub(super) const MOST_FACES: usize = 300_000;
 
 /// Least time between two sets of labels of a job.
-const PACE: Duration = Duration::from_millis(250);
+pub(super) const PACE: Duration = Duration::from_millis(250);
 
 /// One label a face, in upload order.
 type Labels = Arc<[u32]>;
@@ -54,7 +50,7 @@ pub(super) struct Watcher {
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct LabelsEvent {
     /// Faces of the mesh.
-    faces: usize,
+    faces: u64,
     /// Base64: for each face whose label changed since the event before, and at first for every face, the face and its
     /// label, 32 bits each, little endian. Labels below the number of faces; the numbers are those of this attempt, not
     /// of the result.
@@ -75,11 +71,13 @@ impl Channel {
         Watcher { channel: self, labels, sent: Vec::new() }
     }
 
-    fn is_watched(&self) -> bool {
+    /// Whether a client watches.
+    pub fn is_watched(&self) -> bool {
         self.live.0.lock().contains_key(&self.id)
     }
 
-    fn show(&self, labels: Vec<u32>) {
+    /// Shows labels of all faces, in upload order.
+    pub fn show(&self, labels: Vec<u32>) {
         if let Some(watched) = self.live.0.lock().get(&self.id) {
             watched.send_replace(labels.into());
         }
@@ -112,7 +110,7 @@ impl Watcher {
             }
         }
         self.sent = labels.to_vec();
-        LabelsEvent { faces: labels.len(), changes: STANDARD.encode(bytes) }
+        LabelsEvent { faces: labels.len() as u64, changes: STANDARD.encode(bytes) }
     }
 }
 

@@ -1,6 +1,5 @@
 //! The page at `/`: a client of this interface for people, in one document, one style sheet, two scripts and two
-//! pictures. The first
-//! script is small, so that the page is there at once; it loads the second, which draws.
+//! pictures. The first script is small, so that the page is there at once; it loads the second, which draws.
 //!
 //! Its sources are in `web/`. `make bundle` makes seven files of them, and the feature `page` compiles these in; the mesh
 //! of the first visit is made here ([`knot`]). Without the feature, or with `--no-page`, the paths are a 404 that says

@@ -38,20 +38,21 @@ const ended = (id) =>
     /succeeded|failed/.test((await (await fetch(`${service.url}/v1/jobs/${id}`)).json()).state),
   );
 
-/** Takes the pictures of a state: an address, and what is done there and until when. */
+/** Takes the pictures of a state: where it is, and what is done there and until when. */
 async function take(name, address, reach) {
   if (!new RegExp(values.only).test(name)) return;
-  const page = await browser.open(service.url, { reducedMotion: "reduce" }, undefined, `/#${address}`);
-  await reach(page);
-  for (const [width, height] of SIZES)
+  for (const [width, height] of SIZES) {
+    const options = { viewport: { width, height }, reducedMotion: "reduce" };
+    const page = await browser.open(service.url, options, undefined, `/#${await address()}`);
+    await reach(page);
     for (const colorScheme of ["light", "dark"]) {
-      await page.setViewportSize({ width, height });
       await page.emulateMedia({ colorScheme });
       // until the picture rests
       await page.waitForTimeout(1200);
       await page.screenshot({ path: join(folder, `${name}-${width}-${colorScheme}.png`) });
     }
-  await page.close();
+    await page.close();
+  }
 }
 const drawn = (selector) => async (page) =>
   await until("it is drawn", () =>
@@ -59,20 +60,25 @@ const drawn = (selector) => async (page) =>
   );
 const frames = drawn("#view");
 
-await take("empty", "/", drawn("#knot"));
+await take("empty", () => "/", drawn("#knot"));
 const flat = await job("knot", 30_000, "clusters=400");
 const other = await job("knot", 30_000, "clusters=400&quality=fast");
 const tree = await job("terrain", 40_000, "algorithm=pml");
 const failed = await job("parts", 3000, "clusters=1");
 for (const id of [flat, other, tree, failed]) await ended(id);
-await take("first-visit", "/", drawn("#knot"));
-await take("result", `/jobs/${flat}`, frames);
-await take("picked", `/jobs/${flat}?cluster=120`, frames);
-await take("hierarchy", `/jobs/${tree}?clusters=160`, frames);
-await take("compare", `/jobs/${flat}?with=${other}`, frames);
-await take("wipe", `/jobs/${flat}?with=${other}&parting=wipe`, frames);
-await take("error", `/jobs/${failed}`, (page) => page.waitForSelector("#state[data-state=failed]"));
-const running = await job("knot", 200_000, "clusters=2000&quality=best");
-await take("running", `/jobs/${running}`, (page) => page.waitForSelector("#preview[data-shown]"));
+await take("first-visit", () => "/", drawn("#knot"));
+await take("result", () => `/jobs/${flat}`, frames);
+await take("picked", () => `/jobs/${flat}?cluster=120`, frames);
+await take("hierarchy", () => `/jobs/${tree}?clusters=160`, frames);
+await take("compare", () => `/jobs/${flat}?with=${other}`, frames);
+await take("wipe", () => `/jobs/${flat}?with=${other}&parting=wipe`, frames);
+await take(
+  "error",
+  () => `/jobs/${failed}`,
+  (page) => page.waitForSelector("#state[data-state=failed]"),
+);
+// one for each size, since each ends
+const running = async () => `/jobs/${await job("knot", 200_000, "clusters=2000&quality=best")}`;
+await take("running", running, (page) => page.waitForSelector("#preview[data-shown]"));
 await browser.close();
 await service.stop();

@@ -1,5 +1,6 @@
 // For whom the page works: keyboards alone, narrow screens, readers that want no motion; and meshes that are large.
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { until } from "./service.mjs";
 import { accessible, drawn, idOf, picture, sample, submit, succeeded, text } from "./steps.mjs";
 

@@ -95,7 +95,8 @@ pub(in crate::service) struct StreamEvent {
 /// last event counts as that event, and the stream of an ended job has its `end` then.
 ///
 /// With `labels=true` there are events `labels` ({faces, changes}) without an id while the job is clustered: at most
-/// four a second, for meshes of up to 300,000 faces, where this process runs the job.
+/// four a second, for meshes of up to 300,000 faces that are not subdivided, where this process runs the job; none of
+/// `acvd` and `vc`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(

@@ -25,6 +25,7 @@ mod small;
 mod stages;
 mod task;
 mod turns;
+mod watched;
 
 pub(super) use self::memory::Memory;
 pub(super) use self::parts::{Costs, Parts, Pipeline};

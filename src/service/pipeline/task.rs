@@ -6,12 +6,13 @@ use super::bounds::caught;
 use super::rows::OnRow;
 use super::slot::Slot;
 use super::turns::Visit;
+use super::watched::Watched;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
 
 use crate::service::faults::{FaultPoint, Faults};
-use crate::service::live::{Channel, Watched};
+use crate::service::live::Channel;
 use crate::service::metrics::Metrics;
 
 /// A mesh to be clustered.

@@ -4,7 +4,6 @@
 
 use std::time::Instant;
 
-use super::{Channel, MOST_FACES, PACE};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{
     Cancel, Device, DeviceInfo, DualEdge, Ending, MemoryMeter, MergeSteps, Merges, OnStep, Profile, Steps,
@@ -12,13 +11,14 @@ use crate::device::{
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::Result;
 use crate::job::{Plan, Prepared};
+use crate::service::live::{Channel, MOST_FACES, PACE};
 use crate::surface::{DualGraph, Surface};
 
 /// Iterations after which a phase is interrupted.
 const AT_ONCE: u32 = 16;
 
 /// A device that works on a job whose labels can be watched.
-pub(in crate::service) struct Watched<'d> {
+pub(super) struct Watched<'d> {
     device: &'d mut dyn Device,
     is_hierarchy: bool,
     window: Window<'d>,
