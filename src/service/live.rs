@@ -1,8 +1,9 @@
 //! Labels of running jobs for clients that watch them. They live in the process that runs the job; other processes have
 //! none. A job without a watcher copies no labels.
 //!
-//! A watcher costs at most [`MOST_FACES`] labels in memory, and each of its events 8 bytes a face that changed, in
-//! base64. There is one event in [`PACE`] at most, and a slow client misses labels in between.
+//! There are at most [`MOST_WATCHERS`] watchers. Each costs at most [`MOST_FACES`] labels in memory, and each of its
+//! events 8 bytes a face that changed, in base64. There is one event in [`PACE`] at most, and a slow client misses
+//! labels in between.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -18,7 +19,10 @@ use utoipa::ToSchema;
 use super::store::JobId;
 
 /// Faces of the largest mesh whose labels can be watched.
-pub(super) const MOST_FACES: usize = 300_000;
+pub(super) const MOST_FACES: u64 = 300_000;
+
+/// Watchers of all jobs together; a stream beyond them has no labels.
+const MOST_WATCHERS: usize = 32;
 
 /// Least time between two sets of labels of a job.
 pub(super) const PACE: Duration = Duration::from_millis(250);
@@ -43,7 +47,7 @@ pub(super) struct Watcher {
     channel: Channel,
     labels: watch::Receiver<Labels>,
     /// What the client has.
-    sent: Vec<u32>,
+    sent: Labels,
 }
 
 /// Data of the event `labels`.
@@ -65,10 +69,15 @@ impl Live {
 }
 
 impl Channel {
-    /// Watches the job from now on.
-    pub fn watch(self) -> Watcher {
-        let labels = self.live.0.lock().entry(self.id).or_default().subscribe();
-        Watcher { channel: self, labels, sent: Vec::new() }
+    /// Watches the job from now on; none where there are too many watchers.
+    pub fn watch(self) -> Option<Watcher> {
+        let mut jobs = self.live.0.lock();
+        if jobs.values().map(watch::Sender::receiver_count).sum::<usize>() >= MOST_WATCHERS {
+            return None;
+        }
+        let labels = jobs.entry(self.id).or_default().subscribe();
+        drop(jobs);
+        Some(Watcher { channel: self, labels, sent: Labels::default() })
     }
 
     /// Whether a client watches.
@@ -109,8 +118,9 @@ impl Watcher {
                 bytes.extend(label.to_le_bytes());
             }
         }
-        self.sent = labels.to_vec();
-        LabelsEvent { faces: labels.len() as u64, changes: STANDARD.encode(bytes) }
+        let faces = labels.len() as u64;
+        self.sent = labels;
+        LabelsEvent { faces, changes: STANDARD.encode(bytes) }
     }
 }
 
@@ -138,12 +148,12 @@ mod tests {
         let live = Arc::<Live>::default();
         let channel = live.channel(JobId::random());
         channel.show(vec![9, 9]);
-        let mut watcher = channel.clone().watch();
+        let mut watcher = channel.clone().watch().expect("a watcher");
         assert!(watcher.now().is_none(), "nothing was shown since");
         channel.show(vec![0, 1, 1]);
         assert_eq!(watcher.now().map(|event| pairs(&event)), Some(vec![[0, 0], [1, 1], [2, 1]]));
         assert!(watcher.now().is_none());
-        let mut late = channel.clone().watch();
+        let mut late = channel.clone().watch().expect("a watcher");
         channel.show(vec![0, 2, 1]);
         channel.show(vec![0, 0, 1]);
         assert_eq!(watcher.now().map(|event| pairs(&event)), Some(vec![[1, 0]]));
@@ -151,13 +161,17 @@ mod tests {
     }
 
     #[test]
-    fn a_job_is_watched_as_long_as_it_has_watchers() {
+    fn a_job_is_watched_as_long_as_it_has_watchers_of_which_there_are_not_too_many() {
         let live = Arc::<Live>::default();
         let channel = live.channel(JobId::random());
-        let (one, other) = (channel.clone().watch(), channel.clone().watch());
-        drop(one);
+        let mut watchers: Vec<Watcher> = (0..MOST_WATCHERS).filter_map(|_| channel.clone().watch()).collect();
+        assert_eq!(watchers.len(), MOST_WATCHERS);
+        assert!(live.channel(JobId::random()).watch().is_none());
+        watchers.pop();
+        assert!(live.channel(JobId::random()).watch().is_some());
+        watchers.truncate(1);
         assert!(channel.is_watched());
-        drop(other);
+        watchers.clear();
         assert!(!channel.is_watched() && live.0.lock().is_empty());
     }
 }

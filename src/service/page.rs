@@ -1,9 +1,9 @@
 //! The page at `/`: a client of this interface for people, in one document, one style sheet, two scripts and two
 //! pictures. The first script is small, so that the page is there at once; it loads the second, which draws.
 //!
-//! Its sources are in `web/`. `make bundle` makes seven files of them, and the feature `page` compiles these in; the mesh
-//! of the first visit is made here ([`knot`]). Without the feature, or with `--no-page`, the paths are a 404 that says
-//! so.
+//! Its sources are in `web/`. `make bundle` makes seven files of them, and the feature `page` compiles these in; the
+//! mesh of the first visit is made here ([`knot`]). Without the feature, or with `--no-page`, the paths are a 404 that
+//! says so.
 //!
 //! The page needs no token to be read, and holds no data; a token that it is given stays in the browser's session. The
 //! content security policy admits what comes from here and nothing else: no inline script or style, no `eval`, no other

@@ -102,7 +102,7 @@ export class View {
 
   /** Colours the mesh by labels, and shows it a second time in others where there are any. */
   show(shown: Shown, others: Shown | null = null, parting: Parting = "beside"): void {
-    const before = this.canvas.dataset["panes"];
+    const before = this.canvas.dataset["panes"] ?? "1";
     if (others && !this.paints[1]) this.paints.push(new Paint(this.triangles, this.mesh.faces));
     else if (!others) this.paints.splice(1).forEach((paint) => paint.dispose());
     this.paints[0]?.set(shown.labels, shown.colours);
@@ -111,7 +111,7 @@ export class View {
     const panes = `${this.paints.length}${parting === "beside" ? "" : " parted"}`;
     this.canvas.dataset["panes"] = panes;
     this.rest();
-    if (before === undefined || before === panes) return this.draw();
+    if (before === panes) return this.draw();
     this.resize();
     this.rig.fit(this.bounds(), false);
   }

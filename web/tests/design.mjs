@@ -25,8 +25,8 @@ const middle = async (page, selector) => {
   return { x: width / 2, y: height / 2 };
 };
 
-/** Most time of processors that a frame of a moving slider takes: two of them give 30 frames a second. */
-const SLIDER_MS = 66;
+/** Most time of processors that a frame of a moving slider takes: 60 where two of them give 30 frames a second. */
+const SLIDER_MS = 100;
 
 /** Most time of processors until clusters are seen: two of them take 1.5 s. */
 const FIRST_PICTURE_MS = 3000;

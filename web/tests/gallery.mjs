@@ -22,12 +22,16 @@ mkdirSync(folder, { recursive: true });
 const service = await new Service(binary).start();
 const browser = await new Browser(values.files).launch();
 
+function sample(name, faces) {
+  const path = join(service.folder, `${name}.glb`);
+  execFileSync(binary, ["sample", name, "--faces", String(faces), path]);
+  return path;
+}
+
 /** Makes a job of a sample; its number. */
 async function job(name, faces, query) {
-  const path = join(service.folder, `${name}-${faces}.glb`);
-  execFileSync(binary, ["sample", name, "--faces", String(faces), path]);
   const form = new FormData();
-  form.append("mesh", new Blob([readFileSync(path)]), `${name}.glb`);
+  form.append("mesh", new Blob([readFileSync(sample(name, faces))]), `${name}.glb`);
   const url = `${service.url}/v1/jobs?keep_mesh=true&${query}`;
   const made = await (await fetch(url, { method: "POST", body: form })).json();
   if (!made.id) throw new Error(JSON.stringify(made));
@@ -43,7 +47,7 @@ async function take(name, address, reach) {
   if (!new RegExp(values.only).test(name)) return;
   for (const [width, height] of SIZES) {
     const options = { viewport: { width, height }, reducedMotion: "reduce" };
-    const page = await browser.open(service.url, options, undefined, `/#${await address()}`);
+    const page = await browser.open(service.url, options, undefined, `/#${address}`);
     await reach(page);
     for (const colorScheme of ["light", "dark"]) {
       await page.emulateMedia({ colorScheme });
@@ -60,25 +64,26 @@ const drawn = (selector) => async (page) =>
   );
 const frames = drawn("#view");
 
-await take("empty", () => "/", drawn("#knot"));
+await take("empty", "/", drawn("#knot"));
 const flat = await job("knot", 30_000, "clusters=400");
 const other = await job("knot", 30_000, "clusters=400&quality=fast");
 const tree = await job("terrain", 40_000, "algorithm=pml");
 const failed = await job("parts", 3000, "clusters=1");
 for (const id of [flat, other, tree, failed]) await ended(id);
-await take("first-visit", () => "/", drawn("#knot"));
-await take("result", () => `/jobs/${flat}`, frames);
-await take("picked", () => `/jobs/${flat}?cluster=120`, frames);
-await take("hierarchy", () => `/jobs/${tree}?clusters=160`, frames);
-await take("compare", () => `/jobs/${flat}?with=${other}`, frames);
-await take("wipe", () => `/jobs/${flat}?with=${other}&parting=wipe`, frames);
-await take(
-  "error",
-  () => `/jobs/${failed}`,
-  (page) => page.waitForSelector("#state[data-state=failed]"),
-);
-// one for each size, since each ends
-const running = async () => `/jobs/${await job("knot", 200_000, "clusters=2000&quality=best")}`;
-await take("running", running, (page) => page.waitForSelector("#preview[data-shown]"));
+await take("first-visit", "/", drawn("#knot"));
+await take("result", `/jobs/${flat}`, frames);
+await take("picked", `/jobs/${flat}?cluster=120`, frames);
+await take("hierarchy", `/jobs/${tree}?clusters=160`, frames);
+await take("compare", `/jobs/${flat}?with=${other}`, frames);
+await take("wipe", `/jobs/${flat}?with=${other}&parting=wipe`, frames);
+await take("error", `/jobs/${failed}`, (page) => page.waitForSelector("#state[data-state=failed]"));
+await take("running", "/", async (page) => {
+  await page.setInputFiles("#file", sample("knot", 200_000));
+  await page.selectOption("#algorithm", "bb");
+  await page.selectOption("#quality", "best");
+  await page.fill("#clusters", "2000");
+  await page.click("#submit");
+  await page.waitForSelector("#preview[data-shown]");
+});
 await browser.close();
 await service.stop();

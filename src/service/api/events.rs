@@ -95,8 +95,8 @@ pub(in crate::service) struct StreamEvent {
 /// last event counts as that event, and the stream of an ended job has its `end` then.
 ///
 /// With `labels=true` there are events `labels` ({faces, changes}) without an id while the job is clustered: at most
-/// four a second, for meshes of up to 300,000 faces that are not subdivided, where this process runs the job; none of
-/// `acvd` and `vc`.
+/// four a second, for meshes of up to 300,000 faces that are not subdivided, where this process runs the job. There are
+/// none of `acvd` and `vc`, and of a stream while 32 others have them.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(
@@ -133,7 +133,7 @@ pub(in crate::service) async fn stream(
         tokens: shared.access.changes(),
         caller,
         keep_alive: shared.settings.keep_alive(),
-        watcher: labels.then(|| shared.live.channel(id).watch()),
+        watcher: labels.then(|| shared.live.channel(id).watch()).flatten(),
         shared,
         id,
         after,
@@ -158,7 +158,7 @@ struct Reader {
     after: u64,
     page: VecDeque<Event>,
     pulses: watch::Receiver<Pulse>,
-    /// Gets labels of the running job, where the client wants them.
+    /// Gets labels of the running job, if the client does.
     watcher: Option<Watcher>,
     /// Who reads, and what changes when that may be over.
     caller: Caller,

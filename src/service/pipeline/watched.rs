@@ -35,8 +35,8 @@ struct Window<'d> {
 impl<'d> Watched<'d> {
     /// None where labels cannot be watched: of a mesh that is too large, or whose faces were divided.
     pub fn new(device: &'d mut dyn Device, prepared: &'d Prepared, channel: Channel) -> Option<Self> {
-        let Prepared { surface, plan, origin, .. } = prepared;
-        let is_watchable = surface.faces() <= MOST_FACES && origin.is_none();
+        let Prepared { surface, plan, input, origin, .. } = prepared;
+        let is_watchable = input.faces <= MOST_FACES && origin.is_none();
         let window = Window { channel, surface, next: Instant::now() };
         is_watchable.then(|| Self { device, is_hierarchy: matches!(plan, Plan::Hierarchy { .. }), window })
     }
