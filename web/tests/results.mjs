@@ -78,7 +78,7 @@ export const results = {
       await held;
       await route.fallback();
     };
-    const page = await browser.open(service.url, {}, (page) => page.route(/\/events$/, hold), `/${hash}`);
+    const page = await browser.open(service.url, {}, (page) => page.route(/\/events\?/, hold), `/${hash}`);
     await drawn(page, 5);
     assert.equal(await page.getAttribute("#curve", "data-points"), null);
     release();

@@ -1,6 +1,7 @@
 //! A device whose labels are shown to the watchers of a job while it works.
 //!
-//! Phases are interrupted as they are for snapshots: labels and energies are the same with and without.
+//! Phases are interrupted as they are for snapshots: labels and energies are the same with and without. Moves of whole
+//! clusters ([`crate::cluster::relocation`]) are made on the host and show none.
 
 use std::time::Instant;
 
