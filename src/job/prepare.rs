@@ -161,7 +161,18 @@ impl Checked {
         };
         let input = describe(mesh, about, &surface);
         let weighted_by = Vec::new();
-        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh: None, origin: None, timings })
+        Ok(Prepared {
+            surface,
+            plan,
+            input,
+            parameters,
+            weighted_by,
+            warnings,
+            mesh: None,
+            origin: None,
+            viewer: None,
+            timings,
+        })
     }
 }
 

@@ -7,7 +7,7 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -17,6 +17,7 @@ use tokio::sync::watch;
 use utoipa::ToSchema;
 
 use super::store::JobId;
+use crate::job::Viewer;
 
 /// Faces of the largest mesh whose labels can be watched.
 pub(super) const MOST_FACES: u64 = 300_000;
@@ -25,7 +26,7 @@ pub(super) const MOST_FACES: u64 = 300_000;
 const MOST_WATCHERS: usize = 32;
 
 /// Least time between two sets of labels of a job.
-pub(super) const PACE: Duration = Duration::from_millis(250);
+const PACE: Duration = Duration::from_millis(250);
 
 /// One label a face, in upload order.
 type Labels = Arc<[u32]>;
@@ -39,6 +40,8 @@ pub(super) struct Live(Mutex<HashMap<JobId, watch::Sender<Labels>>>);
 pub(super) struct Channel {
     live: Arc<Live>,
     id: JobId,
+    /// When the next labels are due.
+    next: Arc<Mutex<Instant>>,
 }
 
 /// A client that watches a job, until this is dropped.
@@ -64,7 +67,7 @@ pub(super) struct LabelsEvent {
 impl Live {
     /// A job, watched or not.
     pub fn channel(self: &Arc<Self>, id: JobId) -> Channel {
-        Channel { live: Arc::clone(self), id }
+        Channel { live: Arc::clone(self), id, next: Arc::new(Mutex::new(Instant::now())) }
     }
 }
 
@@ -80,13 +83,19 @@ impl Channel {
         Some(Watcher { channel: self, labels, sent: Labels::default() })
     }
 
-    /// Whether a client watches.
-    pub fn is_watched(&self) -> bool {
+    fn is_watched(&self) -> bool {
         self.live.0.lock().contains_key(&self.id)
     }
+}
 
-    /// Shows labels of all faces, in upload order.
-    pub fn show(&self, labels: Vec<u32>) {
+impl Viewer for Channel {
+    /// Whether a client watches, and the last labels are long enough ago.
+    fn is_due(&self) -> bool {
+        Instant::now() >= *self.next.lock() && self.is_watched()
+    }
+
+    fn show(&self, labels: Vec<u32>) {
+        *self.next.lock() = Instant::now() + PACE;
         if let Some(watched) = self.live.0.lock().get(&self.id) {
             watched.send_replace(labels.into());
         }

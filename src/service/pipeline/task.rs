@@ -12,7 +12,6 @@ use crate::error::{Error, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
 
 use crate::service::faults::{FaultPoint, Faults};
-use crate::service::live::Channel;
 use crate::service::metrics::Metrics;
 
 /// A mesh to be clustered.
@@ -29,8 +28,6 @@ pub(super) struct Task {
     pub on_row: OnRow,
     /// Where the lines of the log belong.
     pub span: tracing::Span,
-    /// Shows its labels to clients that watch.
-    pub channel: Channel,
     /// Freed when the mesh is: other meshes wait for its place in memory.
     pub slot: Slot,
 }
@@ -60,7 +57,7 @@ impl Task {
     /// What a device has to do with it.
     pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();
-        match Watched::new(&mut *device, &self.prepared, self.channel.clone()) {
+        match Watched::new(&mut *device, &self.prepared) {
             Some(mut watched) => job::cluster(&self.prepared, &mut watched, &self.cancel, &mut *self.on_row),
             None => job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row),
         }

@@ -1,9 +1,5 @@
-//! A device whose labels are shown to the watchers of a job while it works.
-//!
-//! Phases are interrupted as they are for snapshots: labels and energies are the same with and without. Moves of whole
-//! clusters ([`crate::cluster::relocation`]) are made on the host and show none.
-
-use std::time::Instant;
+//! A device whose labels are shown while it works. Phases are interrupted as they are for snapshots: labels and energies
+//! are the same with and without.
 
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{
@@ -11,40 +7,31 @@ use crate::device::{
 };
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::Result;
-use crate::job::{Plan, Prepared};
-use crate::service::live::{Channel, MOST_FACES, PACE};
+use crate::job::{Plan, Prepared, Viewer};
 use crate::surface::{DualGraph, Surface};
 
 /// Iterations after which a phase is interrupted.
 const AT_ONCE: u32 = 16;
 
-/// A device that works on a job whose labels can be watched.
+/// A device that works on a job whose labels are shown.
 pub(super) struct Watched<'d> {
     device: &'d mut dyn Device,
-    is_hierarchy: bool,
-    window: Window<'d>,
-}
-
-/// What shows labels of one surface.
-struct Window<'d> {
-    channel: Channel,
     surface: &'d Surface,
-    /// When the next labels are due.
-    next: Instant,
+    viewer: &'d dyn Viewer,
+    is_hierarchy: bool,
 }
 
 impl<'d> Watched<'d> {
-    /// None where labels cannot be watched: of a mesh that is too large, or whose faces were divided.
-    pub fn new(device: &'d mut dyn Device, prepared: &'d Prepared, channel: Channel) -> Option<Self> {
-        let Prepared { surface, plan, input, origin, .. } = prepared;
-        let is_watchable = input.faces <= MOST_FACES && origin.is_none();
-        let window = Window { channel, surface, next: Instant::now() };
-        is_watchable.then(|| Self { device, is_hierarchy: matches!(plan, Plan::Hierarchy { .. }), window })
+    /// None where the labels are not shown.
+    pub fn new(device: &'d mut dyn Device, prepared: &'d Prepared) -> Option<Self> {
+        let Prepared { surface, plan, viewer, .. } = prepared;
+        let viewer = viewer.as_deref()?;
+        Some(Self { device, surface, viewer, is_hierarchy: matches!(plan, Plan::Hierarchy { .. }) })
     }
 
     /// Whether labels of a graph are labels of the mesh.
     fn shows(&self, graph: &DualGraph) -> bool {
-        std::ptr::eq(graph, &raw const **self.window.surface)
+        std::ptr::eq(graph, &raw const **self.surface)
     }
 }
 
@@ -72,7 +59,7 @@ impl Device for Watched<'_> {
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         let is_shown = self.shows(graph) && !self.is_hierarchy;
         let steps = self.device.open(graph, component_of_cluster)?;
-        Ok(if is_shown { Box::new(Shown { steps, window: &mut self.window }) } else { steps })
+        Ok(if is_shown { Box::new(Shown { steps, surface: self.surface, viewer: self.viewer }) } else { steps })
     }
 
     fn open_merging<'a>(
@@ -82,23 +69,22 @@ impl Device for Watched<'_> {
     ) -> Result<Box<dyn MergeSteps + 'a>> {
         let is_shown = self.shows(graph) && self.is_hierarchy;
         let steps = self.device.open_merging(graph, component_of_cluster)?;
-        Ok(if is_shown { Box::new(Shown { steps, window: &mut self.window }) } else { steps })
+        Ok(if is_shown { Box::new(Shown { steps, surface: self.surface, viewer: self.viewer }) } else { steps })
     }
 }
 
 /// Steps whose labels are shown.
-struct Shown<'a, 'd, S: ?Sized> {
+struct Shown<'a, S: ?Sized> {
     steps: Box<S>,
-    window: &'a mut Window<'d>,
+    surface: &'a Surface,
+    viewer: &'a dyn Viewer,
 }
 
-impl<S: Steps + ?Sized> Shown<'_, '_, S> {
-    /// Shows the labels, where a client watches and the last ones are long enough ago.
+impl<S: Steps + ?Sized> Shown<'_, S> {
+    /// Shows the labels, if that is due.
     fn show(&mut self) -> Result<()> {
-        let Window { channel, surface, next } = &mut *self.window;
-        if Instant::now() >= *next && channel.is_watched() {
-            channel.show(surface.in_upload_order(&self.steps.labels()?));
-            *next = Instant::now() + PACE;
+        if self.viewer.is_due() {
+            self.viewer.show(self.surface.in_upload_order(&self.steps.labels()?));
         }
         Ok(())
     }
@@ -119,7 +105,7 @@ impl<S: Steps + ?Sized> Shown<'_, '_, S> {
     }
 }
 
-impl<S: Steps + ?Sized> Steps for Shown<'_, '_, S> {
+impl<S: Steps + ?Sized> Steps for Shown<'_, S> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         self.steps.set_labels(labels)
     }
@@ -157,7 +143,7 @@ impl<S: Steps + ?Sized> Steps for Shown<'_, '_, S> {
     }
 }
 
-impl<S: MergeSteps + ?Sized> MergeSteps for Shown<'_, '_, S> {
+impl<S: MergeSteps + ?Sized> MergeSteps for Shown<'_, S> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         self.steps.optimal_dual_edges(ties)
     }
