@@ -67,13 +67,13 @@ fn a_viewer_sees_labels_of_the_upload_after_moves_of_whole_clusters_and_changes_
     use crate::dev::sample::{Sample, generate, write_glb};
 
     #[derive(Debug, Default)]
-    struct All(parking_lot::Mutex<Vec<Vec<u32>>>);
+    struct All(std::sync::Mutex<Vec<Vec<u32>>>);
     impl Viewer for All {
         fn is_due(&self) -> bool {
             true
         }
         fn show(&self, labels: Vec<u32>) {
-            self.0.lock().push(labels);
+            self.0.lock().expect("no panic").push(labels);
         }
     }
 
@@ -89,7 +89,7 @@ fn a_viewer_sees_labels_of_the_upload_after_moves_of_whole_clusters_and_changes_
     let all = Arc::<All>::default();
     prepared.viewer = Some(all.clone());
     assert_eq!(labels(&prepared).0, plain);
-    let all = all.0.lock();
+    let all = all.0.lock().expect("no panic");
     assert!(!all.is_empty() && all.len() < rows.len(), "{} of {} rows", all.len(), rows.len());
     // the same clusters with other numbers
     let last = all.last().expect("labels");

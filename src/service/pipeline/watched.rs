@@ -1,5 +1,5 @@
-//! A device whose labels are shown while it works. Phases are interrupted as they are for snapshots: labels and energies
-//! are the same with and without.
+//! A device whose labels are shown while it works. Phases are interrupted as they are for snapshots: labels and
+//! energies are the same with and without.
 
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{
