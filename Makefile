@@ -239,6 +239,7 @@ pages: debug-binary $(VENV)/ready  ## write settings and output of commands into
 .PHONY: picture
 picture: debug-binary $(VENV)/ready  ## draw docs/knot.png, remesh.png and chunks.png anew, and take the pictures of the page
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures docs
+	mv docs/share.jpg web/src/
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 400 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png

@@ -13,6 +13,7 @@ import zlib
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "tests" / "scripts"))
+import colours  # noqa: E402
 import score  # noqa: E402
 
 WIDTH, HEIGHT, FINER = 880, 640, 3
@@ -27,11 +28,7 @@ def look(vertices, tilt=-0.62, turn=0.35):
     return (vertices - vertices.mean(0)) @ (np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ around).T
 
 
-# Those of the page (web/src/palette.ts): near-equal lightness and chroma.
-HUES = np.array([
-    [241, 138, 142], [97, 185, 222], [222, 199, 112], [207, 142, 211],
-    [150, 204, 131], [136, 153, 230], [240, 166, 108], [100, 195, 178],
-]) / 255
+HUES = np.array(colours.HUES) / 255
 
 
 def palette(triangles, labels):

@@ -1,5 +1,5 @@
-// Bundles the page into a folder: node bundle.mjs [FOLDER]. Six files: document, two scripts,
-// styles, mark, licences. `scene.js` has what draws; `page.js` loads it when the page is there.
+// Bundles the page into a folder: node bundle.mjs [FOLDER]. Seven files: document, two scripts,
+// styles, two pictures, licences. `scene.js` has what draws; `page.js` loads it when the page is there.
 // An error, and not a bundle that is too large, where the bundle leaves its budget.
 import { readFileSync, writeFileSync, mkdirSync, copyFileSync } from "node:fs";
 import { dirname, join, resolve } from "node:path";
@@ -26,7 +26,7 @@ const result = await build({
   metafile: true,
   logLevel: "warning",
 });
-for (const name of ["index.html", "mark.svg"]) copyFileSync(join(here, "src", name), join(out, name));
+for (const name of ["index.html", "mark.svg", "share.jpg"]) copyFileSync(join(here, "src", name), join(out, name));
 
 // the licence of every package that a byte of the bundle comes from
 const packages = new Set();
@@ -42,6 +42,7 @@ const licences = [...packages].sort().map((name) => {
 });
 writeFileSync(join(out, "licences.txt"), licences.join(`\n${"-".repeat(80)}\n\n`));
 
+// of what the page loads, which `share.jpg` is no part of
 let [bytes, compressed] = [0, 0];
 for (const name of ["index.html", "page.js", "scene.js", "page.css", "mark.svg", "licences.txt"]) {
   const content = readFileSync(join(out, name));

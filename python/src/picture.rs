@@ -5,6 +5,7 @@
 
 use std::ops::Range;
 
+use tesserae_mesh::export::colour::HUES;
 use tesserae_mesh::export::fan;
 use tesserae_mesh::mesh::PolygonMesh;
 use tesserae_mesh::{Error, Kind, Result};
@@ -32,18 +33,6 @@ const VIEW: [[f64; 3]; 3] = [[0.8660, 0.0, -0.5], [-0.2113, 0.9063, -0.3660], [0
 
 /// Direction of the light in the axes of the view.
 const LIGHT: [f64; 3] = [-0.42, 0.58, 0.70];
-
-/// Eight hues of near-equal lightness and chroma (OKLCH).
-const HUES: [[u8; 3]; 8] = [
-    [241, 138, 142],
-    [97, 185, 222],
-    [222, 199, 112],
-    [207, 142, 211],
-    [150, 204, 131],
-    [136, 153, 230],
-    [240, 166, 108],
-    [100, 195, 178],
-];
 
 /// The colour of a mesh without clusters.
 const PLAIN: [u8; 3] = [236, 222, 194];

@@ -193,6 +193,9 @@ impl<'a> Run<'a> {
         let row = iteration(row, finite(self.prepared.surface.energy(energy)), self.started);
         (self.on_row)(Row::Iteration(row.clone()));
         self.iterations.add(row);
+        if let Some(viewer) = self.prepared.viewer.as_ref().filter(|viewer| viewer.is_due()) {
+            viewer.show(self.prepared.surface.in_upload_order(labels));
+        }
         // clusters that move as a whole leave gaps between the numbers
         self.record.offer_like_last(number, || numbers::compact(labels));
         Ok(())

@@ -30,6 +30,7 @@ pub use weight_list::check_head as check_head_of_weights;
 #[cfg(fuzzing)]
 pub(crate) use weight_list::parse as parse_weights;
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -95,8 +96,19 @@ pub struct Prepared {
     pub mesh: Option<Arc<PolygonMesh>>,
     /// Where its faces come from, if those that were read were divided.
     pub origin: Option<Arc<Origin>>,
+    /// Sees labels while a device and moves of whole clusters work on them, if the caller set it.
+    pub viewer: Option<Arc<dyn Viewer>>,
     /// What the stages so far took.
     pub timings: Timings,
+}
+
+/// Sees labels while a job is clustered.
+pub trait Viewer: fmt::Debug + Send + Sync {
+    /// Whether labels are to be shown now.
+    fn is_due(&self) -> bool;
+
+    /// Shows labels, one a face of the upload.
+    fn show(&self, labels: Vec<u32>);
 }
 
 /// What a job gives.

@@ -155,7 +155,18 @@ impl Checked {
         };
         let input = describe(mesh, about, &surface);
         let weighted_by = Vec::new();
-        Ok(Prepared { surface, spec, plan, input, weighted_by, warnings, mesh: None, origin: None, timings })
+        Ok(Prepared {
+            surface,
+            spec,
+            plan,
+            input,
+            weighted_by,
+            warnings,
+            mesh: None,
+            origin: None,
+            viewer: None,
+            timings,
+        })
     }
 }
 

@@ -61,3 +61,40 @@ fn the_outputs_that_parameters_promise_are_what_the_plan_makes() {
         }
     }
 }
+
+#[test]
+fn a_viewer_sees_labels_of_the_upload_after_moves_of_whole_clusters_and_changes_nothing() {
+    use crate::dev::sample::{Sample, generate, write_glb};
+
+    #[derive(Debug, Default)]
+    struct All(std::sync::Mutex<Vec<Vec<u32>>>);
+    impl Viewer for All {
+        fn is_due(&self) -> bool {
+            true
+        }
+        fn show(&self, labels: Vec<u32>) {
+            self.0.lock().expect("no panic").push(labels);
+        }
+    }
+
+    let mut glb = Vec::new();
+    write_glb(&mut glb, &generate(Sample::Terrain, 3000).expect("a mesh")).expect("written");
+    let parameters = Parameters { clusters: Some(300), ..Parameters::default() };
+    let mut prepared = prepare(&Request::new(&glb, Format::Glb, &parameters)).expect("a mesh");
+    let labels = |prepared: &Prepared| {
+        let outcome = run(prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {}).expect("a result");
+        (outcome.labels.expect("labels"), outcome.report.iterations)
+    };
+    let (plain, rows) = labels(&prepared);
+    let all = Arc::<All>::default();
+    prepared.viewer = Some(all.clone());
+    assert_eq!(labels(&prepared).0, plain);
+    let all = all.0.lock().expect("no panic");
+    assert!(!all.is_empty() && all.len() < rows.len(), "{} of {} rows", all.len(), rows.len());
+    // the same clusters with other numbers
+    let last = all.last().expect("labels");
+    let mut number = vec![None; last.len()];
+    let renumbered: Vec<u32> =
+        last.iter().zip(&plain).map(|(&label, &own)| *number[label as usize].get_or_insert(own)).collect();
+    assert_eq!(renumbered, plain);
+}

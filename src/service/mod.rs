@@ -62,6 +62,7 @@ mod job_blobs;
 mod kept;
 mod kept_mesh;
 mod lag;
+mod live;
 mod logging;
 mod metrics;
 mod negotiate;

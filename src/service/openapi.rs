@@ -21,6 +21,7 @@ use utoipa_axum::routes;
 
 use super::api::binary::Binary;
 use super::api::{self, events};
+use super::live::LabelsEvent;
 use super::problem::{Answer, Problematic};
 use super::state::Shared;
 use super::store::PRIORITIES;
@@ -41,7 +42,7 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         description = "Clusters the faces of polygon meshes: a mesh in, one label a face and live energies out."
     ),
     components(
-        schemas(events::StateEvent, events::EndEvent),
+        schemas(events::StateEvent, events::EndEvent, LabelsEvent),
         responses(Problematic)
     ),
     tags(

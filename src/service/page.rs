@@ -1,8 +1,8 @@
-//! The page at `/`: a client of this interface for people, in one document, one style sheet and two scripts. The first
-//! script is small, so that the page is there at once; it loads the second, which draws.
+//! The page at `/`: a client of this interface for people, in one document, one style sheet, two scripts and two
+//! pictures. The first script is small, so that the page is there at once; it loads the second, which draws.
 //!
-//! Its sources are in `web/`. `make bundle` makes six files of them, and the feature `page` compiles these in; the mesh
-//! of the first visit is made here ([`knot`]). Without the feature, the paths are a 404 that says so.
+//! Its sources are in `web/`. `make bundle` makes seven files of them, and the feature `page` compiles these in; the
+//! mesh of the first visit is made here ([`knot`]). Without the feature, the paths are a 404 that says so.
 //!
 //! The page needs no token to be read, and holds no data; a token that it is given stays in the browser's session. The
 //! content security policy admits what comes from here and nothing else: no inline script or style, no `eval`, no other
@@ -47,12 +47,13 @@ mod bundled {
     }
 
     /// The files, by their paths.
-    pub const FILES: [File; 6] = [
+    pub const FILES: [File; 7] = [
         File { path: "/", media_type: "text/html; charset=utf-8", bytes: bundled!("index.html") },
         File { path: "/page.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("page.js") },
         File { path: "/scene.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("scene.js") },
         File { path: "/page.css", media_type: "text/css; charset=utf-8", bytes: bundled!("page.css") },
         File { path: "/mark.svg", media_type: "image/svg+xml", bytes: bundled!("mark.svg") },
+        File { path: "/share.jpg", media_type: "image/jpeg", bytes: bundled!("share.jpg") },
         File { path: "/licences.txt", media_type: "text/plain; charset=utf-8", bytes: bundled!("licences.txt") },
     ];
 }

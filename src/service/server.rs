@@ -17,6 +17,7 @@ use super::blocking::blocking;
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
+use super::live::Live;
 use super::metrics::Metrics;
 use super::pipeline::device_thread::{DeviceThread, Reopen};
 use super::pipeline::{Costs, PATIENCE, Parts, Pipeline};
@@ -147,6 +148,7 @@ impl Server {
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout;
+        let live = Arc::<Live>::default();
         let parts = Parts {
             shares: access.shares(),
             worker: presence::worker_name().into(),
@@ -164,6 +166,7 @@ impl Server {
                 Arc::clone(&metrics),
             )?,
             metrics: Arc::clone(&metrics),
+            live: Arc::clone(&live),
         };
         let costs = Costs {
             limits: settings.limits(),
@@ -181,6 +184,7 @@ impl Server {
             storage,
             device: description,
             health,
+            live,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
             memory: pipeline.memory(),

@@ -14,6 +14,7 @@ use super::access::{Access, Caller};
 use super::admission::Admission;
 use super::files::Files;
 use super::health::Health;
+use super::live::Live;
 use super::metrics::Metrics;
 use super::pipeline::Memory;
 use super::storage::Storage;
@@ -57,6 +58,8 @@ pub(super) struct Shared {
     pub device: DeviceDescription,
     /// What is wrong with the service.
     pub health: Arc<Health>,
+    /// Running jobs that are watched.
+    pub live: Arc<Live>,
     /// Cancelled once the service is to stop.
     pub stop: CancellationToken,
     /// Large results that may be in memory at a time.

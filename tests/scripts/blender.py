@@ -8,7 +8,6 @@ Needs the package `bpy` (Blender as a module, 500 MB, one version of Python each
 Blender takes the colours of a GLB and of vertices of a PLY. Its readers of PLY and OBJ drop properties of faces.
 """
 
-import colorsys
 import os
 import pathlib
 import subprocess
@@ -17,6 +16,8 @@ import tempfile
 
 import bpy
 import numpy as np
+
+import colours
 
 BINARY = pathlib.Path(sys.argv[1]).resolve()
 MESHES = pathlib.Path(sys.argv[2]) if len(sys.argv) > 2 else None
@@ -27,10 +28,7 @@ def run(*command):
 
 
 def colour(cluster):
-    """The colour of a cluster, by the standard library."""
-    hue = 0.61803398875 * cluster % 1
-    saturation, value = (0.75, 0.5, 0.9)[cluster % 3], (0.95, 0.75, 0.85, 0.65)[cluster % 4]
-    return [int(255 * channel + 0.5) / 255 for channel in colorsys.hsv_to_rgb(hue, saturation, value)]
+    return [channel / 255 for channel in colours.of_cluster(cluster)]
 
 
 def opened(path, **options):

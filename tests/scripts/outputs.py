@@ -16,7 +16,6 @@ MESHES is a folder of meshes; samples made by BINARY are used as well.
 
 import argparse
 import base64
-import colorsys
 import csv
 import io
 import json
@@ -32,6 +31,7 @@ import pyvista
 import scipy.sparse
 import trimesh
 
+import colours
 import score
 
 try:
@@ -56,13 +56,6 @@ def run(*command):
     return done.stdout.decode()
 
 
-def colour(cluster):
-    """The colour of a cluster, by the standard library."""
-    hue = 0.61803398875 * cluster % 1
-    saturation, value = (0.75, 0.5, 0.9)[cluster % 3], (0.95, 0.75, 0.85, 0.65)[cluster % 4]
-    return [int(255 * channel + 0.5) for channel in colorsys.hsv_to_rgb(hue, saturation, value)]
-
-
 class Case:
     """A mesh, its labels, and its outputs."""
 
@@ -75,7 +68,7 @@ class Case:
         self.mesh, self.labels = mesh, np.load(labels)
         self.vertices, self.corners, self.first = score.load(mesh)
         self.faces = len(self.labels)
-        self.colours = np.array([colour(cluster) for cluster in range(clusters)], dtype=int)
+        self.colours = np.array([colours.of_cluster(cluster) for cluster in range(clusters)], dtype=int)
         self.are_triangles = bool((np.diff(self.first) == 3).all())
         self.triangles, face = score.fans(self.corners, self.first)
         self.triangle_labels = self.labels[face]

@@ -1,5 +1,7 @@
 //! The stream of events: complete, resumable, ending.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use reqwest::Response;
 use serde_json::Value;
 use tesserae_mesh::service::Settings;
@@ -43,6 +45,19 @@ impl Stream {
             let chunk = self.response.chunk().await.expect("readable")?;
             self.text.push_str(std::str::from_utf8(&chunk).expect("text"));
         }
+    }
+
+    /// Numbers of the events `labels` up to the end, of each the faces and the pairs of a face and its label.
+    async fn labels(&mut self) -> Vec<(u64, Vec<[u32; 2]>)> {
+        let mut all = Vec::new();
+        while let Some(block) = self.block().await {
+            let Some(data) = block.strip_prefix("event: labels\ndata: ") else { continue };
+            let data: Value = serde_json::from_str(data).expect("JSON");
+            let bytes = STANDARD.decode(text(&data["changes"])).expect("base64");
+            let numbers: Vec<u32> = bytes.as_chunks().0.iter().map(|&four| u32::from_le_bytes(four)).collect();
+            all.push((data["faces"].as_u64().expect("a number"), numbers.as_chunks().0.to_vec()));
+        }
+        all
     }
 
     /// The next event; none when the stream has closed.
@@ -242,4 +257,55 @@ async fn stopping_ends_streams_with_a_hint() {
     assert_eq!(stream.block().await, None);
     gate.open();
     service.stopped().await;
+}
+
+#[tokio::test]
+async fn labels_of_a_running_job_are_shown_to_those_that_want_them_and_change_nothing() {
+    for query in ["clusters=20&seeds=random", "algorithm=pml", "clusters=20&subdivide=1"] {
+        let (device, gate) = Held::behind_gate();
+        let service = Service::with(|_| {}, device).await;
+        // above the meshes that are worked on beside the device
+        let job = service.submit(query, sphere(10_000)).await;
+        service.reaches(&job, "running").await;
+        let url = format!("{}?labels=true", text(&job["urls"]["events"]));
+        let mut watching = Stream { response: service.get(&url).send().await.expect("answered"), text: String::new() };
+        let mut other = Stream::open(&service, &job, None).await;
+        gate.open();
+        assert!(other.labels().await.is_empty(), "{query}");
+        let shown = watching.labels().await;
+        let faces = service.ended(&job).await["result"]["faces"].as_u64().expect("a number");
+        if query.contains("subdivide") {
+            assert!(shown.is_empty(), "labels of other faces");
+            continue;
+        }
+        let (first, changes) = shown.first().unwrap_or_else(|| panic!("{query}: no labels"));
+        assert_eq!(*first, faces);
+        let named: Vec<u64> = changes.iter().map(|&[face, _]| u64::from(face)).collect();
+        assert_eq!(named, (0..faces).collect::<Vec<_>>(), "{query}");
+        let mut clusters: Vec<u32> = changes.iter().map(|&[_, label]| label).collect();
+        clusters.sort_unstable();
+        clusters.dedup();
+        assert!(clusters.len() >= 20 && clusters.iter().all(|&label| u64::from(label) < faces), "{query}");
+
+        let again = service.submit(query, sphere(10_000)).await;
+        service.ended(&again).await;
+        let cut = if query.contains("pml") { "&clusters=20" } else { "" };
+        let bytes = async |job: &Value| {
+            let url = format!("{}/labels?format=npy{cut}", path(job));
+            let response = service.get(&url).send().await.expect("answered");
+            assert_eq!(response.status(), 200);
+            response.bytes().await.expect("bytes")
+        };
+        assert!(bytes(&job).await == bytes(&again).await, "{query}: labels differ where a client watched");
+    }
+}
+
+#[tokio::test]
+async fn the_stream_refuses_queries_that_it_does_not_have() {
+    let service = Service::start().await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let url = text(&job["urls"]["events"]);
+    for bad in ["labels=1", "label=true", "labels=true&labels=true"] {
+        refused(service.get(&format!("{url}?{bad}")), 422, "invalid-parameter").await;
+    }
 }

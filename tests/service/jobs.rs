@@ -6,6 +6,8 @@ use futures_util::future::join_all;
 use reqwest::multipart::{Form, Part};
 use serde_json::Value;
 use tesserae_mesh::dev::sample::{self, Sample};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::Settings;
 
 use crate::support::*;
 
@@ -243,10 +245,13 @@ async fn fifty_small_jobs_at_once_all_end_with_the_same_labels() {
 
 #[tokio::test]
 async fn the_service_describes_itself() {
-    let service = Service::start().await;
+    let limits = |settings: &mut Settings| (settings.max_upload_bytes, settings.max_faces) = (12_345, 678);
+    let service = Service::with(limits, Box::new(CpuDevice::new())).await;
     let device = json(service.get("/v1/device")).await;
     assert_eq!(device["kind"], "cpu");
     assert_eq!(device["chosen"], "by the test");
+    let limits = json(service.get("/v1/limits")).await;
+    assert_eq!(limits, serde_json::json!({"max_upload_bytes": 12_345, "max_faces": 678}));
     let formats = json(service.get("/v1/formats")).await;
     assert_eq!(formats["meshes"][0], serde_json::json!({"name": "obj", "media_type": "model/obj"}));
     assert_eq!(formats["labels"][1]["media_type"], "application/x-npy");

@@ -212,6 +212,7 @@ async fn everything_that_can_be_got_has_a_head() {
         "/v1/jobs",
         "/v1/device",
         "/v1/formats",
+        "/v1/limits",
         "/v1/version",
         "/healthz",
         "/readyz",

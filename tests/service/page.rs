@@ -7,12 +7,13 @@ use crate::support::*;
 const HAS_PAGE: bool = cfg!(feature = "page");
 
 /// Paths and media types of the files.
-const FILES: [(&str, &str); 8] = [
+const FILES: [(&str, &str); 9] = [
     ("/", "text/html"),
     ("/page.js", "text/javascript"),
     ("/scene.js", "text/javascript"),
     ("/page.css", "text/css"),
     ("/mark.svg", "image/svg+xml"),
+    ("/share.jpg", "image/jpeg"),
     ("/licences.txt", "text/plain"),
     ("/knot.glb", "application/octet-stream"),
     ("/knot.tsr", "application/octet-stream"),

@@ -47,10 +47,17 @@ export interface RoundRow {
   energy: number | null;
 }
 
+/** Labels of a running job: of each face that changed, the face and its label, 32 bits each, in base64. */
+export interface LabelsEvent {
+  faces: number;
+  changes: string;
+}
+
 export type JobEvent =
   | { name: "state"; data: { state: State; attempt?: number } }
   | { name: "iteration"; data: IterationRow }
   | { name: "round"; data: RoundRow }
+  | { name: "labels"; data: LabelsEvent }
   | { name: "end"; data: { state: State; problem: Problem | null } };
 
 /** An answer that is no success. */
@@ -173,13 +180,13 @@ export async function follow(
     try {
       const headers: Record<string, string> = { accept: "text/event-stream" };
       if (last !== "") headers["last-event-id"] = last;
-      const response = await request(`/v1/jobs/${id}/events`, { signal, headers });
+      const response = await request(`/v1/jobs/${id}/events?labels=true`, { signal, headers });
       onBreak("");
       // it has ended, and there is no event that is not known
       if (response.status === 204) return last;
       for await (const event of events(response)) {
         wait = 250;
-        last = event.id;
+        if (event.id !== "") last = event.id;
         isEnded = event.name === "end";
         onEvent(event as unknown as JobEvent);
       }

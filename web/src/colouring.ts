@@ -11,6 +11,8 @@ export class Colouring {
   private before: { face: number; hue: number }[] = [];
   /** The first cluster found at each vertex. */
   private readonly first: Uint32Array;
+  /** Labels that meet at a vertex, in twos. */
+  private pairs = new Uint32Array();
 
   constructor(
     /** The vertex of each corner; null where the mesh is not known. */
@@ -64,23 +66,38 @@ export class Colouring {
   /** Neighbours of each cluster, those of cluster c from `starts[c]` on; some are there several times. */
   private graph(labels: Uint32Array, clusters: number): { starts: Uint32Array; neighbours: Uint32Array } {
     const { corners, faces } = this;
-    const pairs: number[] = [];
     const first = this.first.fill(0xffffffff);
-    for (let i = 0; i < (corners?.length ?? 0); i++) {
-      const triangle = (i / 3) | 0;
+    const length = corners?.length ?? 0;
+    let count = 0;
+    // plain loops: this runs at every frame of a moving slider
+    for (let corner = 0, triangle = 0; corner < length; triangle++) {
       const label = labels[faces ? (faces[triangle] ?? 0) : triangle] ?? 0;
-      const vertex = corners?.[i] ?? 0;
-      const other = first[vertex] ?? 0;
-      if (other === 0xffffffff) first[vertex] = label;
-      else if (other !== label) pairs.push(other, label);
+      for (const end = corner + 3; corner < end; corner++) {
+        const vertex = corners?.[corner] ?? 0;
+        const other = first[vertex] ?? 0;
+        if (other === 0xffffffff) first[vertex] = label;
+        else if (other !== label) {
+          const { pairs } = this;
+          // the triangles around a vertex often follow each other
+          if (count > 0 && pairs[count - 2] === other && pairs[count - 1] === label) continue;
+          if (count === pairs.length) (this.pairs = new Uint32Array(2 * count + 1024)).set(pairs);
+          this.pairs[count++] = other;
+          this.pairs[count++] = label;
+        }
+      }
     }
+    const { pairs } = this;
     const starts = new Uint32Array(clusters + 1);
-    for (const cluster of pairs) starts[cluster + 1] = (starts[cluster + 1] ?? 0) + 1;
+    for (let i = 0; i < count; i++) {
+      const next = (pairs[i] ?? 0) + 1;
+      starts[next] = (starts[next] ?? 0) + 1;
+    }
     for (let cluster = 0; cluster < clusters; cluster++)
       starts[cluster + 1] = (starts[cluster + 1] ?? 0) + (starts[cluster] ?? 0);
     const ends = starts.slice();
-    const neighbours = new Uint32Array(pairs.length);
-    for (const [i, cluster] of pairs.entries()) {
+    const neighbours = new Uint32Array(count);
+    for (let i = 0; i < count; i++) {
+      const cluster = pairs[i] ?? 0;
       const at = ends[cluster] ?? 0;
       neighbours[at] = pairs[i ^ 1] ?? 0;
       ends[cluster] = at + 1;

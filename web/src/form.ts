@@ -2,10 +2,11 @@
 
 import { type Job, isHierarchical, nameOf } from "./api";
 import { announce, byId, notice, size } from "./dom";
+import { refusalOf } from "./limits";
 import { scene } from "./load";
 import { type Progress, send } from "./send";
 
-const isMesh = (name: string): boolean => /\.(obj|glb|gltf|ply|stl)$/i.test(name);
+const isMesh = (name: string): boolean => /\.(obj|glb|gltf|ply|stl|off)$/i.test(name);
 
 /** Whether an algorithm has a quality; the others refuse it. */
 const hasQuality = (algorithm: string): boolean => ["bb", "pml"].includes(algorithm);
@@ -15,6 +16,8 @@ const value = (id: string): string => byId<HTMLInputElement>(id).value;
 export class Form {
   private files: File[] = [];
   private sending: AbortController | null = null;
+  /** Whether nothing is known against the files. */
+  private checked: Promise<boolean> = Promise.resolve(false);
 
   constructor(
     /** Called with each job, and with what was sent, mesh first. */
@@ -36,15 +39,28 @@ export class Form {
     if (chosen.length === 0) return;
     this.files = chosen;
     const jobs = this.jobs();
-    notice(jobs.length > 0 ? "" : `${chosen[0]?.name ?? ""} is no mesh that is known here: OBJ, PLY, STL, GLB, glTF.`);
+    notice(
+      jobs.length > 0 ? "" : `${chosen[0]?.name ?? ""} is no mesh that is known here: OBJ, PLY, STL, GLB, glTF, OFF.`,
+    );
     byId("file-name").textContent = chosen.map((file) => `${file.name}, ${size(file.size)}`).join("; ");
     const button = byId<HTMLButtonElement>("submit");
     button.textContent = jobs.length > 1 ? `Cluster ${jobs.length} meshes` : "Cluster";
     button.disabled = jobs.length === 0 || this.sending !== null;
+    this.checked = this.check(jobs);
+  }
+
+  /** Says why a mesh will be refused, and then sends none. */
+  private async check(jobs: File[][]): Promise<boolean> {
+    const { files } = this;
+    const refusals = (await Promise.all(jobs.map(refusalOf))).filter((words) => words !== "");
+    if (refusals.length === 0 || this.files !== files) return refusals.length === 0;
+    notice(refusals.join(" "));
+    byId<HTMLButtonElement>("submit").disabled = true;
+    return false;
   }
 
   private async start(): Promise<void> {
-    if (this.sending) return;
+    if (!(await this.checked) || this.sending) return;
     const button = byId<HTMLButtonElement>("submit");
     const algorithm = value("algorithm");
     const parameters: Record<string, unknown> = { algorithm, keep_mesh: true };

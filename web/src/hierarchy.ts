@@ -11,6 +11,9 @@ const [FIXED, ROUND, MERGE, MOVE, LABEL] = [40, 32, 16, 8, 4];
 
 const VERSION = 2;
 
+/** Rounds after which labels are kept, at most: a cut begins at the last of them. */
+const KEPT = 16;
+
 /** Where the file is. */
 export interface Source {
   /** Bytes from the beginning of the file on; it may end with more. */
@@ -41,6 +44,10 @@ export class Hierarchy {
   private readonly costs: Float64Array;
   private readonly moved: Uint32Array;
   private readonly to: Uint32Array;
+  /** The cluster of each face after some rounds, by their number. */
+  private readonly kept = new Map<number, Uint32Array>();
+  private readonly parent: Uint32Array;
+  private readonly numbers: Uint32Array;
 
   private constructor(
     content: DataView,
@@ -55,6 +62,8 @@ export class Hierarchy {
     this.costs = new Float64Array(merges);
     this.moved = new Uint32Array(moves);
     this.to = new Uint32Array(moves);
+    this.parent = new Uint32Array(faces);
+    this.numbers = new Uint32Array(faces);
     let at = FIXED + header;
     const checkpoints: boolean[] = [];
     for (let round = 0; round < rounds; round++, at += ROUND) {
@@ -108,10 +117,12 @@ export class Hierarchy {
 
   /** Labels at a number of clusters, numbered by the first face that has them. */
   cut(clusters: number): Labels {
-    const { rounds, faces, into, from, moved, to } = this;
-    const parent = new Uint32Array(faces);
-    const labels = new Uint32Array(faces);
-    for (let face = 0; face < faces; face++) parent[face] = labels[face] = face;
+    const { rounds, faces, into, from, moved, to, kept, parent, numbers } = this;
+    const after = rounds.findIndex((round) => round.clusters < clusters);
+    const end = after < 0 ? rounds.length : after;
+    let round = [...kept.keys()].filter((number) => number <= end).reduce((a, b) => Math.max(a, b), 0);
+    for (let face = 0; face < faces; face++) parent[face] = face;
+    const labels = kept.get(round)?.slice() ?? parent.slice();
     const root = (cluster: number): number => {
       for (let above = parent[cluster] ?? 0; above !== cluster; above = parent[cluster] ?? 0) {
         parent[cluster] = parent[above] ?? 0;
@@ -119,20 +130,25 @@ export class Hierarchy {
       }
       return cluster;
     };
-    let [merge, move, left] = [0, 0, faces];
-    let energy = 0;
-    for (const round of rounds) {
-      if (round.clusters < clusters) break;
-      for (; merge < round.mergesEnd; merge++) parent[from[merge] ?? 0] = into[merge] ?? 0;
-      for (; move < round.movesEnd; move++) labels[moved[move] ?? 0] = to[move] ?? 0;
-      ({ clusters: left, energy } = round);
+    const before = rounds[round - 1];
+    let [merge, move] = [before?.mergesEnd ?? 0, before?.movesEnd ?? 0];
+    const step = Math.ceil(rounds.length / KEPT);
+    for (; round < end; round++) {
+      const { mergesEnd = 0, movesEnd = 0 } = rounds[round] ?? {};
+      if (round > 0 && round % step === 0 && !kept.has(round)) {
+        for (let face = 0; face < faces; face++) labels[face] = root(labels[face] ?? 0);
+        kept.set(round, labels.slice());
+      }
+      for (; merge < mergesEnd; merge++) parent[from[merge] ?? 0] = into[merge] ?? 0;
+      for (; move < movesEnd; move++) labels[moved[move] ?? 0] = to[move] ?? 0;
     }
+    let { clusters: left, energy } = rounds[end - 1] ?? { clusters: faces, energy: 0 };
     // the cheapest of the next round, which come first
     for (; left > clusters; left--, merge++) {
       parent[from[merge] ?? 0] = into[merge] ?? 0;
       energy += this.costs[merge] ?? 0;
     }
-    const numbers = new Uint32Array(faces);
+    numbers.fill(0);
     let seen = 0;
     for (let face = 0; face < faces; face++) {
       const cluster = root(labels[face] ?? 0);

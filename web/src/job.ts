@@ -15,6 +15,7 @@ import {
   request,
 } from "./api";
 import { explain, repairs, withAnother } from "./again";
+import { Before } from "./before";
 import type { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
 import { brief, manner } from "./facts";
@@ -22,8 +23,6 @@ import { type Scene, scene } from "./load";
 import { Result } from "./result";
 import { remove } from "./trash";
 import { uploaded } from "./uploaded";
-import type { Triangles } from "./drawable";
-import type { View } from "./view";
 
 /** Time between looks at whether a job that failed is run again, in milliseconds. */
 const LOOK_EVERY = 2000;
@@ -47,7 +46,7 @@ export class JobPage {
   private readonly rest = make("div", { id: "rest" });
   private readonly curve: Curve;
   private result: Result | null = null;
-  private before: View | null = null;
+  private before: Before | null = null;
   /** Number of the last event. */
   private last = "";
 
@@ -90,14 +89,14 @@ export class JobPage {
 
   close(): void {
     this.abort.abort();
-    this.before?.dispose();
+    this.before?.close();
     this.result?.close();
     this.curve.dispose();
     this.box.replaceChildren();
   }
 
   private async followAttempt(): Promise<void> {
-    void this.showMesh();
+    this.showMesh();
     await this.followEvents();
     if (this.abort.signal.aborted) return;
     await this.whenThere(() => this.reload());
@@ -153,6 +152,8 @@ export class JobPage {
     } else if (event.name === "round") {
       this.curve.round(event.data);
       Object.assign(progress, { clusters_left: event.data.clusters, energy: event.data.energy });
+    } else if (event.name === "labels") {
+      return this.before?.take(event.data);
     }
     this.showState();
   }
@@ -191,7 +192,7 @@ export class JobPage {
 
   private async showResult(): Promise<void> {
     if (this.job.state !== "succeeded") return;
-    this.before?.dispose();
+    this.before?.close();
     this.before = null;
     this.result?.close();
     const places = { stage: this.stage, words: this.state, inspector: this.inspector, rest: this.rest };
@@ -200,30 +201,21 @@ export class JobPage {
     await this.result.load();
   }
 
-  /** Shows the mesh itself while the service works on it, or says why not. */
-  private async showMesh(): Promise<void> {
+  /** Shows the mesh while the service works on it. */
+  private showMesh(): void {
     if (this.before) return;
-    const figure = make("div", { class: "view", id: "preview" }, "Reading the mesh");
-    this.stage.replaceChildren(figure);
-    const mesh = await this.readMesh().catch((error: unknown) => {
-      const why = error instanceof Error ? error.message : String(error);
-      figure.textContent = `The mesh is shown when it is clustered, not before: ${why}.`;
-      return null;
-    });
-    if (!mesh || this.result || !figure.isConnected) return;
-    this.before = new this.scene.View(figure, mesh);
-    this.before.canvas.setAttribute("role", "img");
-    this.before.canvas.setAttribute("aria-label", "The mesh, not yet clustered");
+    this.before = new Before(this.stage, this.scene);
+    void this.before.show(this.readFiles());
   }
 
-  private async readMesh(): Promise<Triangles> {
+  private async readFiles(): Promise<File[]> {
     let { files } = this;
     if (files.length === 0) {
       await this.whenThere(async () => {
         files = await uploaded(this.job, this.abort.signal);
       });
     }
-    return await this.scene.preview(files);
+    return files;
   }
 
   private show(): void {
@@ -233,10 +225,10 @@ export class JobPage {
     const menu = make("details", { class: "menu" }, make("summary", { "aria-label": "More" }, "⋯"), button);
     this.actions.replaceChildren(isRunning ? button : menu);
     if (this.job.state === "failed") {
-      const hint = make("p", {}, "Nothing was kept of this job. Choose the mesh again.");
-      const buttons = repairs(this.job, this.files, this.around.onSent);
-      this.inspector.replaceChildren(...(this.files.length > 0 ? buttons : [hint]));
+      this.inspector.replaceChildren(...repairs(this.job, this.files, this.around.onSent));
       this.inspector.classList.add("tools");
+      const hint = "Nothing was kept of this job. Choose the mesh again.";
+      if (!this.before && this.files.length === 0) this.stage.replaceChildren(make("div", { class: "view" }, hint));
     }
     this.showState();
   }

@@ -16,7 +16,8 @@ const ago = (time: string): string => {
 };
 
 function summary(job: Job): string {
-  if (isLive(job)) return describe(job);
+  // the numbers of a running job are beside its picture
+  if (isLive(job)) return describe(job).replace(/:.*/, "");
   if (job.state !== "succeeded") return job.state;
   const { algorithm } = job.parameters;
   return isHierarchical(algorithm) ? "any number" : `${count(job.result?.clusters ?? 0)} clusters`;

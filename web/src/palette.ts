@@ -1,5 +1,5 @@
 // Colours of clusters: eight hues of near-equal lightness and chroma (OKLCH). The scale is for numbers of clusters, and
-// rises in lightness. Files have colours by the number of a cluster alone (src/export/colour.rs).
+// rises in lightness. The hues are those of files (src/export/colour.rs).
 
 type Colour = readonly [number, number, number];
 

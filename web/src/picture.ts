@@ -103,8 +103,9 @@ export class Picture {
     if (this.view) save(await this.view.picture(), `${stem(this.job)}-${this.mine.hues.length}.png`);
   }
 
+  /** Keeps a picture for the list, not of two jobs. */
   keepThumbnail(): void {
-    if (this.view) keepThumbnail(this.job.id, this.view.drawn());
+    if (this.view && address.read().with === null) keepThumbnail(this.job.id, this.view.drawn());
   }
 
   close(): void {

@@ -8,6 +8,7 @@ import { STLLoader } from "three/addons/loaders/STLLoader.js";
 import { count } from "./dom";
 import { geometry } from "./gltf";
 import { obj } from "./obj";
+import { off } from "./off";
 import type { Triangles } from "./drawable";
 
 /** Triangles above which nothing is shown before the mesh is clustered. */
@@ -35,6 +36,7 @@ async function read(file: File, files: File[]): Promise<Float32Array> {
   if (kind === "obj") return await obj(file, MOST_TRIANGLES);
   if (file.size > MOST_BYTES) throw new Error("it is above 1 GB");
   if (kind === "glb" || kind === "gltf") return await ofScene(files);
+  if (kind === "off") return off(await file.text(), MOST_TRIANGLES);
   if (kind === "ply" || kind === "stl") {
     const loader = kind === "ply" ? new PLYLoader() : new STLLoader();
     return joined([new Mesh(loader.parse(await file.arrayBuffer()))]);

@@ -62,9 +62,15 @@ export class Rig {
     this.controls.update();
   }
 
+  /** Sees as much of the mesh as before. */
   setAspect(aspect: number): void {
-    this.camera.aspect = aspect;
-    this.camera.updateProjectionMatrix();
+    const { camera, controls } = this;
+    const by = Math.min(1, camera.aspect) / Math.min(1, aspect);
+    camera.aspect = aspect;
+    camera.updateProjectionMatrix();
+    if (by === 1) return;
+    camera.position.sub(controls.target).multiplyScalar(by).add(controls.target);
+    controls.update();
   }
 
   dispose(): void {

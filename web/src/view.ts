@@ -1,9 +1,6 @@
 // The mesh in 3D, coloured by cluster: once, or twice with other labels under one camera, beside each other or parted by
 // a line. Two passes: what is seen (seen.ts), then its colours (paint.ts). The first is drawn when the camera moves, the
 // second also when labels or colours change.
-//
-// Where a frame takes long, as with a software renderer, a coarse mesh is drawn while the camera moves, and the whole
-// one when it rests.
 
 import { BufferAttribute, BufferGeometry, Matrix4, Sphere, Vector2, Vector3, WebGLRenderer } from "three";
 
@@ -11,21 +8,10 @@ import type { Place, Shown, Triangles } from "./drawable";
 import { type Up, groundOf, guessUp } from "./ground";
 import { Paint, themeOf } from "./paint";
 import { type Parting, type Rectangle, isIn, place } from "./panes";
+import { Pace } from "./pace";
 import { listen } from "./pointer";
 import { Rig } from "./rig";
 import { Seen } from "./seen";
-
-/** Triangles up to which the picture at rest has four samples a pixel. */
-const MOST_SMOOTHED = 500_000;
-
-/** Time of a frame above which a coarse mesh is drawn while the camera moves, in milliseconds. */
-const SLOW = 60;
-
-/** Triangles above which there is a coarse mesh. */
-const MANY = 100_000;
-
-/** Time of a frame up to which there are four samples a pixel in moves too, in milliseconds. */
-const QUICK = 10;
 
 /** Time after a move or a change of labels when the picture rests, in milliseconds. */
 const REST = 200;
@@ -57,10 +43,9 @@ export class View {
   private then = 0;
   /** Samples along a pixel of what is seen; 0 where that is to be drawn anew. */
   private finer = 0;
-  private isResting = true;
-  private isMoving = false;
-  /** Milliseconds of a frame in a move; null until one was measured. */
-  private took: number | null = null;
+  private readonly pace: Pace;
+  /** Pixels of the canvas along one of the box, where it is not shrunk. */
+  private readonly ratio = Math.min(devicePixelRatio, 2);
 
   constructor(
     private readonly box: HTMLElement,
@@ -69,11 +54,12 @@ export class View {
     up: Up | null = null,
   ) {
     this.renderer = new WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.ratio);
     this.renderer.setScissorTest(true);
     this.canvas = this.renderer.domElement;
     this.geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(mesh.positions, 3));
     this.geometry.computeBoundingSphere();
+    this.pace = new Pace(this.triangles, this.ratio);
     this.seen = new Seen(this.renderer, this.geometry);
     this.paints = [new Paint(this.triangles, mesh.faces)];
     this.guessedUp = guessUp(mesh.positions, format);
@@ -86,7 +72,7 @@ export class View {
     listen(this.canvas, {
       click: (x, y, withShift) => this.onPick(this.at(x, y), withShift),
       hover: (x, y) => {
-        if (!this.isMoving) this.onHover(this.at(x, y));
+        if (!this.pace.isMoving) this.onHover(this.at(x, y));
       },
       leave: () => this.onHover(null),
     });
@@ -116,7 +102,7 @@ export class View {
 
   /** Colours the mesh by labels, and shows it a second time in others where there are any. */
   show(shown: Shown, others: Shown | null = null, parting: Parting = "beside"): void {
-    const before = this.canvas.dataset["panes"];
+    const before = this.canvas.dataset["panes"] ?? "1";
     if (others && !this.paints[1]) this.paints.push(new Paint(this.triangles, this.mesh.faces));
     else if (!others) this.paints.splice(1).forEach((paint) => paint.dispose());
     this.paints[0]?.set(shown.labels, shown.colours);
@@ -125,7 +111,7 @@ export class View {
     const panes = `${this.paints.length}${parting === "beside" ? "" : " parted"}`;
     this.canvas.dataset["panes"] = panes;
     this.rest();
-    if (before === undefined || before === panes) return this.draw();
+    if (before === panes) return this.draw();
     this.resize();
     this.rig.fit(this.bounds(), false);
   }
@@ -162,7 +148,7 @@ export class View {
 
   /** The canvas with everything drawn, until the browser's next frame. */
   drawn(): HTMLCanvasElement {
-    [this.isMoving, this.isResting] = [false, true];
+    [this.pace.isMoving, this.pace.isResting] = [false, true];
     this.drawNow();
     return this.canvas;
   }
@@ -204,39 +190,41 @@ export class View {
       this.then = now;
       this.drawNow();
       // a software renderer has other work, too
-      if (isTurning) this.turning = window.setTimeout(() => this.draw(), 2 * (this.took ?? 0));
+      if (isTurning) this.turning = window.setTimeout(() => this.draw(), 2 * (this.pace.moved ?? 0));
     });
   }
 
   private drawNow(): void {
-    const isTimed = this.isMoving && this.took === null && this.frames > 0;
+    const { pace } = this;
+    const isTimed = pace.isTimed && this.frames > 0;
     const began = performance.now();
-    const isQuick = this.took !== null && this.took <= QUICK;
-    const isCoarse = this.isMoving && (this.took ?? 0) > SLOW && this.triangles > MANY;
+    const { isCoarse, finer, shrink } = pace;
     if (isCoarse) this.coarse ??= this.seen.coarsen(this.mesh.positions);
-    const isFine = this.triangles <= MOST_SMOOTHED && this.renderer.getPixelRatio() < 2;
-    const finer = isFine && (!this.isMoving || isQuick) ? 2 : 1;
-    const { width, height } = this.place(0);
+    const ratio = this.ratio / shrink;
+    if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
     const { camera } = this.rig;
-    if (this.isMoving || this.finer !== finer) this.seen.draw(camera, finer * width, finer * height, isCoarse);
+    if (pace.isMoving || this.finer !== finer) {
+      const { width, height } = this.place(0, this.ratio);
+      this.seen.draw(camera, finer * width, finer * height, isCoarse);
+    }
     this.finer = finer;
+    const along = finer * shrink;
     const frame = {
       seen: this.seen.texture,
       ...this.ground,
       toWorld: new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse).invert(),
-      finer,
-      samples: this.isResting || isQuick ? finer : 1,
+      finer: along,
+      samples: pace.isResting || pace.isQuick ? finer : 1,
       ...themeOf(this.box),
     };
-    const ratio = this.renderer.getPixelRatio();
     for (const [i, paint] of this.paints.entries()) {
       const pane = this.place(i);
       const [x, y, w, h] = [pane.x / ratio, pane.y / ratio, pane.width / ratio, pane.height / ratio];
       this.renderer.setViewport(x, y, w, h);
       this.renderer.setScissor(x + pane.cut / ratio, y, w - pane.cut / ratio, h);
-      paint.draw(this.renderer, frame, pane.x, pane.y, finer * pane.width, finer * pane.height);
+      paint.draw(this.renderer, frame, pane.x, pane.y, along * pane.width, along * pane.height);
     }
-    if (isTimed) this.took = this.timeSince(began);
+    if (isTimed) pace.time(this.timeSince(began));
     this.frames++;
     const drawn = isCoarse ? (this.coarse?.length ?? 0) : this.triangles;
     Object.assign(this.canvas.dataset, { frames: this.frames, drawn });
@@ -244,22 +232,23 @@ export class View {
 
   /** Draws after a move of the camera, and again when it rests. */
   private move(): void {
-    this.isMoving = true;
+    this.pace.isMoving = true;
     this.rest();
     this.draw();
   }
 
   /** Draws at full quality when nothing has changed for a while. */
   private rest(): void {
+    const { pace } = this;
     const isFirst = this.frames === 0;
-    this.isResting = isFirst;
-    if (isFirst) this.isMoving = false;
+    pace.isResting = isFirst;
+    if (isFirst) pace.isMoving = false;
     clearTimeout(this.resting);
     this.resting = window.setTimeout(() => {
       if (this.rig.isTurning) return;
-      const isDone = this.isResting && !this.isMoving;
-      if (this.isMoving) this.finer = 0;
-      [this.isMoving, this.isResting] = [false, true];
+      const isDone = pace.isResting && !pace.isMoving;
+      if (pace.isMoving) this.finer = 0;
+      [pace.isMoving, pace.isResting] = [false, true];
       if (!isDone) this.draw();
     }, REST);
   }
@@ -271,8 +260,8 @@ export class View {
     return performance.now() - began;
   }
 
-  private place(pane: number): Rectangle {
-    const { x, y } = this.renderer.getDrawingBufferSize(new Vector2());
+  private place(pane: number, ratio = this.renderer.getPixelRatio()): Rectangle {
+    const { x, y } = this.renderer.getSize(new Vector2()).multiplyScalar(ratio).floor();
     return place(pane, this.paints.length, this.parting, x, y);
   }
 
@@ -294,7 +283,8 @@ export class View {
     const pane = this.paints.findLastIndex((_, i) => isIn(this.place(i), right, up));
     if (pane < 0) return { triangle: null, pane: 0, x, y };
     const { x: left, y: bottom } = this.place(pane);
-    const triangle = this.seen.at(Math.floor(this.finer * (right - left)), Math.floor(this.finer * (up - bottom)));
+    const along = this.finer * (this.ratio / ratio);
+    const triangle = this.seen.at(Math.floor(along * (right - left)), Math.floor(along * (up - bottom)));
     return { triangle, pane, x, y };
   }
 }

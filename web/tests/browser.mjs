@@ -51,6 +51,13 @@ export class Browser {
     return page;
   }
 
+  /** Milliseconds of processors that all processes of the browser took: unlike time, not those of other programs. */
+  async spent() {
+    this.system ??= await this.chromium.newBrowserCDPSession();
+    const { processInfo } = await this.system.send("SystemInfo.getProcessInfo");
+    return 1000 * processInfo.reduce((sum, { cpuTime }) => sum + cpuTime, 0);
+  }
+
   /** Answers with the file of the folder and the headers of the service. */
   async fromFolder(route) {
     const path = new URL(route.request().url()).pathname.slice(1);

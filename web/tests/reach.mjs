@@ -1,7 +1,11 @@
 // For whom the page works: keyboards alone, narrow screens, readers that want no motion; and meshes that are large.
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { until } from "./service.mjs";
 import { accessible, drawn, idOf, picture, sample, submit, succeeded, text } from "./steps.mjs";
+
+/** Most time of processors from the address of a job of 1,070,000 faces to its first frame. */
+const LARGE_MS = 5000;
 
 /** Presses Tab until an element has the focus. */
 async function tabTo(page, selector, key = "Tab") {
@@ -130,6 +134,24 @@ export const reach = {
     await button.press("Enter");
     await drawn(page, 5);
     assert.equal(meshes, 1);
+    await page.close();
+  },
+
+  async "the first picture of 1,070,000 faces takes as little as before"({ service, browser }) {
+    const body = readFileSync(sample(service, "knot", 1_070_000, "glb"));
+    const query = "format=glb&clusters=1000&quality=fast&keep_mesh=true";
+    const { id } = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
+    const job = `${service.url}/v1/jobs/${id}`;
+    await until("it is made", async () => (await (await fetch(job)).json()).state === "succeeded");
+    const page = await browser.open(service.url, { reducedMotion: "reduce" });
+    await page.waitForSelector("#knot canvas[data-frames]");
+    const spent = await browser.spent();
+    await page.evaluate((id) => (location.hash = `#/jobs/${id}`), id);
+    await drawn(page, 1000);
+    const took = (await browser.spent()) - spent;
+    console.log(`  it takes ${took.toFixed(0)} ms of processors`);
+    assert.ok(took < LARGE_MS, `${took} ms of processors`);
+    await fetch(job, { method: "DELETE" });
     await page.close();
   },
 

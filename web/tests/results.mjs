@@ -78,7 +78,7 @@ export const results = {
       await held;
       await route.fallback();
     };
-    const page = await browser.open(service.url, {}, (page) => page.route(/\/events$/, hold), `/${hash}`);
+    const page = await browser.open(service.url, {}, (page) => page.route(/\/events\?/, hold), `/${hash}`);
     await drawn(page, 5);
     assert.equal(await page.getAttribute("#curve", "data-points"), null);
     release();
@@ -299,6 +299,13 @@ export const results = {
       "both have the colours of clusters",
     );
     assert.notEqual(before[0].digest, before[1].digest);
+    await page.reload();
+    await until(
+      "a reload shows the same",
+      async () =>
+        (await page.locator("#view canvas").count()) > 0 &&
+        (await halves()).every(({ digest }, i) => digest === before[i].digest),
+    );
     // the cameras are one
     await page.locator("#view canvas").focus();
     await page.keyboard.press("ArrowLeft");

@@ -91,7 +91,14 @@ export const sending = {
         const answer = await fetch(`${service.url}/v1/jobs?format=obj&algorithm=ml`, { method: "POST", body });
         before.push(await answer.json());
       }
-      const files = [[sample(service, "knot", 3000)], [sample(service, "quads", 3000, "glb")], [curious(service)]];
+      const off = join(service.folder, "square.off");
+      writeFileSync(off, "OFF\n# a square\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n");
+      const files = [
+        [sample(service, "knot", 3000)],
+        [sample(service, "quads", 3000, "glb")],
+        [curious(service)],
+        [off],
+      ];
       for (const names of [["gltf/Duck/Duck.gltf", "gltf/Duck/Duck0.bin"], ["featuretype.stl"], ["horse.ply"]]) {
         const paths = meshes ? names.map((name) => join(meshes, name)) : [];
         if (paths.length > 0 && paths.every(existsSync)) files.push(paths);
@@ -117,6 +124,38 @@ export const sending = {
         );
       }
       for (const { id } of before.reverse()) await fetch(`${service.url}/v1/jobs/${id}`, { method: "DELETE" });
+      await page.close();
+    } finally {
+      await service.stop();
+    }
+  },
+
+  async "clusters of a running job are seen as they change, those of a waiting one are not"({ browser }) {
+    const service = await new Service(binary).start("--meshes-in-memory", "1");
+    try {
+      const body = readFileSync(sample(service, "knot", 200_000, "glb"));
+      const send = async () => {
+        const url = `${service.url}/v1/jobs?format=glb&algorithm=ml`;
+        return (await (await fetch(url, { method: "POST", body })).json()).id;
+      };
+      const [running, waiting] = [await send(), await send()];
+      const page = await browser.open(service.url);
+      const open = async (id) => {
+        await page.goto(`${service.url}/#/jobs/${id}`);
+        await page.waitForSelector("#preview canvas[data-frames]");
+      };
+      await open(waiting);
+      await until("it waits", async () => /^Waiting/.test(await text(page, "#state")));
+      assert.equal((await look(page, "#preview")).hues, 0, "it is grey");
+      await open(running);
+      const shown = () => page.getAttribute("#preview", "data-shown").then(Number);
+      await until("there are clusters", async () => (await shown()) > 0);
+      const first = await look(page, "#preview");
+      assert.ok(first.hues > 5, "in their hues");
+      const before = await shown();
+      await until("they change", async () => (await shown()) > before + 1);
+      assert.notEqual((await look(page, "#preview")).digest, first.digest);
+      for (const id of [waiting, running]) await fetch(`${service.url}/v1/jobs/${id}`, { method: "DELETE" });
       await page.close();
     } finally {
       await service.stop();

@@ -49,23 +49,55 @@ export const states = {
     // a reserve that the disk has, but not now
     const { blocks, bavail, bsize } = statfsSync(tmpdir());
     const reserve = Math.floor((bsize * (blocks + bavail)) / 2);
-    for (const [setting, value, words] of [
-      ["--max-upload-bytes", "100000", /more bytes than the limit of 100000/],
-      ["--min-free-bytes", String(reserve), /--min-free-bytes/],
-    ]) {
-      const service = await new Service(binary).start(setting, value);
-      try {
-        const page = await browser.open(service.url);
-        await page.setInputFiles("#file", sample(service, "knot", 200_000));
-        await page.click("#submit");
-        await until(`${setting} is named`, async () => words.test(await text(page, "#notice")));
-        assert.ok(await page.isHidden("#sending"));
-        assert.ok(await page.isEnabled("#submit"), "another mesh can be sent");
-        await accessible(page, setting);
-        await page.close();
-      } finally {
-        await service.stop();
+    const service = await new Service(binary).start("--min-free-bytes", String(reserve));
+    try {
+      const page = await browser.open(service.url);
+      await page.setInputFiles("#file", sample(service, "knot", 200_000));
+      await page.click("#submit");
+      await until("the setting is named", async () => /--min-free-bytes/.test(await text(page, "#notice")));
+      assert.ok(await page.isHidden("#sending"));
+      assert.ok(await page.isEnabled("#submit"), "another mesh can be sent");
+      await accessible(page, "a refusal");
+      await page.close();
+    } finally {
+      await service.stop();
+    }
+  },
+
+  async "what is above a limit of the service is not sent"({ browser }) {
+    const service = await new Service(binary).start("--max-upload-bytes", "100000", "--max-faces", "1000");
+    try {
+      const page = await browser.open(service.url);
+      let posts = 0;
+      page.on("request", (request) => (posts += request.method() === "POST"));
+      const choose = (file) => page.setInputFiles("#file", file);
+      await choose(sample(service, "knot", 200_000));
+      await until("the bytes are named", async () =>
+        /^knot\.obj has [\d.]+ MB\. This service takes 100 kB at most\.$/.test(await text(page, "#notice")),
+      );
+      assert.ok(await page.isDisabled("#submit"));
+      for (const [name, head] of [
+        ["many.ply", "ply\nformat ascii 1.0\nelement vertex 3\nelement face 1001\n"],
+        ["many.off", "OFF # of hills\n3 1001 0\n"],
+        ["many.stl", Buffer.concat([Buffer.alloc(80), Buffer.from([0xe9, 3, 0, 0]), Buffer.alloc(50 * 1001)])],
+      ]) {
+        await choose({ name, mimeType: "model/mesh", buffer: Buffer.from(head) });
+        await until("the faces are named", async () =>
+          (await text(page, "#notice")).startsWith(`${name} has 1,001 faces. This service clusters 1,000 at most.`),
+        );
+        assert.ok(await page.isDisabled("#submit"));
       }
+      await accessible(page, "a limit");
+      await choose(sample(service, "sphere", 500));
+      await page.selectOption("#algorithm", "bb");
+      await page.fill("#clusters", "5");
+      assert.equal(posts, 0);
+      await page.click("#submit");
+      await succeeded(page);
+      assert.equal(posts, 1);
+      await page.close();
+    } finally {
+      await service.stop();
     }
   },
 

@@ -29,7 +29,8 @@ export const idOf = (page) => /jobs\/([0-9a-f-]+)/.exec(page.url())[1];
 export async function picture(page, name) {
   if (!values.pictures) return;
   mkdirSync(values.pictures, { recursive: true });
-  await page.screenshot({ path: join(values.pictures, name) });
+  const small = name.endsWith(".jpg") ? { quality: 60 } : {};
+  await page.screenshot({ path: join(values.pictures, name), ...small });
 }
 
 export function sample(service, name, faces, extension = "obj") {

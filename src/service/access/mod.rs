@@ -33,7 +33,7 @@ use crate::error::{Error, Kind, Result};
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
-const OPEN: [&str; 12] = [
+const OPEN: [&str; 13] = [
     "/healthz",
     "/readyz",
     "/v1/version",
@@ -43,6 +43,7 @@ const OPEN: [&str; 12] = [
     "/scene.js",
     "/page.css",
     "/mark.svg",
+    "/share.jpg",
     "/licences.txt",
     "/knot.glb",
     "/knot.tsr",

@@ -1,4 +1,4 @@
-//! The device, the formats and the version.
+//! The device, the formats, the limits and the version.
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
@@ -9,6 +9,7 @@ use utoipa::ToSchema;
 
 use crate::artifacts::{Form, LABELS};
 use crate::mesh::Format;
+use crate::service::Settings;
 use crate::service::state::{App, DeviceDescription};
 
 /// Formats that are read and written.
@@ -30,6 +31,18 @@ pub(in crate::service) struct FormatView {
     /// Media type.
     #[schema(example = "model/gltf-binary")]
     media_type: &'static str,
+}
+
+/// What a mesh may be.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = MeshLimits)]
+pub(in crate::service) struct LimitsView {
+    /// Bytes of the largest upload, the files that belong to a mesh included.
+    #[schema(example = 2_147_483_648_u64)]
+    max_upload_bytes: u64,
+    /// Faces of the largest mesh.
+    #[schema(example = 50_000_000)]
+    max_faces: u64,
 }
 
 /// The version of the service.
@@ -63,6 +76,18 @@ pub(in crate::service) async fn formats() -> Json<Formats> {
     let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
     let label = |form: &Form| FormatView { name: form.extension(), media_type: form.media_type };
     Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LABELS.forms.iter().map(label).collect() })
+}
+
+/// Limits
+///
+/// The largest upload and the largest mesh. A compressed upload counts as it is once it is decompressed.
+#[utoipa::path(
+    get, path = "/v1/limits", tag = "service", operation_id = "getLimits",
+    responses((status = 200, description = "The limits", body = LimitsView)),
+)]
+pub(in crate::service) async fn limits(Extract(shared): App) -> Json<LimitsView> {
+    let Settings { max_upload_bytes, max_faces, .. } = shared.settings;
+    Json(LimitsView { max_upload_bytes, max_faces })
 }
 
 /// Version

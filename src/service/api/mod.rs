@@ -57,6 +57,7 @@ pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
         .routes(routes!(workers::list))
         .routes(routes!(info::device))
         .routes(routes!(info::formats))
+        .routes(routes!(info::limits))
         .routes(routes!(info::version))
         .routes(routes!(health::healthz))
         .routes(routes!(health::readyz))

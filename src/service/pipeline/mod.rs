@@ -27,6 +27,7 @@ mod stages;
 mod task;
 mod turns;
 mod virtual_times;
+mod watched;
 
 pub(super) use self::memory::Memory;
 pub(super) use self::parts::{Costs, Parts, Pipeline};

@@ -13,6 +13,7 @@ use crate::error::Result;
 use crate::mesh::Limits;
 use crate::service::faults::Faults;
 use crate::service::files::Files;
+use crate::service::live::Live;
 use crate::service::metrics::Metrics;
 use crate::service::queue::Shares;
 use crate::service::storage::Storage;
@@ -31,6 +32,8 @@ pub(in crate::service) struct Parts {
     pub device: DeviceThread,
     /// What is counted.
     pub metrics: Arc<Metrics>,
+    /// Running jobs that are watched.
+    pub live: Arc<Live>,
     /// What tenants may use.
     pub shares: watch::Receiver<Arc<Shares>>,
     /// Name of this process for clients.
@@ -74,12 +77,13 @@ pub(in crate::service) struct Pipeline {
     pub(super) small: SmallMeshes,
     pub(super) leases: Arc<Leases>,
     pub(super) metrics: Arc<Metrics>,
+    pub(super) live: Arc<Live>,
 }
 
 impl Pipeline {
     /// A pipeline of these parts.
     pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
-        let Parts { store, files, storage, device, metrics, shares, worker, faults } = parts;
+        let Parts { store, files, storage, device, metrics, live, shares, worker, faults } = parts;
         Ok(Self {
             store,
             files,
@@ -97,6 +101,7 @@ impl Pipeline {
             small: SmallMeshes::start()?,
             leases: Arc::new(Leases::default()),
             metrics,
+            live,
         })
     }
 

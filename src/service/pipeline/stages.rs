@@ -28,7 +28,7 @@ use crate::service::blocking::blocking;
 use crate::service::files::{self, BlobWriter, BlockingWriter, settle};
 use crate::service::kept::Kept;
 use crate::service::store::{Job, SmallBlob, Summary, Ticket};
-use crate::service::{job_blobs, kept_mesh};
+use crate::service::{job_blobs, kept_mesh, live};
 
 impl Pipeline {
     /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
@@ -41,7 +41,11 @@ impl Pipeline {
         log: &Arc<Log>,
         broken_off: CancellationToken,
     ) -> Result<Outcome> {
-        let prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
+        let mut prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
+        // the labels of divided faces are not those of the mesh
+        if prepared.input.faces <= live::MOST_FACES && prepared.origin.is_none() {
+            prepared.viewer = Some(Arc::new(self.live.channel(job.id)));
+        }
         Span::current().record("faces", prepared.input.faces);
         if job.spec.parameters.clusters.is_none() {
             Span::current().record("clusters", prepared.spec.clustering.clusters());

@@ -6,6 +6,7 @@ use super::bounds::caught;
 use super::rows::OnRow;
 use super::slot::Slot;
 use super::turns::Visit;
+use super::watched::Watched;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
@@ -56,7 +57,10 @@ impl Task {
     /// What a device has to do with it.
     pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();
-        job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row)
+        match Watched::new(&mut *device, &self.prepared) {
+            Some(mut watched) => job::cluster(&self.prepared, &mut watched, &self.cancel, &mut *self.on_row),
+            None => job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row),
+        }
     }
 }
 

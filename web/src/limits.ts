@@ -1,0 +1,41 @@
+// What the service takes, looked at before anything is sent.
+
+import { json } from "./api";
+import { count, size } from "./dom";
+
+interface Limits {
+  max_upload_bytes: number;
+  max_faces: number;
+}
+
+/** Bytes of a file in which the number of its faces is looked for. */
+const HEAD = 4096;
+
+/** Bytes before the triangles of a binary STL file, and of each. */
+const [BEFORE, TRIANGLE] = [84, 50];
+
+/** Why a mesh with what belongs to it will be refused; empty where nothing is known against it. */
+export async function refusalOf(files: File[]): Promise<string> {
+  // a service that does not say takes the mesh, or refuses it itself
+  const limits = await json<Limits>("/v1/limits").catch(() => null);
+  const [mesh] = files;
+  if (!limits || !mesh) return "";
+  const bytes = files.reduce((sum, file) => sum + file.size, 0);
+  if (bytes > limits.max_upload_bytes)
+    return `${mesh.name} has ${size(bytes)}. This service takes ${size(limits.max_upload_bytes)} at most.`;
+  const faces = await facesOf(mesh);
+  if (faces > limits.max_faces)
+    return `${mesh.name} has ${count(faces)} faces. This service clusters ${count(limits.max_faces)} at most.`;
+  return "";
+}
+
+/** The faces that the head of a file names; 0 where it names none. */
+async function facesOf(file: File): Promise<number> {
+  const head = await file.slice(0, HEAD).arrayBuffer();
+  const text = new TextDecoder("latin1").decode(head);
+  if (/\.ply$/i.test(file.name)) return Number(/^element\s+face\s+(\d+)/m.exec(text)?.[1] ?? 0);
+  if (/\.off$/i.test(file.name)) return Number(/^\s*\S*OFF\s+(?:#.*\s+)*\d+\s+(\d+)/.exec(text)?.[1] ?? 0);
+  if (!/\.stl$/i.test(file.name) || head.byteLength < BEFORE) return 0;
+  const triangles = new DataView(head).getUint32(BEFORE - 4, true);
+  return file.size === BEFORE + TRIANGLE * triangles ? triangles : 0;
+}

@@ -1,0 +1,66 @@
+// How finely a frame is drawn. At rest it is as fine as the screen. Where frames take long, as with a software renderer,
+// a move of the camera draws a coarse mesh, and other labels are drawn in fewer pixels.
+
+/** Triangles up to which the picture at rest has four samples a pixel. */
+const MOST_SMOOTHED = 500_000;
+
+/** Time of a frame above which a coarse mesh is drawn while the camera moves, in milliseconds. */
+const SLOW = 60;
+
+/** Triangles above which there is a coarse mesh. */
+const MANY = 100_000;
+
+/** Time of a frame up to which there are four samples a pixel in moves too, in milliseconds. */
+const QUICK = 10;
+
+/** Time of a frame for which other labels are drawn in all pixels, and at most this times shrink², in milliseconds. */
+const EASY = 20;
+
+/** Pixels of the screen along one of the canvas, at most. */
+const MOST_SHRUNK = 4;
+
+export class Pace {
+  isResting = true;
+  isMoving = false;
+  /** Milliseconds of a frame in a move; null until one was measured. */
+  moved: number | null = null;
+  /** Milliseconds of a frame with other labels in all pixels. */
+  private relabelled: number | null = null;
+
+  constructor(
+    private readonly triangles: number,
+    private readonly ratio: number,
+  ) {}
+
+  get isQuick(): boolean {
+    return this.moved !== null && this.moved <= QUICK;
+  }
+
+  get isCoarse(): boolean {
+    return this.isMoving && (this.moved ?? 0) > SLOW && this.triangles > MANY;
+  }
+
+  /** Samples of what is seen along a pixel of the screen. */
+  get finer(): number {
+    const isFine = this.triangles <= MOST_SMOOTHED && this.ratio < 2;
+    return isFine && (!this.isMoving || this.isQuick) ? 2 : 1;
+  }
+
+  /** Pixels of the screen along one of the canvas, a power of two. */
+  get shrink(): number {
+    let shrink = 1;
+    if (this.isResting || this.isMoving) return shrink;
+    while (shrink < MOST_SHRUNK && (this.relabelled ?? 0) > EASY * shrink * shrink) shrink *= 2;
+    return shrink;
+  }
+
+  /** Whether the time of the next frame is to be measured. */
+  get isTimed(): boolean {
+    return !this.isResting && (this.isMoving ? this.moved : this.relabelled) === null;
+  }
+
+  time(milliseconds: number): void {
+    if (this.isMoving) this.moved = milliseconds;
+    else this.relabelled = milliseconds;
+  }
+}
