@@ -231,6 +231,8 @@ async fn claimers_of_many_jobs_take_each_once() {
         let (_folder, path) = in_a_folder();
         let rules = Rules { max_queued: jobs, ..RULES };
         let store = Store::open(&path, rules, Faults::default()).await.expect("it opens");
-        claims::claim_all(&vec![Arc::new(store); 16], limit, jobs).await;
+        let store = Arc::new(store);
+        let claimers: Vec<_> = (0..16).map(|_| Arc::clone(&store)).collect();
+        claims::claim_all(&claimers, limit, jobs).await;
     }
 }

@@ -137,7 +137,9 @@ impl Worker {
             self.carry_out(&mut batch);
             batch.clear();
         }
-        if let Some(Err((_, error))) = self.session.take().map(|session| session.connection.close()) {
+        if let Some(session) = self.session.take()
+            && let Err((_, error)) = session.connection.close()
+        {
             tracing::warn!(%error, "the database was not closed in order; it is whole all the same");
         }
     }
