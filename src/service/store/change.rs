@@ -22,6 +22,7 @@ pub struct Transaction<'t> {
     pub me: Uuid,
     /// Microseconds that a test adds to the clock.
     pub offset: i64,
+    pub now: Option<SystemTime>,
 }
 
 /// A `SELECT` for [`job`]: all columns, and the place in the tenant's queue.
@@ -131,9 +132,13 @@ impl Live {
 }
 
 impl Transaction<'_> {
-    /// Now by the clock of the store.
+    /// Now by the clock of the store: one moment for all that the change does.
     pub fn now(&mut self) -> Result<SystemTime, Abort> {
-        Ok(moved(self.rows.now()?, self.offset))
+        let now = match self.now {
+            Some(now) => now,
+            None => moved(self.rows.now()?, self.offset),
+        };
+        Ok(*self.now.insert(now))
     }
 
     /// The job of that id, locked.

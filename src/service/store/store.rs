@@ -163,7 +163,7 @@ impl Store {
     ) -> Result<T> {
         let (rules, me, offset) = (self.rules, self.me, self.offset());
         let command = move |rows: &mut dyn Rows, effects: &mut Effects| {
-            command(&mut Transaction { rows, effects, rules, me, offset })
+            command(&mut Transaction { rows, effects, rules, me, offset, now: None })
         };
         let changed = async {
             match &self.database {
