@@ -133,14 +133,13 @@ impl Live {
 }
 
 impl Transaction<'_> {
-    /// Now by the clock of the store.
+    /// Now by the clock of the store: one moment for all that the change does.
     pub fn now(&mut self) -> Result<SystemTime, Abort> {
         let now = match self.now {
             Some(now) => now,
             None => moved(self.rows.now()?, self.offset),
         };
-        self.now = Some(now);
-        Ok(now)
+        Ok(*self.now.insert(now))
     }
 
     /// The job of that id, locked.

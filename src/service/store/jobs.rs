@@ -6,7 +6,7 @@ use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
 use super::change::{Live, Transaction, job, jobs};
-use super::database::rows::{Abort, Rows, json, values};
+use super::database::rows::{Abort, Row, Rows, json, values};
 use super::job::{Job, JobId, Progress, SMALL_BLOBS, SmallBlob, Ticket};
 use super::store::Store;
 #[cfg(test)]
@@ -27,9 +27,8 @@ const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, progre
     ON CONFLICT DO NOTHING RETURNING number, id, webhook, state, attempt, uncounted, begun, suspicion, not_before, \
     worker, worker_id, started_at, lease_until, cancel_requested, last_seq, ends";
 
-/// The place of a job in its tenant's queue.
-const PLACE: &str = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = $1 \
-    AND (urgency, number) <= ($2, $3)";
+/// The place of a new job in its tenant's queue.
+const PLACE: &str = "SELECT 1 + count(*) AS place FROM jobs WHERE state = 'queued' AND tenant = $1 AND urgency <= $2";
 
 /// The error of a key that stands for another request.
 fn reused_key(key: &str) -> Error {
@@ -42,8 +41,7 @@ fn reused_key(key: &str) -> Error {
 }
 
 fn check_room(rows: &mut dyn Rows, rules: &Rules) -> Result<(), Abort> {
-    let waiting = rows.one(WAITING, values![rules.max_queued])?.get("jobs")?;
-    Ok(rules.check_room(waiting)?)
+    Ok(rules.check_room(rows.one(WAITING, values![rules.max_queued])?.get("jobs")?)?)
 }
 
 fn find(rows: &mut dyn Rows, id: JobId) -> Result<Option<Job>, Abort> {
@@ -223,10 +221,15 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     {
         return Ok(Created::Known(job));
     }
-    check_room(change.rows, &change.rules)?;
+    let urgency = -i16::from(spec.priority);
+    let queries = [(WAITING, values![change.rules.max_queued]), (PLACE, values![&*spec.tenant, urgency])];
+    let found: Vec<Row> = change.rows.all(&queries)?.into_iter().flatten().collect();
+    if let Some(waiting) = found.first() {
+        change.rules.check_room(waiting.get("jobs")?)?;
+    }
     let created_at = change.now()?;
     let mut job = Job::queued(*id, spec.clone(), created_at);
-    let urgency = -i16::from(spec.priority);
+    job.queue_position = found.get(1).map(|row| row.get("place")).transpose()?;
     let key = idempotency.as_ref().map(|wanted| &*wanted.key);
     let request = idempotency.as_ref().map(|wanted| &*wanted.request);
     let (text, progress) = (json(spec)?, json(&job.progress)?);
@@ -249,8 +252,6 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     for SmallBlob { name, bytes } in upload {
         change.keep(live.number, name, bytes)?;
     }
-    let place = change.rows.one(PLACE, values![&*spec.tenant, urgency, live.number])?;
-    job.queue_position = place.get("jobs")?;
     change.effects.arrivals = true;
     change.pulse(&live);
     Ok(Created::New(job))

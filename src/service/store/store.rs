@@ -251,11 +251,13 @@ impl Store {
 
     /// Writes a row without meaning, to see whether the store can write.
     pub async fn probe(&self) -> Result<()> {
-        if let Database::Sqlite(file) = &self.database {
-            if let Some(error) = file.damage() {
-                return Err(error);
+        match &self.database {
+            Database::Sqlite(file) => {
+                file.damage().map_or(Ok(()), Err)?;
+                file.share(|rows, _| probe(rows)).await?;
             }
-            file.share(|rows, _| probe(rows)).await?;
+            #[cfg(feature = "postgres")]
+            Database::Postgres(_) => {}
         }
         self.change("probe", |change| probe(change.rows)).await
     }

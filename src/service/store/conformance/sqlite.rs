@@ -232,6 +232,7 @@ async fn claimers_of_many_jobs_take_each_once() {
         let rules = Rules { max_queued: jobs, ..RULES };
         let store = Store::open(&path, rules, Faults::default()).await.expect("it opens");
         let store = Arc::new(store);
-        claims::claim_all(&[(); 16].map(|()| Arc::clone(&store)), limit, jobs).await;
+        let claimers: Vec<_> = (0..16).map(|_| Arc::clone(&store)).collect();
+        claims::claim_all(&claimers, limit, jobs).await;
     }
 }

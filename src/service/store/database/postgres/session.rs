@@ -33,10 +33,13 @@ const BEGIN: &str = clock!("BEGIN; ");
 /// One transaction at a time holds the lock of the queue.
 const LOCK: &str = clock!("BEGIN; SELECT pg_advisory_xact_lock(1953723250, 1); ");
 
-/// The same for a commit that does not wait for the disk. A change of the row of the worker follows, which does: both
-/// commits are in one log, so the second one is on the disk only if the first is.
+/// The same for a commit that does not wait for the disk.
 const LOCK_BRIEFLY: &str =
     clock!("BEGIN; SET LOCAL synchronous_commit = off; SELECT pg_advisory_xact_lock(1953723250, 1); ");
+
+/// The change that waits for the disk: both commits are in one log, so this one is on the disk only if that of the
+/// claim is.
+const SECURE: &str = "UPDATE workers SET claims = claims + 1 WHERE id = $1";
 
 /// Where a session is in its transaction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,13 +92,12 @@ impl<'c> Session<'c> {
         if self.stage == Stage::None || (self.stage != Stage::Begun && self.changes.is_empty()) {
             return Ok(());
         }
-        let has_changed = self.has_changed || !self.changes.is_empty();
-        let end = match self.worker.filter(|_| has_changed) {
-            Some(worker) => format!("COMMIT; UPDATE workers SET claims = claims + 1 WHERE id = '{worker}'"),
-            None => "COMMIT".to_owned(),
-        };
-        self.send(&[], Some(&end))?;
+        self.send(&[], Some("COMMIT"))?;
         self.stage = Stage::None;
+        if let Some(worker) = self.worker.filter(|_| self.has_changed) {
+            // not to be repeated together with the claim
+            self.query(SECURE, vec![worker.into()]).map_err(|abort| Abort::Broken(abort.into()))?;
+        }
         Ok(())
     }
 
