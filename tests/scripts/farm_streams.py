@@ -17,7 +17,8 @@ FROM_ADDRESS = 1000
 
 async def open_stream(replica, path, number):
     """A stream of a job's events that has given its first one: both ends of the connection, and that event."""
-    address = f"127.0.0.{1 + number // FROM_ADDRESS}"
+    # not the address of the services: a port of a stream could be that of the worker, which starts later
+    address = f"127.0.0.{2 + number // FROM_ADDRESS}"
     reader, writer = await asyncio.open_connection(*replica.address, local_addr=(address, 0))
     host = "%s:%d" % replica.address
     # 1.0, so that the stream comes without the lengths of chunks
