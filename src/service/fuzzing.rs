@@ -1,7 +1,6 @@
 //! The parsers of the service, for fuzzers.
 
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::Request;
@@ -65,7 +64,7 @@ pub fn headers(bytes: &[u8]) {
     }
     let parent = TraceParent::of_request(&headers);
     assert_eq!(TraceParent::parse(&parent.to_string()), Some(parent));
-    let _ = prefer::wait(&headers, Duration::from_secs(60));
+    let _ = prefer::wait(&headers);
     let _ = negotiate::choose(&headers, &crate::artifacts::LABELS);
     conditional::for_fuzzing(&headers, 100);
     if let Ok(text) = value.to_str() {
