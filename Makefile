@@ -36,7 +36,7 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit costs end-to-end bucket farm page outputs python memory crash fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end bucket farm page outputs python memory crash fuzz deploy
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied

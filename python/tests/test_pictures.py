@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 import os
 import pathlib
 import subprocess
@@ -27,10 +26,6 @@ def mesh() -> Any:
 
 
 def test_colours_are_those_of_outputs(mesh: Any) -> None:
-    for cluster, colour in enumerate(_native.colours(40)):
-        hue, saturation, value = 0.61803398875 * cluster % 1, (0.75, 0.5, 0.9)[cluster % 3], 0.0
-        value = (0.95, 0.75, 0.85, 0.65)[cluster % 4]
-        assert np.allclose(colour, 255 * np.array(colorsys.hsv_to_rgb(hue, saturation, value)), atol=1)
     clustering = tesserae_mesh.cluster(mesh, clusters=20)
     text = clustering.output("mesh.ply")
     rows = np.frombuffer(text[text.index(b"end_header\n") + 11 :][-mesh.n_cells * 20 :], np.uint8).reshape(-1, 20)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         Readiness,
         Report,
         State,
+        MeshLimits,
         Version,
         Worker,
         WorkerList,
@@ -97,6 +98,11 @@ class AsyncClient:
         """Formats of meshes and of labels."""
         formats: Formats = await self._connection.run(results.info("getFormats", self._patience))
         return formats
+
+    async def limits(self) -> MeshLimits:
+        """The largest upload and the largest mesh that the service takes."""
+        limits: MeshLimits = await self._connection.run(results.info("getLimits", self._patience))
+        return limits
 
     async def version(self) -> Version:
         """Name and version of the service."""

@@ -404,6 +404,13 @@ class Formats(TypedDict):
     labels: list[FormatInfo]
 
 
+class MeshLimits(TypedDict):
+    """What a mesh may be."""
+
+    max_upload_bytes: int
+    max_faces: int
+
+
 class Version(TypedDict):
     """The version of the service."""
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         Readiness,
         Report,
         State,
+        MeshLimits,
         Version,
         Worker,
         WorkerList,
@@ -148,6 +149,11 @@ class Client:
         """Formats of meshes and of labels."""
         formats: Formats = self._connection.run(results.info("getFormats", self._patience))
         return formats
+
+    def limits(self) -> MeshLimits:
+        """The largest upload and the largest mesh that the service takes."""
+        limits: MeshLimits = self._connection.run(results.info("getLimits", self._patience))
+        return limits
 
     def version(self) -> Version:
         """Name and version of the service."""

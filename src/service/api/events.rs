@@ -176,8 +176,10 @@ impl Reader {
             if self.closing || (self.tokens.has_changed().unwrap_or(false) && !self.may_read()) {
                 return None;
             }
-            // before the end, which may be there already
-            if let Some(labels) = self.watcher.as_mut().and_then(Watcher::now) {
+            // the last labels come before the end; others when no event waits
+            if matches!(self.page.front(), Some(Event { what: What::End(..), .. }))
+                && let Some(labels) = self.watcher.as_mut().and_then(Watcher::now)
+            {
                 return labels_sent(&labels);
             }
             if let Some(event) = self.page.pop_front() {

@@ -30,6 +30,7 @@ pub(in crate::service) struct BlobWriter {
     buffer: Vec<u8>,
     parts: Option<Parts>,
     written: u64,
+    counted: Counted,
     /// Of all bytes so far; of a result only.
     sha256: Sha256,
     /// Bytes that are held before they are written: a smaller blob is written at once.
@@ -40,7 +41,8 @@ impl BlobWriter {
     pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
         let part = files.blobs.part_bytes();
         let (name, buffer, sha256) = (name.to_owned(), Vec::new(), Sha256::new());
-        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, sha256, part }
+        let counted = Counted { files: Arc::clone(&files), bytes: 0 };
+        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, counted, sha256, part }
     }
 
     /// Bytes so far.
@@ -100,9 +102,8 @@ impl BlobWriter {
                 self.files.blobs.put(&self.path(), bytes).await?;
             }
         }
-        if self.is_upload {
-            self.files.uploaded(self.written);
-        }
+        // they stay
+        self.counted.bytes = 0;
         Ok(())
     }
 
@@ -125,8 +126,25 @@ impl BlobWriter {
             .faults
             .hit(FaultPoint::WriteBlob)
             .map_err(|error| storage_error("a file cannot be stored", error))?;
-        self.written += self.buffer.len() as u64;
+        let bytes = self.buffer.len() as u64;
+        self.written += bytes;
+        if self.is_upload {
+            self.files.uploaded(bytes);
+            self.counted.bytes += bytes;
+        }
         Ok(std::mem::take(&mut self.buffer).into())
+    }
+}
+
+/// Bytes of an upload that count as long as it comes in.
+struct Counted {
+    files: Arc<Files>,
+    bytes: u64,
+}
+
+impl Drop for Counted {
+    fn drop(&mut self) {
+        self.files.removed(self.bytes);
     }
 }
 

@@ -36,7 +36,7 @@ pub(super) struct Disk {
     root: PathBuf,
     /// Free bytes that no upload takes.
     reserve: u64,
-    /// Bytes of the files of uploads.
+    /// Bytes of the files of uploads, those that are coming in included.
     uploads: AtomicU64,
 }
 
@@ -50,8 +50,8 @@ impl Disk {
     /// Refuses `more` bytes of an upload of which `before` were written, without room for them and their results.
     /// [`Kind::TooLarge`] when there would be none on an empty disk either.
     pub fn check(&self, more: u64, before: u64) -> Result<()> {
-        let results = before.saturating_add(more).saturating_mul(RESULTS);
-        let needs = more.saturating_add(results);
+        let with_results = |bytes: u64| more.saturating_add(bytes.saturating_mul(RESULTS));
+        let needs = with_results(before.saturating_add(more));
         let holds = total_bytes(&self.root).unwrap_or(u64::MAX).saturating_sub(self.reserve);
         if needs > holds {
             return Err(Error::too_large(format_args!(
@@ -61,7 +61,8 @@ impl Disk {
         }
         // free space is for the operator (`/metrics`), not for clients
         match self.free() {
-            Some(free) if free < self.taken().saturating_add(needs) => Err(Error::new(
+            // what was written before is among the uploads
+            Some(free) if free < self.taken().saturating_add(with_results(more)) => Err(Error::new(
                 Kind::InsufficientStorage,
                 format_args!(
                     "the disk has less room than its reserve (--min-free-bytes), what accepted jobs will need \

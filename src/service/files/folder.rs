@@ -146,10 +146,17 @@ impl Files {
         if self.is_shared() { self.disk.check(0, 0) } else { self.disk.check(more, before) }
     }
 
-    /// Counts a file of an upload.
+    /// Counts bytes of an upload.
     pub(super) fn uploaded(&self, bytes: u64) {
         if !self.is_shared() {
             self.disk.uploaded(bytes);
+        }
+    }
+
+    /// Counts bytes of an upload that are gone.
+    pub(super) fn removed(&self, bytes: u64) {
+        if !self.is_shared() {
+            self.disk.removed(bytes);
         }
     }
 

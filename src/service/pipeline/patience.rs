@@ -1,4 +1,4 @@
-//! What a job cannot read or write it repeats, with growing pauses, and fails when that takes too long.
+//! A job repeats a failed read or write of its files with growing pauses, and fails after ten minutes.
 //!
 //! The job keeps its slot and its lease meanwhile. The time begins anew when the process is started again.
 

@@ -24,6 +24,7 @@ use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
 use crate::mesh::Resources;
+use crate::service::blobs::Blob;
 use crate::service::blocking::blocking;
 use crate::service::files::{self, BlobWriter, BlockingWriter, settle};
 use crate::service::kept::Kept;
@@ -94,16 +95,17 @@ impl Pipeline {
         Ok(Written { summary, small })
     }
 
-    /// Reads the files of an upload, when there is memory for them.
+    /// Reads the files of an upload, when there is memory for them. The wait for memory is no failure.
     async fn read(&self, ticket: Ticket, job: &Job) -> Result<Upload> {
         let spec = &job.spec;
-        let open = async |name: &str| {
-            job_blobs::upload(&self.files, self.store.as_ref(), job, name, None).await.map_err(upload_is_gone)
+        let mut patience = Patience::new(&self.files, self.patience);
+        let uploads = loop {
+            match self.open(job).await {
+                Ok(uploads) => break uploads,
+                Err(error) => patience.wait(error).await?,
+            }
         };
-        let mut uploads = Vec::new();
-        for name in iter::once(files::MESH.to_owned()).chain((0..spec.buffers.len()).map(files::buffer)) {
-            uploads.push(open(&name).await?);
-        }
+        drop(patience);
         // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
         let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
         let memory = self.memory.read(bytes).await?;
@@ -119,30 +121,56 @@ impl Pipeline {
         }
         self.faults.abort_at(spec.file_name.as_deref());
         let reading = Instant::now();
+        let mut patience = Patience::new(&self.files, self.patience);
+        let mut opened = Some(uploads);
+        let (contents, seeds, weights) = loop {
+            match self.contents(job, opened.take()).await {
+                Ok(read) => break read,
+                Err(error) => patience.wait(error).await?,
+            }
+        };
+        Ok(Upload { memory, contents, seeds, weights, milliseconds: milliseconds(reading.elapsed()) })
+    }
+
+    /// Reads the mesh and its buffers, opened again where they were not, then the lists of seeds and weights.
+    async fn contents(
+        &self,
+        job: &Job,
+        opened: Option<Vec<Blob>>,
+    ) -> Result<(Vec<Bytes>, Option<Bytes>, Option<Bytes>)> {
+        let uploads = match opened {
+            Some(uploads) => uploads,
+            None => self.open(job).await?,
+        };
         let mut contents = Vec::new();
         for upload in uploads {
             contents.push(upload.bytes().await.map_err(upload_is_gone)?);
         }
-        let read = async |name: &str, is_there: bool| match is_there {
-            true => open(name).await?.bytes().await.map(Some),
+        let list = async |name: &str, is_there: bool| match is_there {
+            true => self.open_file(job, name).await?.bytes().await.map(Some),
             false => Ok(None),
         };
-        let seeds = read(files::SEEDS, spec.listed_seeds).await?;
-        let weights = read(files::WEIGHTS, spec.has_weights).await?;
-        Ok(Upload { memory, contents, seeds, weights, milliseconds: milliseconds(reading.elapsed()) })
+        let seeds = list(files::SEEDS, job.spec.listed_seeds).await?;
+        Ok((contents, seeds, list(files::WEIGHTS, job.spec.has_weights).await?))
+    }
+
+    /// Opens the mesh of an upload and its buffers.
+    async fn open(&self, job: &Job) -> Result<Vec<Blob>> {
+        let mut uploads = Vec::new();
+        for name in iter::once(files::MESH.to_owned()).chain((0..job.spec.buffers.len()).map(files::buffer)) {
+            uploads.push(self.open_file(job, &name).await?);
+        }
+        Ok(uploads)
+    }
+
+    async fn open_file(&self, job: &Job, name: &str) -> Result<Blob> {
+        job_blobs::upload(&self.files, self.store.as_ref(), job, name, None).await.map_err(upload_is_gone)
     }
 
     /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
     /// A file that is small and has too many faces is opened twice.
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
-        let mut patience = Patience::new(&self.files, self.patience);
-        let upload = loop {
-            match self.read(ticket, job).await {
-                Ok(upload) => break upload,
-                Err(error) => patience.wait(error).await?,
-            }
-        };
-        drop(patience);
+        let upload = self.read(ticket, job).await?;
         let (spec, Upload { memory, contents, seeds, weights, milliseconds }) = (job.spec.clone(), upload);
         let limits = self.limits;
         let span = tracing::info_span!("read");

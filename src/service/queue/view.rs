@@ -14,7 +14,7 @@ pub(in crate::service) struct View {
     /// The running jobs of this worker.
     pub mine: Vec<Standing>,
     /// Whether no other worker comes before this one by (number of running jobs, id). Only workers count that run a
-    /// job, run no suspect and do not drain. True in a store of one worker.
+    /// job, and no suspect. True in a store of one worker.
     pub is_least_busy: bool,
 }
 

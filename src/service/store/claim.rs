@@ -122,6 +122,8 @@ impl Store {
     async fn give_back_unknown(&self) -> Result<()> {
         let (me, known) = (self.me, self.held.lock().clone());
         let given_back = self.change("release", move |change| {
+            // the claim may still be under way
+            change.rows.lock_queue(None);
             let mut jobs = 0;
             for row in change.rows.query(live!("WHERE state = 'running' AND worker_id = $1 FOR UPDATE"), values![me])? {
                 let live = Live::of(&row)?;

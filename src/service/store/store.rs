@@ -74,7 +74,7 @@ impl Store {
         Self::open_file(path, false, rules, faults).await
     }
 
-    /// Makes a store in a file at `path` that the process does not outlast.
+    /// Makes a store in a file at `path` that does not outlast the process.
     pub async fn temporary(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
         Self::open_file(path, true, rules, faults).await
     }

@@ -3,11 +3,14 @@
 //! A round trip takes longer than most statements. So what a transaction begins with is sent together with its first
 //! query, and changes with the next query or the commit.
 
+use std::future::poll_fn;
+use std::pin::Pin;
 use std::sync::Arc;
+use std::task::Poll;
 use std::time::SystemTime;
 
 use deadpool_postgres::Object;
-use futures_util::future::{join, join_all};
+use futures_util::future::join;
 use tokio::runtime::Handle;
 use tokio::time::{Instant, timeout_at};
 use tokio_postgres::types::{IsNull, ToSql, Type, to_sql_checked};
@@ -152,29 +155,46 @@ async fn send(
     for (sql, values) in changes.iter().chain(queries) {
         statements.push((client.prepare_cached(sql).await?, values));
     }
-    // a request is sent when its future is polled first, and they are polled in order
     let begin = async {
         match begin {
             Some(sql) => client.simple_query(sql).await,
             None => Ok(Vec::new()),
         }
     };
-    let rows = join_all(statements.iter().map(|(statement, values)| run(client, statement, values)));
-    let end = async {
-        match end {
-            Some(sql) => client.batch_execute(sql).await,
-            None => Ok(()),
-        }
-    };
-    let (begun, (rows, ended)) = join(begin, join(rows, end)).await;
+    let mut requests = Vec::<Request<'_>>::new();
+    for (statement, values) in &statements {
+        requests.push(Box::pin(run(client, statement, values)));
+    }
+    if let Some(sql) = end {
+        requests.push(Box::pin(async move { client.batch_execute(sql).await.map(|()| Vec::new()) }));
+    }
+    let (begun, rows) = join(begin, in_order(requests)).await;
     let now = begun?.iter().rev().find_map(|message| match message {
         SimpleQueryMessage::Row(row) => row.get("now")?.parse().ok(),
         _ => None,
     });
     // the first statement that failed says why
     let mut rows = rows.into_iter().collect::<Result<Vec<_>, _>>()?;
-    ended?;
+    rows.truncate(statements.len());
     Ok((now, rows.split_off(changes.len())))
+}
+
+/// A statement on its way.
+type Request<'r> = Pin<Box<dyn Future<Output = Result<Vec<tokio_postgres::Row>, tokio_postgres::Error>> + Send + 'r>>;
+
+/// The outputs of futures that run together. Their first polls, which send the statements, are in their order.
+async fn in_order<T: Unpin>(mut futures: Vec<Pin<Box<dyn Future<Output = T> + Send + '_>>>) -> Vec<T> {
+    let mut outputs: Vec<Option<T>> = futures.iter().map(|_| None).collect();
+    poll_fn(|context| {
+        for (future, output) in futures.iter_mut().zip(&mut outputs).filter(|(_, output)| output.is_none()) {
+            if let Poll::Ready(value) = future.as_mut().poll(context) {
+                *output = Some(value);
+            }
+        }
+        if outputs.iter().all(Option::is_some) { Poll::Ready(()) } else { Poll::Pending }
+    })
+    .await;
+    outputs.into_iter().flatten().collect()
 }
 
 async fn run(
