@@ -26,7 +26,7 @@ pub(super) async fn delete(files: &Arc<Files>, store: &Store, id: JobId) -> Resu
     outcome
 }
 
-/// Cancels a job, as [`Queue::cancel`](super::store::Store::cancel) does.
+/// Cancels a job, as [`Store::cancel`] does.
 pub(super) async fn cancel(files: &Arc<Files>, store: &Store, id: JobId) -> Result<Option<Job>> {
     let mut outcome = store.cancel(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {

@@ -152,7 +152,7 @@ impl Transaction<'_> {
         self.find(ticket.job)?.ok_or_else(|| no_such_job(ticket.job).into())
     }
 
-    /// A job of a worker after a change, or [`Kind::Conflict`].
+    /// A job of a worker after a change, or [`Kind::Conflict`](crate::Kind::Conflict).
     pub fn worked(&mut self, live: Live, change: Change, ending: Option<&Ending>) -> Result<Live, Abort> {
         let id = live.id;
         self.apply(live, change, ending)?.map_err(|Refused(_)| not_yours(id).into())

@@ -243,7 +243,7 @@ pub(in crate::service) struct Statistics {
     /// Time spent in transactions, in seconds.
     pub commit_seconds: f64,
     /// Attempts that failed because the process ended or their lease was over, with
-    /// [`Kind::Unavailable`](crate::Kind::Unavailable).
+    /// [`Kind::Unavailable`].
     pub attempts_failed: u64,
     /// Jobs that were given up after such an attempt.
     pub given_up: u64,
