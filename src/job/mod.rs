@@ -104,6 +104,9 @@ pub struct Prepared {
 
 /// Sees labels while a job is clustered.
 pub trait Viewer: fmt::Debug + Send + Sync {
+    /// Whether a phase is interrupted to show labels.
+    fn watches(&self) -> bool;
+
     /// Whether labels are to be shown now.
     fn is_due(&self) -> bool;
 

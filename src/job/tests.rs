@@ -69,6 +69,9 @@ fn a_viewer_sees_labels_of_the_upload_after_moves_of_whole_clusters_and_changes_
     #[derive(Debug, Default)]
     struct All(std::sync::Mutex<Vec<Vec<u32>>>);
     impl Viewer for All {
+        fn watches(&self) -> bool {
+            true
+        }
         fn is_due(&self) -> bool {
             true
         }

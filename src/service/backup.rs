@@ -63,7 +63,13 @@ impl Wanted {
 /// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not,
 /// [`Kind::NotFound`] when `from` holds no store of jobs. Where it fails, `to` is as it was before.
 pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
-    if !from.join(STORE).metadata().is_ok_and(|found| found.len() > 0) {
+    let found = match from.join(STORE).metadata() {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            return Err(Error::io(format_args!("the data folder cannot be read: {}", from.display()), error));
+        }
+        found => found,
+    };
+    if !found.is_ok_and(|found| found.len() > 0) {
         let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
         return Err(Error::new(Kind::NotFound, message));
     }

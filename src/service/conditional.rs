@@ -83,8 +83,17 @@ pub(super) async fn results(request: Request, next: Next) -> Response {
     }
 }
 
-/// Adds the content coding to the tag of a response that was compressed since it got the tag.
-pub(super) async fn distinguish_codings(request: Request, next: Next) -> Response {
+/// Adds the content coding to the tag of a response that was compressed since it got the tag. A response without any
+/// coding may be sent whatever the client accepts (RFC 9110 §12.5.3), so what refuses that is left out of the request:
+/// the layer that compresses would answer 406 after the request was handled.
+pub(super) async fn distinguish_codings(mut request: Request, next: Next) -> Response {
+    let accepted = request.headers().get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
+    let codings: Vec<&str> =
+        accepted.flat_map(|value| value.split(',')).filter(|coding| !refuses_none(coding)).collect();
+    match HeaderValue::try_from(codings.join(",")) {
+        Ok(codings) if !codings.is_empty() => _ = request.headers_mut().insert(header::ACCEPT_ENCODING, codings),
+        _ => _ = request.headers_mut().remove(header::ACCEPT_ENCODING),
+    }
     let mut response = next.run(request).await;
     let headers = response.headers();
     let (Some(tag), Some(coding)) = (headers.get(header::ETAG), headers.get(header::CONTENT_ENCODING)) else {
@@ -101,6 +110,14 @@ pub(super) async fn distinguish_codings(request: Request, next: Next) -> Respons
         headers.remove(header::ACCEPT_RANGES);
     }
     response
+}
+
+/// Whether this part of `Accept-Encoding` refuses a response without a coding: `identity;q=0`, or `*;q=0`.
+fn refuses_none(coding: &str) -> bool {
+    let (name, weight) = coding.split_once(';').unwrap_or((coding, ""));
+    let is_zero = weight.trim().strip_prefix(['q', 'Q']).and_then(|weight| weight.trim_start().strip_prefix('='));
+    let is_zero = is_zero.is_some_and(|weight| weight.trim().parse::<f32>() == Ok(0.0));
+    is_zero && ["identity", "*"].iter().any(|all| name.trim().eq_ignore_ascii_case(all))
 }
 
 /// Whether the client has the result, and in which coding. A 304 carries the tag that a 200 would (RFC 9110 §15.4.5),

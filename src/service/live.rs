@@ -82,16 +82,17 @@ impl Channel {
         drop(jobs);
         Some(Watcher { channel: self, labels, sent: Labels::default() })
     }
-
-    fn is_watched(&self) -> bool {
-        self.live.0.lock().contains_key(&self.id)
-    }
 }
 
 impl Viewer for Channel {
+    /// Whether a client watches.
+    fn watches(&self) -> bool {
+        self.live.0.lock().contains_key(&self.id)
+    }
+
     /// Whether a client watches, and the last labels are long enough ago.
     fn is_due(&self) -> bool {
-        Instant::now() >= *self.next.lock() && self.is_watched()
+        Instant::now() >= *self.next.lock() && self.watches()
     }
 
     fn show(&self, labels: Vec<u32>) {
@@ -179,8 +180,8 @@ mod tests {
         watchers.pop();
         assert!(live.channel(JobId::random()).watch().is_some());
         watchers.truncate(1);
-        assert!(channel.is_watched());
+        assert!(channel.watches());
         watchers.clear();
-        assert!(!channel.is_watched() && live.0.lock().is_empty());
+        assert!(!channel.watches() && live.0.lock().is_empty());
     }
 }

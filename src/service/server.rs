@@ -123,8 +123,16 @@ impl Server {
             (None, Some(_)) => {
                 files.check_store().await?;
                 let store = Store::open(&files.database(), rules, faults).await?;
-                if !store.was_used().await? {
-                    files.check_unused_store().await?;
+                let check = async {
+                    match store.was_used().await? {
+                        true => Ok(()),
+                        false => files.check_unused_store().await,
+                    }
+                };
+                if let Err(refusal) = check.await {
+                    // another process may open the file at once
+                    store.close().await;
+                    return Err(refusal);
                 }
                 store
             }

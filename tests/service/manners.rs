@@ -254,3 +254,18 @@ async fn pages_link_to_the_next_one() {
     }
     assert_eq!(seen, 5);
 }
+
+#[tokio::test]
+async fn a_client_that_refuses_answers_without_a_coding_gets_them_all_the_same() {
+    let service = Service::start().await;
+    for refused in ["identity;q=0", "br;q=1, *; q=0.000", "IDENTITY;Q=0, gzip;q=0"] {
+        let request = service.post("/v1/jobs?clusters=5").header("accept-encoding", refused);
+        let answer = request.header("content-type", "model/obj").body(sphere(300)).send().await.expect("answered");
+        assert_eq!(answer.status(), 202, "{refused}");
+        assert!(!answer.headers().contains_key("content-encoding"), "{refused}");
+        let job: Value = answer.json().await.expect("JSON");
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
+    }
+    let zipped = service.get("/openapi.yaml").header("accept-encoding", "gzip, identity;q=0").send().await;
+    assert_eq!(zipped.expect("answered").headers()["content-encoding"], "gzip", "what it accepts is taken");
+}

@@ -167,7 +167,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     };
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
-    let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
+    let upload = folder.settle().await?;
     spec.is_small = !upload.is_empty();
     match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
         Ok(Created::New(job)) => {

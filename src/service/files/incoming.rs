@@ -53,9 +53,9 @@ impl Incoming {
         Ok(())
     }
 
-    /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.
-    pub async fn settle(&mut self, takes: impl FnOnce(u64) -> bool) -> Result<Vec<SmallBlob>> {
-        settle(std::mem::take(&mut self.held), takes).await
+    /// Ends the upload: gives its blobs if they are small, or else makes files of them and gives none.
+    pub async fn settle(&mut self) -> Result<Vec<SmallBlob>> {
+        settle(std::mem::take(&mut self.held)).await
     }
 
     /// The job was accepted: the blobs are its upload.
@@ -70,13 +70,10 @@ impl std::fmt::Debug for Incoming {
     }
 }
 
-/// Ends blobs that belong together: gives them if they are small and `takes` them, or else makes files of them, which
-/// wait for the disk together, and gives none.
-pub(in crate::service) async fn settle(
-    blobs: Vec<BlobWriter>,
-    takes: impl FnOnce(u64) -> bool,
-) -> Result<Vec<SmallBlob>> {
-    if are_small(&blobs) && takes(blobs.iter().map(BlobWriter::bytes).sum()) {
+/// Ends blobs that belong together: gives them if they are small, or else makes files of them, which wait for the disk
+/// together, and gives none.
+pub(in crate::service) async fn settle(blobs: Vec<BlobWriter>) -> Result<Vec<SmallBlob>> {
+    if are_small(&blobs) {
         return blobs.into_iter().map(BlobWriter::into_small).collect();
     }
     try_join_all(blobs.into_iter().map(BlobWriter::finish)).await?;

@@ -66,7 +66,7 @@ impl Files {
         Ok(removed)
     }
 
-    /// Whether a folder of a job that the store does not know stays for now.
+    /// Whether a folder of a job that the store does not know stays: it has a file that is newer than `old`.
     async fn stays(&self, folder: Folder, old: Option<SystemTime>) -> Result<bool> {
         let is_upload_of_one = matches!(folder, Folder::Upload(_)) && !self.is_shared();
         if is_upload_of_one && !self.names_in(&folder.path()).await?.iter().any(|name| name == MESH) {

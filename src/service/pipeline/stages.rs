@@ -90,7 +90,7 @@ impl Pipeline {
             caught(|| write(outcome, &kept, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
         })
         .await??;
-        let small = settle(blobs, |bytes| self.store.takes(bytes)).await?;
+        let small = settle(blobs).await?;
         summary.is_small = !small.is_empty();
         Ok(Written { summary, small })
     }

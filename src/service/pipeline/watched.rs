@@ -89,11 +89,11 @@ impl<S: Steps + ?Sized> Shown<'_, S> {
         Ok(())
     }
 
-    /// Runs a phase a few iterations at a time.
+    /// Runs a phase, a few iterations at a time while a client watches. One that comes later waits for the next phase.
     fn phase(&mut self, max_iterations: u32, mut iterate: impl FnMut(&mut S, u32) -> Result<Ending>) -> Result<Ending> {
         let mut left = max_iterations;
         loop {
-            let allowed = left.min(AT_ONCE);
+            let allowed = if self.viewer.watches() { left.min(AT_ONCE) } else { left };
             let ending = iterate(&mut self.steps, allowed)?;
             left -= allowed;
             self.show()?;

@@ -1,6 +1,6 @@
 //! Claims, and jobs of workers that were lost.
 //!
-//! A worker whose leases are all over is lost, with all its jobs: the rules judge them together. A job whose lease is
+//! A worker whose leases are all over is lost, with all its jobs: the rules see them together. A job whose lease is
 //! over although its worker lives was given up by that worker. While the server of the database was stopped, no worker
 //! could prolong a lease, so a lease that was over when the server started is valid for another term.
 
@@ -155,7 +155,7 @@ impl Store {
             let rows = change.rows.query(live!("WHERE state = 'running'"), Vec::new())?;
             let jobs = rows.iter().map(Live::of).collect::<Result<Vec<_>>>()?;
             let count = jobs.len();
-            judge(change, jobs)?;
+            give_back_of_lost(change, jobs)?;
             change.rows.write("DELETE FROM workers WHERE id <> $1", values![change.me])?;
             Ok(count)
         });
@@ -279,13 +279,13 @@ fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
         }
     }
     for jobs in workers.into_values() {
-        judge(change, jobs)?;
+        give_back_of_lost(change, jobs)?;
     }
     Ok(lost)
 }
 
 /// Gives back the jobs of a worker that was lost.
-fn judge(change: &mut Transaction<'_>, jobs: Vec<Live>) -> Result<(), Abort> {
+fn give_back_of_lost(change: &mut Transaction<'_>, jobs: Vec<Live>) -> Result<(), Abort> {
     let standings: Vec<Standing> = jobs.iter().map(|job| job.standing).collect();
     for (job, what) in jobs.into_iter().zip(crashed(&standings)) {
         change.worked(job, what, None)?;

@@ -82,17 +82,12 @@ pub(in crate::service) struct Spec {
     /// Whether weights came with the mesh.
     pub has_weights: bool,
     /// Whether all of these are small blobs, which the store keeps.
-    #[serde(default)]
     pub is_small: bool,
-    /// Jobs of a tenant with a higher priority are claimed first. Left out where it is 0, so that the digest of an
-    /// idempotent request is the same as in releases without priorities.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    /// Jobs of a tenant with a higher priority are claimed first.
     pub priority: i8,
-    /// What is kept of the mesh. Left out where it is nothing, for the same reason.
-    #[serde(default, skip_serializing_if = "Kept::is_nothing")]
+    /// What is kept of the mesh.
     pub kept: Kept,
-    /// Where the mesh lies that the request did not bring. Left out where it did, for the same reason.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Where the mesh lies, if it did not come with the request.
     pub referred: Option<Referred>,
 }
 
@@ -103,10 +98,6 @@ pub(in crate::service) struct Referred {
     pub url: String,
     /// Changes with its content.
     pub tag: Option<String>,
-}
-
-fn is_zero(priority: &i8) -> bool {
-    *priority == 0
 }
 
 /// The priorities that a job may have.
@@ -136,13 +127,10 @@ pub(in crate::service) struct Summary {
     /// Clusters.
     pub clusters: u64,
     /// The report's `labels_sha256`.
-    #[serde(default)]
     pub labels_sha256: Option<String>,
     /// Whether the result is small blobs, which the store keeps.
-    #[serde(default)]
     pub is_small: bool,
     /// What its blobs held when they were stored, by their names.
-    #[serde(default)]
     pub blobs: BTreeMap<String, Contents>,
 }
 

@@ -7,7 +7,7 @@ use tokio_util::bytes::Bytes;
 
 use super::change::{Live, Transaction, job, jobs};
 use super::database::rows::{Abort, Row, Rows, json, values};
-use super::job::{Job, JobId, Progress, SMALL_BLOBS, SmallBlob, Ticket};
+use super::job::{Job, JobId, Progress, SmallBlob, Ticket};
 use super::store::Store;
 #[cfg(test)]
 use super::terms::End;
@@ -110,9 +110,11 @@ impl Store {
             let release = Change::Release { attempt: ticket.attempt, release: release.clone() };
             Ok(change.worked(live, release, None)?.standing.state)
         });
-        let released = released.await?;
-        self.held.lock().remove(&ticket);
-        Ok(released)
+        let released = released.await;
+        if released.is_ok() {
+            self.held.lock().remove(&ticket);
+        }
+        self.fenced(ticket, released)
     }
 
     /// Ends a running job. Small blobs of its upload go, unless it is given up. Nothing happens where this worker ended
@@ -156,11 +158,6 @@ impl Store {
     /// [`Kind::QueueFull`] when as many jobs wait as may.
     pub async fn retry(&self, id: JobId) -> Result<Retried> {
         self.change("retry", move |change| retry(change, id)).await
-    }
-
-    /// Whether blobs of `bytes` together are small, and better kept here than in files.
-    pub fn takes(&self, bytes: u64) -> bool {
-        bytes <= SMALL_BLOBS
     }
 
     /// A small blob of a job: of its upload until it ends, of its result from then on.

@@ -9,7 +9,7 @@ use async_trait::async_trait;
 use super::terms::Page;
 use super::{
     Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice,
-    Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics, Store, Summary, Ticket, What,
+    Progress, Release, Retried, Rules, SmallBlob, Spec, State, Statistics, Store, Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
