@@ -42,7 +42,8 @@ test: lint  ## install what is missing and check everything, on cpu and on a sof
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
 	cargo fmt --check
 	cargo clippy --locked --all-targets $(FEATURES) -- -D warnings
-	cargo rustc --locked --lib --profile check -- --cfg fuzzing -D warnings
+	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
+	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
 	tests/scripts/features.sh
 	web/node_modules/.bin/prettier --log-level warn --check web/src web/tests web/bundle.mjs
 	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked $(FEATURES) --no-deps --document-private-items
@@ -89,7 +90,7 @@ AARCH64_COMMAND = qemu-aarch64 -L /usr/aarch64-linux-gnu $(abspath $(TARGET))/$(
 aarch64: install-test bundle  ## the labels of samples and real meshes on a 64-bit ARM processor, emulated, beside the table
 	deploy/install-missing.sh aarch64
 	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
-		cargo build --locked --target $(AARCH64) --no-default-features --config profile.dev.opt-level=2
+		cargo build --locked -p tesserae-cli --target $(AARCH64) --no-default-features --config profile.dev.opt-level=2
 	$(AARCH64_COMMAND) devices
 	TESSERAE_TEST_COMMAND="$(AARCH64_COMMAND)" cargo test --locked $(FEATURES) --test clustering labels::
 
@@ -203,7 +204,7 @@ bench: bench-stages bench-peers  ## measure the stages, and everything beside py
 
 .PHONY: bench-stages
 bench-stages: bundle  ## measure the stages before the clustering (FILTER=topology: a part of them)
-	cargo bench --locked $(FEATURES) --bench stages -- $(FILTER)
+	cargo bench --locked $(FEATURES) -p tesserae-mesh --bench stages -- $(FILTER)
 
 .PHONY: bench-peers
 bench-peers: bundle $(TARGET)/bench-venv/ready $(CGAL_DRIVER)  ## the same work by us and by peers, in turns: target/bench/{peers,remesh}.{md,json}

@@ -9,8 +9,9 @@ folder=$1
 profile=${2:-release}
 target=${CARGO_TARGET_DIR:-target}
 
-# builds the command, too, and nothing of the service
-cargo test --locked --profile "$profile" --no-default-features --features gpu --no-run --test gpu 2>&1 |
+# nothing of the service
+cargo build --locked --profile "$profile" -p tesserae-cli --no-default-features --features gpu >&2
+cargo test --locked --profile "$profile" -p tesserae-mesh --no-default-features --features gpu --no-run --test gpu 2>&1 |
     tee "$target/gpu-check.log" >&2
 
 rm -rf "$folder"

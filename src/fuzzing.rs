@@ -4,9 +4,6 @@ use crate::error::{Error, Result};
 use crate::job;
 use crate::mesh::{Resources, number};
 
-#[cfg(feature = "service")]
-pub use crate::service::fuzzing::{form, headers, request, tokens};
-
 /// Bytes before and after the first `separator`; all of them before it when there is none.
 pub fn split<'a>(bytes: &'a [u8], separator: &[u8]) -> (&'a [u8], &'a [u8]) {
     match bytes.windows(separator.len()).position(|window| window == separator) {

@@ -1,4 +1,5 @@
-//! Tesserae clusters the faces of polygon meshes, fast and reproducibly.
+//! Tesserae clusters the faces of polygon meshes, fast and reproducibly. This crate is the engine; `src/service` is the
+//! HTTP service, `src/cli` the program, and `python/` the Python package.
 //!
 //! The algorithms are those of the paper "Parallel Mesh Clustering"; `P§3.2` is its section 3.2. `docs/glossary.md`
 //! defines each term and says where it comes from.
@@ -28,16 +29,9 @@
 //! | [`artifacts`] | outputs: one table of what a job can be written as |
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
-//! | [`service`] | the HTTP service |
-//! | [`cli`] | the command line |
 //!
-//! Below all of them: `union_find`, `prefetch`, and `memory` (settings of the allocator).
-//!
-//! # Features
-//!
-//! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`,
-//! `postgres` a store of jobs that services share, and `s3` buckets as a place for files of jobs. `gpu` and `service`
-//! are on by default; without them, everything else works on the cpu. `page` puts the page at `/` into the binary.
+//! Below all of them: `union_find` and `prefetch`. The feature `gpu` has the device of that name (wgpu); without it,
+//! everything else works on the cpu.
 //!
 //! # Where to begin
 //!
@@ -52,7 +46,7 @@
 //! | what a new mesh format needs | `mesh/format.rs` says it; a reader gives a [`mesh::PolygonMesh`] |
 //! | what a new energy needs | [`energy`] |
 //! | what a new kernel needs | [`device::gpu::kernels`] |
-//! | what a new route or setting needs | [`service`] |
+//! | what a new route or setting needs | `service/lib.rs` |
 //!
 //! # Invariants
 //!
@@ -63,11 +57,10 @@
 //!    iterations that the caller or quality `fast` sets.
 //! 3. Exactly k clusters, none empty, each connected across shared edges unless the caller allows otherwise.
 //! 4. Label i belongs to face i of the upload, whatever happens inside.
-//! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.
+//! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and this crate knows nothing of HTTP.
 //! 6. Nothing that input reaches panics.
 
 pub mod artifacts;
-pub mod cli;
 pub mod cluster;
 pub mod complex;
 pub mod dev;
@@ -79,15 +72,11 @@ pub mod export;
 pub mod fuzzing;
 pub mod hierarchy;
 pub mod job;
-#[cfg_attr(not(feature = "service"), expect(dead_code, reason = "a part is for the service"))]
-mod memory;
 pub mod mesh;
 pub mod parameters;
 mod prefetch;
 pub mod remesh;
 pub mod report;
-#[cfg(feature = "service")]
-pub mod service;
 pub mod surface;
 mod union_find;
 

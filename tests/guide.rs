@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::path::Path;
 
 use clap::CommandFactory;
+use tesserae_cli::Cli;
 use tesserae_mesh::artifacts::Artifact;
-use tesserae_mesh::cli::Cli;
 use tesserae_mesh::cluster::quality::Quality;
 
 /// The settings of the service as a table, from the flags that the program has.
@@ -42,7 +42,7 @@ fn row(argument: &clap::Arg) -> String {
 }
 
 fn page(name: &str) -> String {
-    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(name)).expect("a page")
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name)).expect("a page")
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn the_documented_tables_are_those_of_the_program() {
         let (before, rest) = text.split_once(&begin).expect("a mark");
         let (table, after) = rest.split_once(&end).expect("a mark");
         if std::env::var_os("UPDATE_PAGES").is_some() {
-            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(name);
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name);
             std::fs::write(&path, format!("{before}{begin}{now}{end}{after}")).expect("written");
         } else {
             assert_eq!(table, now, "{name} is out of date: run UPDATE_PAGES=1 cargo test --test guide");

@@ -2,9 +2,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use tesserae_mesh::fuzzing;
+use tesserae_mesh::fuzzing::split;
+use tesserae_service::fuzzing;
 
 fuzz_target!(|bytes: &[u8]| {
-    let (query, json) = fuzzing::split(bytes, b"\n");
+    let (query, json) = split(bytes, b"\n");
     fuzzing::request(query, json);
 });

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use tesserae_mesh::fuzzing;
+use tesserae_service::fuzzing;
 
 fuzz_target!(|bytes: &[u8]| {
     fuzzing::tokens(bytes);

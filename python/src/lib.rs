@@ -54,7 +54,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
 #[pyfunction]
 fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
     py.detach(|| {
-        let status = tesserae_mesh::cli::main_of(arguments);
+        let status = tesserae_cli::main_of(arguments);
         // a buffer that is left is lost: the process is not ended by Rust. That the reader is gone is no failure now
         let _ = std::io::stdout().flush();
         status

@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
+use tesserae_mesh::dev::bench::{self, Mesh, Plan, Work};
+use tesserae_mesh::dev::sample::MAX_FACES;
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::select::{self, AdapterKind, DeviceChoice, Tuning};
+use tesserae_mesh::parameters::Optimize;
+
 use super::device::DeviceArguments;
 use super::files::{Source, Target, path_parser};
 use super::progress::Progress;
 use super::results::check_places;
 use super::{Failure, print, signals};
-use crate::dev::bench::{self, Mesh, Plan, Work};
-use crate::dev::sample::MAX_FACES;
-use crate::device::Device;
-use crate::device::cpu::CpuDevice;
-use crate::device::select::{self, AdapterKind, DeviceChoice, Tuning};
-use crate::parameters::Optimize;
 
 /// Faces of the samples on a gpu: as far as it holds them.
 const ON_GPU: [u64; 5] = [100_000, 1_000_000, 4_000_000, 10_000_000, 28_000_000];

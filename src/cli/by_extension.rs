@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use tesserae_mesh::artifacts::{ALL, Artifact, Form, LABELS, MESH, REPORT};
+
 use super::files::{Extension, Target};
-use crate::artifacts::{ALL, Artifact, Form, LABELS, MESH, REPORT};
 
 /// The flag.
 pub const FLAG: &str = "-o";
@@ -97,7 +98,7 @@ fn known(writes: fn(&Artifact) -> bool) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::artifacts::Need;
+    use tesserae_mesh::artifacts::Need;
 
     fn of_job(name: &str) -> Result<(&'static str, &'static str), String> {
         file(&Target::from(PathBuf::from(name)), |_| true).map(|(artifact, form)| (artifact.name, form.file))

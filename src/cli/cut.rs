@@ -3,16 +3,16 @@
 use std::path::PathBuf;
 
 use serde_json::json;
+use tesserae_mesh::artifacts::{Content, Labels, Need};
+use tesserae_mesh::hierarchy::Cut;
+use tesserae_mesh::hierarchy::stored::{self, Header, Stored};
+use tesserae_mesh::job::labels_sha256;
+use tesserae_mesh::mesh::Limits;
 
 use super::files::Source;
 use super::results::{OfHierarchy, Outputs, check_places};
 use super::summary::{Balance, count, number};
 use super::{Failure, Quiet, print_line, say, signals};
-use crate::artifacts::{Content, Labels, Need};
-use crate::hierarchy::Cut;
-use crate::hierarchy::stored::{self, Header, Stored};
-use crate::job::labels_sha256;
-use crate::mesh::Limits;
 
 /// Arguments of `tesserae cut`.
 #[derive(Debug, clap::Args)]

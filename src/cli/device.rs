@@ -1,7 +1,7 @@
 //! The flags that choose a device, the same for every command that needs one.
 
-use crate::device::select::DeviceChoice;
-use crate::job;
+use tesserae_mesh::device::select::DeviceChoice;
+use tesserae_mesh::job;
 
 /// Which device a command uses.
 #[derive(Debug, Clone, clap::Args)]

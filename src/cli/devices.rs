@@ -1,12 +1,12 @@
 //! `tesserae devices`: what there is to cluster on.
 
 use serde::Serialize;
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::select::{self, AdapterReport, FACES_FOR_GPU};
+use tesserae_mesh::report::DeviceInfo;
 
 use super::{Failure, print};
-use crate::device::Device;
-use crate::device::cpu::CpuDevice;
-use crate::device::select::{self, AdapterReport, FACES_FOR_GPU};
-use crate::report::DeviceInfo;
 
 /// Arguments of `tesserae devices`.
 #[derive(Debug, clap::Args)]

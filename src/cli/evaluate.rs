@@ -2,15 +2,16 @@
 
 use std::path::PathBuf;
 
+use tesserae_mesh::dev::evaluate::{self, Devices};
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::select::{self, AdapterKind, DeviceChoice};
+use tesserae_mesh::error::Error;
+use tesserae_mesh::mesh::Format;
+
 use super::Failure;
 use super::files::Target;
 use super::progress::Progress;
 use super::signals;
-use crate::dev::evaluate::{self, Devices};
-use crate::device::Device;
-use crate::device::select::{self, AdapterKind, DeviceChoice};
-use crate::error::Error;
-use crate::mesh::Format;
 
 /// Arguments of `tesserae evaluate`.
 #[derive(Debug, clap::Args)]

@@ -3,16 +3,17 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
+use tesserae_mesh::artifacts::{Choices, Content, Labels};
+use tesserae_mesh::error::Error;
+use tesserae_mesh::hierarchy::stored;
+use tesserae_mesh::job::parse_labels;
+use tesserae_mesh::mesh::{self, PolygonMesh};
+
 use super::files::Source;
 use super::inputs::{LimitFlags, MeshFile, OneMesh};
 use super::results::{ChoiceFlags, OfMesh, OutputFiles, check_places, places, use_stdout};
 use super::summary::count;
 use super::{Failure, Quiet, print_line, say, signals};
-use crate::artifacts::{Choices, Content, Labels};
-use crate::error::Error;
-use crate::hierarchy::stored;
-use crate::job::parse_labels;
-use crate::mesh::{self, PolygonMesh};
 
 /// Arguments of `tesserae export`.
 #[derive(Debug, clap::Args)]

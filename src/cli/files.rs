@@ -11,11 +11,11 @@ use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::hierarchy::stored::Input;
 
 use super::Failure;
 use super::signals::{self, Blocking};
-use crate::error::{Error, Kind, Result};
-use crate::hierarchy::stored::Input;
 
 /// A path as messages show it: control characters escaped.
 pub struct Shown<'a>(pub &'a Path);

@@ -5,13 +5,13 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use flate2::read::MultiGzDecoder;
+use tesserae_mesh::error::Error;
+use tesserae_mesh::mesh::{Beside, Format, Limits, NoResources, Resources};
+use tesserae_mesh::parameters::heading;
 
 use super::Failure;
 use super::files::{self, Source};
 use super::places::{Kept, Output};
-use crate::error::Error;
-use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
-use crate::parameters::heading;
 
 /// Times as many bytes as were compressed that may come of them, as over HTTP,
 const INFLATION: u64 = 100;
@@ -154,7 +154,7 @@ fn without_gz(path: &Path) -> &Path {
 }
 
 /// The content of a gzip file, of one member or several, or as much of it as shows that it is more than `max_bytes`.
-fn unpack(packed: &[u8], max_bytes: u64) -> crate::error::Result<Vec<u8>> {
+fn unpack(packed: &[u8], max_bytes: u64) -> tesserae_mesh::error::Result<Vec<u8>> {
     let inflated = ANY_INFLATION.saturating_add(INFLATION.saturating_mul(packed.len() as u64));
     let mut bytes = Vec::new();
     // one byte more shows that it is too much
@@ -181,7 +181,7 @@ mod tests {
     use flate2::write::GzEncoder;
 
     use super::*;
-    use crate::error::Kind;
+    use tesserae_mesh::error::Kind;
 
     fn packed(bytes: &[u8]) -> Vec<u8> {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::best());

@@ -6,9 +6,10 @@ use std::fs::{self, Metadata};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use tesserae_mesh::error::Error;
+use tesserae_mesh::mesh::{Beside, Resources};
+
 use super::files::{Source, Target, end_of_links, folder};
-use crate::error::Error;
-use crate::mesh::{Beside, Resources};
 
 /// Somewhere that a result goes, after its flag.
 pub type Output<'a> = (&'static str, &'a Target);
@@ -68,7 +69,7 @@ pub struct Kept<'a> {
 }
 
 impl Resources for Kept<'_> {
-    fn load(&self, uri: &str, max_bytes: u64) -> crate::error::Result<Vec<u8>> {
+    fn load(&self, uri: &str, max_bytes: u64) -> tesserae_mesh::error::Result<Vec<u8>> {
         let bytes = self.beside.load(uri, max_bytes)?;
         let place = Place::of_file(&self.beside.folder.join(uri));
         match self.outputs.iter().find(|(_, target)| Place::of_target(target).is_some_and(|target| target.is(&place))) {

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
+use tesserae_mesh::dev::plot::{Curve, draw};
+
 use super::files::{Extension, Source, Target};
 use super::results::check_places;
 use super::{Failure, signals};
-use crate::dev::plot::{Curve, draw};
 
 /// Arguments of `tesserae plot`.
 #[derive(Debug, clap::Args)]

@@ -5,9 +5,9 @@ use std::ops::Range;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use tesserae_mesh::report::{Iteration, Level, Phase, Row};
 
 use super::summary::number;
-use crate::report::{Iteration, Level, Phase, Row};
 
 /// Length of the bar in steps.
 const STEPS: u64 = 1000;

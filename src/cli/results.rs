@@ -1,4 +1,5 @@
-//! The files that outputs go to: the flags of the [table](crate::artifacts::ALL), for every command that has outputs.
+//! The files that outputs go to: the flags of the [table](tesserae_mesh::artifacts::ALL), for every command that has
+//! outputs.
 
 use std::ffi::OsStr;
 use std::fmt::Debug;
@@ -6,15 +7,15 @@ use std::marker::PhantomData;
 use std::path::PathBuf;
 
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use tesserae_mesh::artifacts::{ALL, Artifact, Choice, Choices, Content, Flag, Form, HIERARCHY_JSON, LABELS, Need};
+use tesserae_mesh::hierarchy::json::Limits;
+use tesserae_mesh::parameters::heading;
+use tesserae_mesh::remesh::Placement;
 
 use super::by_extension::{self, FLAG, Named};
 use super::files::{Extension, Source, Target, path_parser};
 use super::places::{self, Output};
 use super::{Failure, patterns};
-use crate::artifacts::{ALL, Artifact, Choice, Choices, Content, Flag, Form, HIERARCHY_JSON, LABELS, Need};
-use crate::hierarchy::json::Limits;
-use crate::parameters::heading;
-use crate::remesh::Placement;
 
 /// Where outputs go, of a command whose outputs may be hierarchies.
 #[derive(Debug, clap::Args)]

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
+use tesserae_mesh::dev::sample::{Sample, generate, write_glb, write_obj};
+use tesserae_mesh::mesh::Format;
+
 use super::files::{Extension, Shown, Target};
 use super::summary::count;
 use super::{Failure, Quiet, print_line, signals};
-use crate::dev::sample::{Sample, generate, write_glb, write_obj};
-use crate::mesh::Format;
 
 /// Arguments of `tesserae sample`.
 #[derive(Debug, clap::Args)]

@@ -8,8 +8,9 @@ use std::process;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering, fence};
 
+use tesserae_mesh::device::Cancel;
+
 use super::complain;
-use crate::device::Cancel;
 
 /// The flag of this process, and the signal that raised it.
 static CANCEL: OnceLock<Cancel> = OnceLock::new();

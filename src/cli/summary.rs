@@ -2,8 +2,8 @@
 
 use std::fmt::{self, Display};
 
-use crate::remesh::Summary;
-use crate::report::Report;
+use tesserae_mesh::remesh::Summary;
+use tesserae_mesh::report::Report;
 
 /// A count with a comma before each group of three digits.
 pub fn count(number: u64) -> String {
@@ -182,7 +182,7 @@ pub fn table(rows: &[Row]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::remesh::{Placement, VertexCounts};
+    use tesserae_mesh::remesh::{Placement, VertexCounts};
 
     #[test]
     fn numbers_are_written_as_people_do() {

@@ -64,7 +64,8 @@ impl Name {
         format!("{self}{separator}{value}")
     }
 
-    fn spelled(self, as_flag: bool) -> String {
+    /// The name as a flag or as a parameter over HTTP.
+    pub fn spelled(self, as_flag: bool) -> String {
         if as_flag { format!("--{}", self.0.replace('_', "-")) } else { self.0.to_owned() }
     }
 }
@@ -77,26 +78,7 @@ impl Display for Name {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
-    use crate::cli::Cli;
-
-    #[cfg(feature = "service")]
-    #[test]
-    fn every_name_is_a_flag_of_cluster_and_a_parameter_over_http() {
-        let yaml = crate::service::openapi_yaml().expect("a description");
-        let cli = Cli::command();
-        let cluster = cli.find_subcommand("cluster").expect("a command");
-        for name in Name::ALL {
-            let flag = name.spelled(true);
-            let is_flag =
-                cluster.get_arguments().filter_map(|argument| argument.get_long()).any(|long| flag[2..] == *long);
-            assert!(is_flag, "{flag}");
-            let is_part = *name == Name::WEIGHTS;
-            assert!(is_part || yaml.contains(&format!("- name: {}\n", name.spelled(false))), "{name}");
-        }
-    }
 
     #[test]
     fn over_http_names_have_underscores() {

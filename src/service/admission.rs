@@ -4,12 +4,12 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
+use tesserae_mesh::error::{Error, Kind};
 
 use super::access::tokens::Tenant;
 use super::metrics::Metrics;
 use super::problem::Failure;
 use super::store::{LOCAL_TENANT, Store};
-use crate::error::{Error, Kind};
 
 /// Admits jobs to the queue.
 #[derive(Debug)]
@@ -104,9 +104,9 @@ impl Drop for Place {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::{DeviceInfo, DeviceKind};
-    use crate::service::store::tests::{new_job, store_in};
-    use crate::service::store::{NewJob, Spec};
+    use crate::store::tests::{new_job, store_in};
+    use crate::store::{NewJob, Spec};
+    use tesserae_mesh::report::{DeviceInfo, DeviceKind};
 
     #[tokio::test]
     async fn jobs_that_are_created_at_once_are_not_more_than_may_wait() {

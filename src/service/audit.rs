@@ -5,10 +5,11 @@
 
 use std::fmt::Display;
 
+use tesserae_mesh::error::Kind;
+
 use super::access::Caller;
 use super::logging::AUDIT;
 use super::trace::Origin;
-use crate::error::Kind;
 
 /// What a tenant did to a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -12,13 +12,13 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::types::{ToSqlOutput, Type, ValueRef};
 use rusqlite::{Connection, OpenFlags};
+use tesserae_mesh::artifacts::REPORT_JSON;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::blobs::folder::{link, whole_files};
 use super::files::{self, BLOBS, Folder, RESULTS, UPLOADS};
 use super::private;
 use super::store::{JobId, State};
-use crate::artifacts::REPORT_JSON;
-use crate::error::{Error, Kind, Result};
 
 /// Name of the store of jobs.
 const STORE: &str = "jobs.sqlite3";
@@ -264,8 +264,8 @@ fn sync(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::store::tests::{RULES, new_job};
-    use crate::service::store::{NewJob, Referred, Spec, Store};
+    use crate::store::tests::{RULES, new_job};
+    use crate::store::{NewJob, Referred, Spec, Store};
 
     #[test]
     fn a_job_whose_files_went_is_lost() {

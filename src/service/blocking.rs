@@ -1,6 +1,6 @@
 //! Work away from the runtime.
 
-use crate::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 /// Runs work where blocking is allowed.
 pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T> {

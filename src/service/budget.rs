@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 /// The bytes that are coming in, and how many may be.
 #[derive(Debug)]

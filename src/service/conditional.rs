@@ -17,12 +17,12 @@ use axum::response::{IntoResponse, Response};
 use futures_util::TryStreamExt as _;
 use futures_util::future::BoxFuture;
 use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind};
 use tokio::io::AsyncReadExt as _;
 use tokio_util::io::{ReaderStream, StreamReader};
 
 use super::problem::Failure;
 use super::upload::content_length;
-use crate::error::{Error, Kind};
 
 /// What compression adds to a tag, because compressed bytes are other bytes.
 const CODINGS: [&str; 2] = ["gzip", "zstd"];

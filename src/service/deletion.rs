@@ -6,9 +6,10 @@
 
 use std::sync::Arc;
 
+use tesserae_mesh::error::{Kind, Result};
+
 use super::files::Files;
 use super::store::{Deletion, Job, JobId, Store};
-use crate::error::{Kind, Result};
 
 /// Deletes an ended job and its files.
 pub(super) async fn delete(files: &Arc<Files>, store: &Store, id: JobId) -> Result<Deletion> {
@@ -42,9 +43,9 @@ fn is_full<T>(outcome: &Result<T>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::faults::{FaultPoint, Faults};
-    use crate::service::store::tests::{RULES, new_job};
-    use crate::service::store::{State, Store};
+    use crate::faults::{FaultPoint, Faults};
+    use crate::store::tests::{RULES, new_job};
+    use crate::store::{State, Store};
 
     #[tokio::test]
     async fn a_job_is_cancelled_on_a_full_disk() {

@@ -65,7 +65,7 @@ pub fn headers(bytes: &[u8]) {
     let parent = TraceParent::of_request(&headers);
     assert_eq!(TraceParent::parse(&parent.to_string()), Some(parent));
     let _ = prefer::wait(&headers);
-    let _ = negotiate::choose(&headers, &crate::artifacts::LABELS);
+    let _ = negotiate::choose(&headers, &tesserae_mesh::artifacts::LABELS);
     conditional::for_fuzzing(&headers, 100);
     if let Ok(text) = value.to_str() {
         webhooks::for_fuzzing(text);

@@ -7,9 +7,9 @@
 use axum::http::HeaderMap;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::store::{Idempotency, Spec};
-use crate::error::{Error, Kind, Result};
 
 /// Longest key, in characters.
 const MAX_KEY: usize = 255;
@@ -84,7 +84,7 @@ mod tests {
     use axum::http::HeaderValue;
 
     use super::*;
-    use crate::service::store::tests::new_job;
+    use crate::store::tests::new_job;
 
     fn of(values: &[&str]) -> Result<Option<String>> {
         let mut headers = HeaderMap::new();

@@ -16,11 +16,11 @@ use axum::body::{Body, BodyDataStream, Bytes};
 use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::Sleep;
 
 pub(super) use self::inflate::Coding;
 use super::budget::{Budget, Held};
-use crate::error::{Error, Kind, Result};
 
 /// For how long the rest of a refused body is read and thrown away, so that the answer reaches a client that is still
 /// sending: closing at once would reset the connection, and the answer with it.

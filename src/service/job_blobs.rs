@@ -1,11 +1,11 @@
 //! Where the blobs of a job are found: small ones with the job in the store, others in files.
 
 use object_store::GetRange;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::blobs::Blob;
 use super::files::{Files, Folder, MESH};
 use super::store::{Job, Store};
-use crate::error::{Error, Kind, Result};
 
 /// A blob of the upload of a job, or a range of it.
 pub(super) async fn upload(

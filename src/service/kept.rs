@@ -2,10 +2,9 @@
 //! mesh is in memory, and the mesh itself, of which every output can be made later.
 
 use serde::{Deserialize, Serialize};
-
-use crate::artifacts::{ALL, Artifact, Form, Need};
-use crate::error::{Error, Quoted, Result};
-use crate::parameters::{Name, Parameters};
+use tesserae_mesh::artifacts::{ALL, Artifact, Form, Need};
+use tesserae_mesh::error::{Error, Quoted, Result};
+use tesserae_mesh::parameters::{Name, Parameters};
 
 /// What a job keeps of its mesh.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,7 +84,7 @@ pub(super) fn files<'a>(names: impl Iterator<Item = &'a str>) -> Result<Vec<Stri
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parameters::{Algorithm, Subdivide};
+    use tesserae_mesh::parameters::{Algorithm, Subdivide};
 
     #[test]
     fn outputs_are_named_by_file_or_by_name() {

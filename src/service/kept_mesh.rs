@@ -15,8 +15,8 @@
 
 use std::io::{self, Read, Write};
 
-use crate::error::{Error, Kind, Result};
-use crate::mesh::{Adjusted, Faces, Format, PolygonMesh};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::mesh::{Adjusted, Faces, Format, PolygonMesh};
 
 /// Name of the blob.
 pub(super) const NAME: &str = "mesh.kept";
@@ -131,7 +131,7 @@ fn read_all<T, const N: usize>(from: &mut impl Read, count: usize, of: impl Fn([
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dev::sample::{Sample, generate};
+    use tesserae_mesh::dev::sample::{Sample, generate};
 
     #[test]
     fn a_mesh_is_read_as_it_was_written() {

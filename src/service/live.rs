@@ -13,11 +13,11 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use parking_lot::Mutex;
 use serde::Serialize;
+use tesserae_mesh::job::Viewer;
 use tokio::sync::watch;
 use utoipa::ToSchema;
 
 use super::store::JobId;
-use crate::job::Viewer;
 
 /// Faces of the largest mesh whose labels can be watched.
 pub(super) const MOST_FACES: u64 = 300_000;

@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 
+use tesserae_mesh::error::{Error, Kind, Result};
 use tracing::Metadata;
 use tracing_subscriber::Layer as _;
 use tracing_subscriber::filter::{Targets, filter_fn};
@@ -9,7 +10,6 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::settings::heading;
-use crate::error::{Error, Kind, Result};
 
 /// Target of the audit log.
 pub(super) const AUDIT: &str = "tesserae::audit";

@@ -2,9 +2,8 @@
 
 use axum::http::{HeaderMap, header};
 use mime::{Mime, Name};
-
-use crate::artifacts::{Artifact, Form};
-use crate::error::{Error, Kind, Result};
+use tesserae_mesh::artifacts::{Artifact, Form};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 /// Most media ranges of a request that are read; browsers send a dozen.
 const MAX_RANGES: usize = 64;
@@ -72,7 +71,7 @@ mod tests {
     use axum::http::HeaderValue;
 
     use super::*;
-    use crate::artifacts::LABELS;
+    use tesserae_mesh::artifacts::LABELS;
 
     #[test]
     fn the_best_liked_format_is_chosen() {

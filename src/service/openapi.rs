@@ -10,6 +10,11 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use clap::ValueEnum as _;
 use serde_json::{Value, json};
+use tesserae_mesh::artifacts::{self, Artifact, Choice, Form, Need};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::{Levels, Seeds, Snapshots};
+use tesserae_mesh::remesh::Placement;
 use utoipa::openapi::path::{HttpMethod, Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, Type};
@@ -26,11 +31,6 @@ use super::problem::{Answer, Problematic};
 use super::state::Shared;
 use super::store::PRIORITIES;
 use super::urls;
-use crate::artifacts::{self, Artifact, Choice, Form, Need};
-use crate::error::{Error, Kind, Result};
-use crate::mesh::Format;
-use crate::parameters::{Levels, Seeds, Snapshots};
-use crate::remesh::Placement;
 
 /// A whole mesh of four faces, so that tools that read the description can make jobs that succeed.
 const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";

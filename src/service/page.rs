@@ -12,10 +12,10 @@ use axum::Router;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use tesserae_mesh::error::{Error, Kind};
 
 use super::conditional::Content;
 use super::problem::Failure;
-use crate::error::{Error, Kind};
 
 mod knot;
 

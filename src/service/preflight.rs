@@ -3,11 +3,12 @@
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 
+use tesserae_mesh::error::{Error, Result};
+
 use super::Settings;
 use super::access::tokens::Tokens;
 use super::files::check_reserve;
 use super::webhooks::Webhooks;
-use crate::error::{Error, Result};
 
 /// Checks that the service can have what the settings name. It can still fail later: others may take it meanwhile.
 pub fn preflight(settings: &Settings) -> Result<()> {

@@ -14,11 +14,11 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use percent_encoding::percent_decode_str;
 use serde::Serialize;
+use tesserae_mesh::error::{Error, Kind};
 use utoipa::{ToResponse, ToSchema};
 
 use super::metrics::Metrics;
 use super::urls;
-use crate::error::{Error, Kind};
 
 /// Media type of problem documents.
 pub(super) const MEDIA_TYPE: &str = "application/problem+json";

@@ -6,8 +6,7 @@ use axum::extract::Query;
 use axum::http::Uri;
 use percent_encoding::percent_decode_str;
 use serde::de::DeserializeOwned;
-
-use crate::error::{Error, Quoted, Result, what_it_must_be};
+use tesserae_mesh::error::{Error, Quoted, Result, what_it_must_be};
 
 /// Reads the query into `T`, which denies unknown fields. What is wrong is named.
 pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {

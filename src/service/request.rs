@@ -9,13 +9,13 @@ use axum::http::Uri;
 use serde::de::{Deserialize, Deserializer, Error as _, MapAccess, Visitor};
 use serde_json::error::Category;
 use serde_json::{Map, Value};
+use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::{Parameters, Seeds};
 
 use super::kept::{self, Kept};
 use super::query;
 use super::store::PRIORITIES;
-use crate::error::{Error, Kind, Result, wrong_json_at};
-use crate::mesh::Format;
-use crate::parameters::{Parameters, Seeds};
 
 /// Largest JSON part with parameters, in bytes.
 pub(super) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;

@@ -7,12 +7,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
 use futures_util::future::join_all;
+use tesserae_mesh::error::Result;
 use tokio_util::sync::CancellationToken;
 
 use super::deletion;
 use super::files::Files;
 use super::store::{Deletion, ListQuery, Store};
-use crate::error::Result;
 
 /// Jobs that are deleted at a time.
 const AT_ONCE: usize = 100;
@@ -156,9 +156,9 @@ impl Retention {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::faults::Faults;
-    use crate::service::store::End;
-    use crate::service::store::tests::{new_job, store_in};
+    use crate::faults::Faults;
+    use crate::store::End;
+    use crate::store::tests::{new_job, store_in};
 
     #[tokio::test]
     async fn a_clock_that_jumps_forward_makes_no_job_expire_at_once() {

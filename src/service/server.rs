@@ -6,6 +6,8 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use tesserae_mesh::device::Device;
+use tesserae_mesh::error::{Error, Result};
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::{sleep, timeout};
@@ -29,8 +31,6 @@ use super::store::{Presence, Rules, Store};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
 use super::{Settings, Switch, lag, presence, tls};
-use crate::device::Device;
-use crate::error::{Error, Result};
 
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
 const LAST_MOMENT: Duration = Duration::from_secs(2);

@@ -4,14 +4,14 @@
 macro_rules! durations {
     ($($field:ident),+) => {$(
         #[doc = concat!("[`", stringify!($field), "`](Self::", stringify!($field), ") as a duration.")]
-        pub(in crate::service) fn $field(&self) -> std::time::Duration {
+        pub(crate) fn $field(&self) -> std::time::Duration {
             std::time::Duration::from_secs(self.$field)
         }
     )+};
 }
 
 mod access;
-pub(crate) mod heading;
+pub mod heading;
 mod storage;
 mod traffic;
 mod webhooks;
@@ -20,15 +20,16 @@ mod work;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use tesserae_mesh::error::{Error, Result};
+use tesserae_mesh::mesh::Limits;
+
 pub use self::access::AccessSettings;
 pub use self::storage::StorageSettings;
 pub(super) use self::traffic::BEGINNINGS;
 pub use self::traffic::{TrafficConstants, TrafficSettings};
 pub use self::webhooks::WebhookSettings;
 pub use self::work::{Switch, WorkSettings};
-use crate::error::{Error, Result};
-use crate::mesh::Limits;
-use crate::service::files::check_prefixes;
+use crate::files::check_prefixes;
 
 /// Settings of `tesserae serve`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]

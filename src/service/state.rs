@@ -5,6 +5,9 @@ use std::time::SystemTime;
 
 use axum::extract::State;
 use serde::Serialize;
+use tesserae_mesh::device::select::AdapterReport;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::report::DeviceInfo;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
@@ -21,9 +24,6 @@ use super::storage::Storage;
 use super::store::{Job, JobId, Store, no_such_job};
 use super::traffic::Traffic;
 use super::webhooks::Webhooks;
-use crate::device::select::AdapterReport;
-use crate::error::{Error, Kind, Result};
-use crate::report::DeviceInfo;
 
 /// The device of this process and why it is that one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]

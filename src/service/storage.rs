@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use tesserae_mesh::error::Result;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
@@ -16,7 +17,6 @@ use super::blocking::blocking;
 use super::files::Files;
 use super::health::{Health, Part};
 use super::store::Store;
-use crate::error::Result;
 
 /// Time between two looks at the counts.
 const INTERVAL: Duration = Duration::from_millis(500);
@@ -108,8 +108,8 @@ impl Storage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::faults::Faults;
-    use crate::service::store::tests::{RULES, new_job};
+    use crate::faults::Faults;
+    use crate::store::tests::{RULES, new_job};
 
     #[tokio::test]
     async fn a_full_disk_gets_room_back_from_the_store() {

@@ -15,13 +15,13 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::mesh::{Format, HEAD_BYTES};
 
 use super::files::{self, Files, Incoming};
 use super::intake::{self, Coding, Content, Rules};
 use super::request::Wanted;
 use super::store::Spec;
-use crate::error::{Error, Kind, Result};
-use crate::mesh::{Format, HEAD_BYTES};
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
 pub(super) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {

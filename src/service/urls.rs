@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use tesserae_mesh::artifacts::Artifact;
 use utoipa::ToSchema;
 
 use super::kept;
 use super::store::{Job, JobId};
-use crate::artifacts::Artifact;
 
 /// Where everything about a job is: paths on this service.
 #[derive(Debug, Serialize, ToSchema)]

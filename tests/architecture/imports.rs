@@ -1,8 +1,8 @@
 //! Imports: no module and no file imports in a circle, no folder of the service does, and each only what stands above
 //! it in the map of the crate.
 //!
-//! The tests read the paths in the source (`crate::`, `super::`, `self::`, `use`), without comments and test code. A
-//! `mod` item is no import: a parent that declares a child does not use it.
+//! The tests read the paths in the source (`crate::`, `super::`, `self::`, `use`, names of the other crates), without
+//! comments and test code. A `mod` item is no import: a parent that declares a child does not use it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,6 +14,9 @@ const ENGINE: [&str; 6] = ["energy", "surface", "complex", "remesh", "device", "
 /// What modules may not import although it stands above them in the map: an energy is arithmetic, and neither devices
 /// nor algorithms know file formats.
 const APART: [(&str, &[&str]); 3] = [("energy", &["error", "mesh"]), ("device", &["mesh"]), ("cluster", &["mesh"])];
+
+/// The crates: the folder of each, and the name by which others import it.
+const CRATES: [(&str, &str); 3] = [("", "tesserae_mesh"), ("service", "tesserae_service"), ("cli", "tesserae_cli")];
 
 /// Imports: for each node, the nodes that it names.
 type Graph = BTreeMap<String, BTreeSet<String>>;
@@ -70,6 +73,7 @@ fn the_engine_knows_no_file_format_and_an_energy_nothing() {
     assert_eq!(arrows_between(&graph, &APART), Vec::<String>::new());
     let of = |from: &str, to: &str| graph[from].contains(to);
     assert!(of("cluster::run", "device") && of("device::cpu", "energy") && of("job", "surface"), "{graph:?}");
+    assert!(of("cli", "service") && of("cli", "job") && of("service", "job"), "{graph:?}");
 }
 
 #[test]
@@ -101,20 +105,20 @@ fn a_circle_of_files_is_found_however_it_is_written() {
         circles(&imports(&files, file_of_the_service)).len()
     };
     for (first, second) in [
-        ("use crate::service::second::B;", "use super::first::A;"),
+        ("use crate::second::B;", "use super::first::A;"),
         ("use super::{other::X, second::{self, B}};", "fn f() -> super::first::A {}"),
-        ("pub use crate::{error::E, service::second};", "use crate::service::first::{A};"),
+        ("pub use crate::{error::E, second};", "use crate::first::{A};"),
         ("use super::second;\n#[cfg(test)]\nmod tests {\n}\n", "// about it\nuse super::first as other;"),
         ("use super::second;", "trait T {\n    #[cfg(test)]\n    fn f() {\n    }\n    fn g() -> super::first::A;\n}"),
     ] {
         assert_eq!(circles_of(first, second), 1, "{first} {second}");
     }
     for (first, second) in [
-        ("use crate::service::second::B;", "// use super::first::A;"),
-        ("use crate::service::second::B;", "#[cfg(test)]\nmod tests {\n    use crate::service::first::A;\n}"),
-        ("use crate::service::second::B;", "#[cfg(test)]\nuse crate::service::first::A;\n"),
-        ("use crate::service::second::B;", "use crate::other::first::A;"),
-        ("use super::second::B;", "pub(in crate::service::first) struct B;"),
+        ("use tesserae_service::second::B;", "// use super::first::A;"),
+        ("use crate::second::B;", "#[cfg(test)]\nmod tests {\n    use crate::first::A;\n}"),
+        ("use crate::second::B;", "#[cfg(test)]\nuse crate::first::A;\n"),
+        ("use crate::second::B;", "use tesserae_mesh::first::A;"),
+        ("use super::second::B;", "pub(in crate::first) struct B;"),
     ] {
         assert_eq!(circles_of(first, second), 0, "{first} {second}");
     }
@@ -239,7 +243,7 @@ fn code(text: &str) -> String {
 /// Every path that begins with `crate`, `super` or `self`, and every relative `use`, groups in braces taken apart.
 fn paths(code: &str) -> Vec<Vec<String>> {
     let is_name = |c: char| c.is_alphanumeric() || c == '_';
-    const STARTS: [&str; 3] = ["crate", "super", "self"];
+    const STARTS: [&str; 6] = ["crate", "super", "self", CRATES[0].1, CRATES[1].1, CRATES[2].1];
     let mut all = Vec::new();
     for (at, _) in STARTS.iter().flat_map(|start| code.match_indices(start)) {
         let before = &code[..at];
@@ -292,13 +296,18 @@ fn tree<'a>(text: &'a str, prefix: &[String], all: &mut Vec<Vec<String>>) -> &'a
 
 /// The module that a path in `module` leads to. A relative path (with an empty first name) is a child's or a crate's.
 fn resolve(path: &[String], module: &[String], modules: &BTreeSet<Vec<String>>) -> Option<Vec<String>> {
+    let of_folder = |folder: &str| Vec::from_iter((!folder.is_empty()).then(|| folder.to_owned()));
+    let own = CRATES.iter().find(|(folder, _)| module.first().is_some_and(|first| first == folder));
     let mut base = module.to_vec();
     for name in path {
         match name.as_str() {
-            "crate" => base.clear(),
+            "crate" => base = of_folder(own.map_or("", |(folder, _)| folder)),
             "super" => drop(base.pop()),
             "self" | "" => {}
-            name => base.push(name.to_owned()),
+            name => match CRATES.iter().find(|(_, of_others)| *of_others == name) {
+                Some((folder, _)) => base = of_folder(folder),
+                None => base.push(name.to_owned()),
+            },
         }
     }
     if path[0].is_empty() && !modules.contains(base.get(..=module.len())?) {

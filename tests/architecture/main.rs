@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// A source file.
 struct Source {
-    /// Path below the repository, as in `src/service/mod.rs`.
+    /// Path below the repository, as in `src/service/lib.rs`.
     path: String,
     text: String,
 }

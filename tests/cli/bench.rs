@@ -1,6 +1,6 @@
 //! `tesserae bench` from outside, small.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use serde_json::Value;
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::process::Stdio;
 use std::time::Duration;
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use sha2::{Digest, Sha256};
 
 fn labels_of(bytes: &[u8]) -> Vec<u32> {

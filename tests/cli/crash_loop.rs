@@ -5,12 +5,12 @@ use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use reqwest::multipart::{Form, Part};
 use reqwest::{Client, RequestBuilder};
 use serde_json::Value;
 use tesserae_mesh::dev::sample::{self, Sample};
-use tesserae_mesh::service::TokenFile;
+use tesserae_service::TokenFile;
 
 /// File name of the mesh that kills the process.
 const KILLER: &str = "killer.obj";

@@ -1,6 +1,6 @@
 //! `tesserae evaluate paper` from outside, on samples that go by the names of the paper's meshes.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 
 #[test]
 fn the_papers_tables_figure_and_statements_come_out_for_the_meshes_that_are_there() {

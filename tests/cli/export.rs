@@ -1,6 +1,6 @@
 //! `tesserae export`, and the outputs of `cluster` that are made of the mesh.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use tesserae_mesh::artifacts::{self, Artifact, Need, REPORT, npy_header};
 
 fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {

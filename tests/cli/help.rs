@@ -1,9 +1,9 @@
 //! The help of every command, completions and manual pages.
 
 use clap::{Command, CommandFactory, Parser};
-use tesserae_mesh::cli::Cli;
+use tesserae_cli::Cli;
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 
 /// Columns that a line of the help has at most.
 const COLUMNS: usize = 98;

@@ -1,6 +1,6 @@
 //! Hierarchies on the command line: made, cut, written, drawn, refused.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use serde_json::Value;
 
 /// A folder with a knot and a hierarchy of it.

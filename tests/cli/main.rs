@@ -1,7 +1,8 @@
 //! The program from outside: commands, their messages and files, and the service as a process.
 
-#[path = "../common/mod.rs"]
-mod common;
+#[allow(dead_code, reason = "every test binary uses its own part")]
+#[path = "../common/command.rs"]
+mod command;
 
 mod bench;
 mod cluster;
@@ -11,7 +12,9 @@ mod export;
 mod help;
 mod hierarchy;
 mod messages;
+mod names;
 mod other;
 mod outputs;
+mod running;
 mod serve;
 mod streams;

@@ -1,6 +1,6 @@
 //! What messages of the command line name: the input that is wrong, and flags as they are typed.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use tesserae_mesh::parameters::Name;
 
 /// Exit status 1 and one line that begins with `begin`.

@@ -1,6 +1,6 @@
 //! `tesserae sample`, `tesserae devices` and the help, from outside.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 
 #[test]
 fn samples_are_written_in_the_format_of_the_name_or_as_obj_to_standard_output() {

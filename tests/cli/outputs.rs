@@ -5,7 +5,7 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 
 /// Runs a command line whose words have no blanks.
 fn run(folder: &Folder, command: &str) -> String {

@@ -8,8 +8,8 @@ use std::net::TcpStream;
 use std::os::unix::ffi::OsStrExt as _;
 use std::process::Command;
 
-use crate::common::command::Folder;
-use crate::common::running::Running;
+use crate::command::Folder;
+use crate::running::Running;
 
 #[test]
 fn it_says_where_it_listens_and_ends_in_order_when_asked() {

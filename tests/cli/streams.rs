@@ -10,7 +10,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::command::{Done, Folder};
+use crate::command::{Done, Folder};
 
 const CLUSTER: [&str; 4] = ["cluster", "s.obj", "-k", "10"];
 

@@ -1,6 +1,6 @@
 //! Density: weights and curvature make clusters smaller where they are larger, and nothing else.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use crate::common::zoo;
 use tesserae_mesh::Result;
 use tesserae_mesh::cluster::{self, flat::Options, seeds};

@@ -8,9 +8,10 @@
 //! present, and prints the energies that changed. A new row is a mesh and arguments, with or without the rest.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use crate::common::command::Folder;
+use crate::command::Folder;
+use crate::common::root;
 use crate::common::zoo::shared_meshes;
 use tesserae_mesh::job::labels_sha256;
 
@@ -25,7 +26,7 @@ struct Result {
 }
 
 fn table() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/clustering/labels.tsv")
+    root().join("tests/clustering/labels.tsv")
 }
 
 /// The mesh of a row; none where it is absent.

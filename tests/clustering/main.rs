@@ -1,5 +1,8 @@
 //! The clustering on the cpu: definitions, proofs, qualities, hierarchies, and labels that stay the same.
 
+#[allow(dead_code, reason = "every test binary uses its own part")]
+#[path = "../common/command.rs"]
+mod command;
 #[path = "../common/mod.rs"]
 mod common;
 

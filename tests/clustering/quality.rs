@@ -3,7 +3,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use crate::common::zoo;
 use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::dev::sample::{Sample, generate, write_obj};

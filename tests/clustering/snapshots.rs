@@ -1,7 +1,7 @@
 //! Snapshots: the labels of iterations are those that the report's energies are of, on both devices, and to ask for
 //! them changes nothing.
 
-use crate::common::command::Folder;
+use crate::command::Folder;
 use crate::common::{gpu, zoo};
 use tesserae_mesh::cluster::flat::Options;
 use tesserae_mesh::dev::sample::{Sample, generate, write_obj};

@@ -1,10 +1,10 @@
 //! What several tests share: a zoo of meshes, and clusterings that flood.
 #![allow(dead_code, reason = "every test binary uses its own part")]
 
-pub mod command;
 pub mod gpu;
-pub mod running;
 pub mod zoo;
+
+use std::path::{Path, PathBuf};
 
 use tesserae_mesh::cluster::hierarchy::{Options, Pairs};
 use tesserae_mesh::cluster::relocation::Effort;
@@ -14,6 +14,12 @@ use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::dual_edge::Ties;
 use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::surface::Surface;
+
+/// The folder of the repository, which is that of a test's package or outside of it.
+pub fn root() -> PathBuf {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    package.ancestors().find(|folder| folder.join("Cargo.lock").is_file()).expect("a repository").to_owned()
+}
 
 /// Clusterings whose boundary phase floods: borders have hundreds of faces to go.
 pub fn floods() -> Vec<(&'static str, Surface, SeedFaces)> {

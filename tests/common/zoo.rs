@@ -80,8 +80,8 @@ pub fn all() -> Vec<(String, PolygonMesh)> {
 
 /// The folder with the real meshes, if there is one; says so otherwise.
 pub fn shared_meshes() -> Option<PathBuf> {
-    let folder = std::env::var_os("TESSERAE_TEST_MESHES")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes"), PathBuf::from);
+    let folder =
+        std::env::var_os("TESSERAE_TEST_MESHES").map_or_else(|| super::root().join("../shared/meshes"), PathBuf::from);
     if !folder.is_dir() {
         eprintln!("notice: no real meshes at {}: skipped (set TESSERAE_TEST_MESHES)", folder.display());
         return None;

@@ -9,7 +9,7 @@ use tesserae_mesh::dev::sample::Sample;
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::mesh::Format;
-use tesserae_mesh::service::{DeviceDescription, Extras, Server, Settings, openapi_yaml};
+use tesserae_service::{DeviceDescription, Extras, Server, Settings, openapi_yaml};
 use tokio::runtime::Runtime;
 use tokio::sync::oneshot;
 

@@ -16,7 +16,7 @@ fail() {
 
 # crates FEATURES: the names of the crates in a build.
 crates() {
-    cargo tree --locked --edges normal,build --prefix none --format '{p}' --no-default-features --features "$1" |
+    cargo tree --locked -p tesserae-cli --edges normal,build --prefix none --format '{p}' --no-default-features --features "$1" |
         sed 's/ .*//' | sort -u
 }
 
@@ -44,7 +44,7 @@ done
 }
 
 for features in "" gpu service postgres s3; do
-    cargo clippy --locked --quiet --no-default-features --features "$features" -- -D warnings
+    cargo clippy --locked --quiet -p tesserae-cli --no-default-features --features "$features" -- -D warnings
 done
 
 # with_features EDGES: the crates with their features.

@@ -6,7 +6,7 @@ use reqwest::{Method, RequestBuilder};
 use serde_json::Value;
 use tempfile::TempDir;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{Server, Settings, TokenFile};
+use tesserae_service::{Server, Settings, TokenFile};
 
 use crate::support::*;
 
@@ -301,7 +301,7 @@ async fn quotas_of_the_file_hold_for_their_tenant_only() {
 #[tokio::test]
 async fn other_machines_are_not_listened_to_without_tokens() {
     let device = || Box::new(CpuDevice::new());
-    let description = tesserae_mesh::service::DeviceDescription {
+    let description = tesserae_service::DeviceDescription {
         info: tesserae_mesh::device::Device::info(&CpuDevice::new()).clone(),
         chosen: String::new(),
         cpu_below_faces: None,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde_json::Value;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{Backup, Extras, Settings, back_up};
+use tesserae_service::{Backup, Extras, Settings, back_up};
 
 use crate::support::*;
 

@@ -3,7 +3,7 @@
 use serde_json::Value;
 use tesserae_mesh::artifacts::{self, Artifact, Need};
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::TokenFile;
+use tesserae_service::TokenFile;
 
 use crate::support::*;
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use reqwest::RequestBuilder;
 use serde_json::Value;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{DeviceDescription, Server, Settings};
+use tesserae_service::{DeviceDescription, Server, Settings};
 
 use crate::support::*;
 

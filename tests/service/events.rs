@@ -4,7 +4,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use reqwest::Response;
 use serde_json::Value;
-use tesserae_mesh::service::Settings;
+use tesserae_service::Settings;
 
 use crate::support::*;
 

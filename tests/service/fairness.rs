@@ -5,8 +5,8 @@ use tempfile::TempDir;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::{Device, MergeSteps, Steps};
 use tesserae_mesh::report::DeviceInfo;
-use tesserae_mesh::service::{Settings, TokenFile};
 use tesserae_mesh::surface::DualGraph;
+use tesserae_service::{Settings, TokenFile};
 
 use crate::support::*;
 

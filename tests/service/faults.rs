@@ -11,9 +11,9 @@ use tesserae_mesh::device::gpu::adapter::enumerate;
 use tesserae_mesh::device::gpu::{self, Fault, GpuDevice};
 use tesserae_mesh::device::{Device, MergeSteps, Steps};
 use tesserae_mesh::report::DeviceInfo;
-use tesserae_mesh::service::{Extras, FaultPoint, Faults, Reopen, Settings};
 use tesserae_mesh::surface::DualGraph;
 use tesserae_mesh::{Error, Kind};
+use tesserae_service::{Extras, FaultPoint, Faults, Reopen, Settings};
 
 use crate::support::*;
 

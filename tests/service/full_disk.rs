@@ -12,7 +12,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{Extras, Settings};
+use tesserae_service::{Extras, Settings};
 
 use crate::support::*;
 

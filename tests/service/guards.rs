@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use reqwest::RequestBuilder;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{Extras, FaultPoint, Faults, Settings, TokenFile};
+use tesserae_service::{Extras, FaultPoint, Faults, Settings, TokenFile};
 
 use crate::support::*;
 

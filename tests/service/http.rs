@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde_json::Value;
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{DeviceDescription, Extras, Server, Settings, TokenFile};
+use tesserae_service::{DeviceDescription, Extras, Server, Settings, TokenFile};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -269,7 +269,7 @@ async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     for line in log.lines("tesserae::access") {
         assert_eq!(line["fields"]["received"], Value::Null, "nothing of it was read: {line}");
     }
-    let errors: Vec<Value> = log.lines("tesserae_mesh::service::problem");
+    let errors: Vec<Value> = log.lines("tesserae_service::problem");
     assert!(errors.is_empty(), "{errors:#?}");
 }
 

@@ -7,7 +7,7 @@ use reqwest::multipart::{Form, Part};
 use serde_json::Value;
 use tesserae_mesh::dev::sample::{self, Sample};
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::Settings;
+use tesserae_service::Settings;
 
 use crate::support::*;
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{DeviceDescription, Server, Settings};
+use tesserae_service::{DeviceDescription, Server, Settings};
 use tracing_subscriber::fmt::MakeWriter;
 
 use crate::support::*;

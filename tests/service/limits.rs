@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use reqwest::multipart::{Form, Part};
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{Settings, TrafficSettings};
+use tesserae_service::{Settings, TrafficSettings};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

@@ -91,7 +91,7 @@ fn names(expression: &str) -> impl Iterator<Item = &str> {
 
 /// The text of a file in `deploy/`.
 fn deployed(name: &str) -> String {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(name);
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy").join(name);
     std::fs::read_to_string(path).expect("a file")
 }
 

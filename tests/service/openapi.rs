@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use clap::CommandFactory;
 use tesserae_mesh::artifacts::{self, Need};
 use tesserae_mesh::mesh::Format;
 
@@ -13,8 +12,8 @@ const TETRAHEDRON: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 
 /// Fails when the file and the code differ. `UPDATE_OPENAPI=1 cargo test --test service openapi` writes the file.
 #[test]
 fn openapi_yaml_is_what_the_code_says() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi.yaml");
-    let generated = tesserae_mesh::service::openapi_yaml().expect("a description");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../openapi.yaml");
+    let generated = tesserae_service::openapi_yaml().expect("a description");
     if std::env::var_os("UPDATE_OPENAPI").is_some() {
         std::fs::write(&path, &generated).expect("written");
     }
@@ -29,7 +28,7 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
     let response = service.get("/openapi.yaml").send().await.expect("answered");
     assert_eq!(response.headers()["content-type"], "application/yaml");
     let yaml = response.text().await.expect("text");
-    assert_eq!(yaml, tesserae_mesh::service::openapi_yaml().expect("a description"));
+    assert_eq!(yaml, tesserae_service::openapi_yaml().expect("a description"));
     for note in ["P§", "DESIGN", "Eq."] {
         assert!(!yaml.contains(note), "{note} says nothing to who reads this");
     }
@@ -60,18 +59,6 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
     let names = Format::ALL.map(Format::name);
     let types: Vec<&str> = Format::ALL.iter().flat_map(|format| format.media_types()).copied().collect();
 
-    let cli = tesserae_mesh::cli::Cli::command();
-    let cluster = cli.find_subcommand("cluster").expect("a command");
-    let help = |id: &str| {
-        let argument = cluster.get_arguments().find(|argument| argument.get_id() == id).expect("an argument");
-        argument.get_help().expect("an explanation").to_string()
-    };
-    assert!(help("input").contains(&format!(": {}, or -", Format::choice("."))), "{}", help("input"));
-    assert!(help("format").contains(&format!(": {};", Format::choice(""))), "{}", help("format"));
-    let page = include_str!("../../docs/command-line.md");
-    let dotted = names.map(|name| format!(".{name}")).join(", ");
-    assert!(page.contains(&format!("a mesh ({dotted}, or - for standard input)")), "docs/command-line.md");
-
     let response = service.post("/v1/jobs?clusters=1").body("x").header("content-type", "model/none").send().await;
     let response = response.expect("answered");
     assert_eq!(response.status(), 415);
@@ -87,7 +74,7 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
         Format::ALL.map(|format| serde_json::json!({"name": format.name(), "media_type": format.media_type()}));
     assert_eq!(formats["meshes"], serde_json::json!(expected));
 
-    let yaml = tesserae_mesh::service::openapi_yaml().expect("a description");
+    let yaml = tesserae_service::openapi_yaml().expect("a description");
     let body = yaml.split_once("requestBody:").and_then(|(_, rest)| rest.split_once("responses:")).expect("a body").0;
     let keys = body.lines().filter_map(|line| line.strip_prefix("          ")?.strip_suffix(':'));
     let is_type = |key: &&str| !key.starts_with(' ') && !containers.contains(key);
@@ -105,27 +92,14 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
 
 /// An output that is added to the table is served and described with no other change.
 #[tokio::test]
-async fn every_output_of_the_table_has_its_flags_and_its_route_with_exactly_its_media_types() {
+async fn every_output_of_the_table_has_its_route_with_exactly_its_media_types() {
     let service = Service::start().await;
     let job = service.submit("algorithm=hr&clusters=1&keep_mesh=true", TETRAHEDRON.to_vec()).await;
     let job = service.ended(&job).await;
     assert_eq!(job["state"], "succeeded");
-    let yaml = tesserae_mesh::service::openapi_yaml().expect("a description");
-    let cli = tesserae_mesh::cli::Cli::command();
+    let yaml = tesserae_service::openapi_yaml().expect("a description");
     for artifact in artifacts::ALL {
         let name = artifact.name;
-        for flag in artifact.flags {
-            assert!(flag.forms(artifact).next().is_some(), "{} writes nothing", flag.name);
-            let of_mesh = artifact.needs.contains(&Need::Mesh);
-            for (command, has_it) in [("cluster", true), ("cut", !of_mesh), ("export", of_mesh)] {
-                let command = cli.find_subcommand(command).expect("a command");
-                let argument = command.get_arguments().find(|argument| argument.get_long() == Some(flag.long()));
-                let help = argument.and_then(|argument| argument.get_help()).map(ToString::to_string);
-                // labels and hierarchies are inputs of `export`
-                assert!(!has_it || help.as_deref() == Some(flag.help), "{} of {command}", flag.name);
-                assert!(has_it || help.as_deref() != Some(flag.help), "{} of {command}", flag.name);
-            }
-        }
         let path = format!("\n  /v1/jobs/{{id}}/{name}:\n");
         assert_eq!(yaml.contains(&path), artifact.is_served, "{name}");
         let Some((_, operation)) = yaml.split_once(&path) else { continue };

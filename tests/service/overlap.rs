@@ -5,8 +5,8 @@ use std::sync::Arc;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::{Device, MergeSteps, Steps};
 use tesserae_mesh::report::DeviceInfo;
-use tesserae_mesh::service::{Extras, FaultPoint, Faults, Settings};
 use tesserae_mesh::surface::DualGraph;
+use tesserae_service::{Extras, FaultPoint, Faults, Settings};
 
 use crate::support::*;
 

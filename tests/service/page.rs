@@ -51,8 +51,8 @@ async fn the_page_has_a_strict_policy_and_is_validated_before_each_use() {
 async fn the_page_needs_no_token_and_gives_no_data() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("tokens.json");
-    tesserae_mesh::service::TokenFile::change(&path, |file| Ok(file.add("mine")?.reveal())).expect("made");
-    let with_tokens = |settings: &mut tesserae_mesh::service::Settings| settings.access.tokens = Some(path);
+    tesserae_service::TokenFile::change(&path, |file| Ok(file.add("mine")?.reveal())).expect("made");
+    let with_tokens = |settings: &mut tesserae_service::Settings| settings.access.tokens = Some(path);
     let service = Service::with(with_tokens, Box::new(CpuDevice::new())).await;
     let expected = if HAS_PAGE { 200 } else { 404 };
     for (path, _) in FILES {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use tempfile::TempDir;
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::service::{DeviceDescription, Extras, Server, Settings};
+use tesserae_service::{DeviceDescription, Extras, Server, Settings};
 
 use crate::support::*;
 

@@ -12,8 +12,8 @@ use tesserae_mesh::dev::sample::{self, Sample};
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::{Device, MergeSteps, Steps};
 use tesserae_mesh::report::DeviceInfo;
-use tesserae_mesh::service::{DeviceDescription, Extras, Server, Settings};
 use tesserae_mesh::surface::DualGraph;
+use tesserae_service::{DeviceDescription, Extras, Server, Settings};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 

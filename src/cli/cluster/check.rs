@@ -1,12 +1,13 @@
 //! What needs no mesh to be refused.
 
+use tesserae_mesh::artifacts::{Choices, LINKAGE_NPY, Need};
+use tesserae_mesh::parameters::{Seeds, Subdivide};
+
 use super::Arguments;
 use super::files::{Files, check_patterns};
-use crate::artifacts::{Choices, LINKAGE_NPY, Need};
-use crate::cli::Failure;
-use crate::cli::files::{Source, Target};
-use crate::cli::results::{OutputFile, check_places};
-use crate::parameters::{Seeds, Subdivide};
+use crate::Failure;
+use crate::files::{Source, Target};
+use crate::results::{OutputFile, check_places};
 
 /// Refuses what contradicts itself, outputs that cannot be written, and outputs that would replace another or an input.
 pub fn check(arguments: &Arguments) -> Result<Choices, Failure> {

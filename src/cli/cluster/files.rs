@@ -2,13 +2,16 @@
 
 use std::path::Path;
 
+use tesserae_mesh::artifacts::{
+    Artifact, Form, HIERARCHY, HIERARCHY_TSR, LABELS, LABELS_NPY, Need, REPORT, REPORT_JSON,
+};
+
 use super::Arguments;
-use crate::artifacts::{Artifact, Form, HIERARCHY, HIERARCHY_TSR, LABELS, LABELS_NPY, Need, REPORT, REPORT_JSON};
-use crate::cli::by_extension::FLAG;
-use crate::cli::files::Target;
-use crate::cli::inputs::MeshFile;
-use crate::cli::patterns::{CLUSTERS, NAME};
-use crate::cli::results::OutputFile;
+use crate::by_extension::FLAG;
+use crate::files::Target;
+use crate::inputs::MeshFile;
+use crate::patterns::{CLUSTERS, NAME};
+use crate::results::OutputFile;
 
 /// The files of a mesh.
 pub struct Files {

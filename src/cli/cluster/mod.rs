@@ -6,6 +6,9 @@ mod run;
 
 use std::path::PathBuf;
 
+use tesserae_mesh::mesh::Limits;
+use tesserae_mesh::parameters::{Parameters, heading};
+
 use self::run::Run;
 use super::device::DeviceArguments;
 use super::inputs::{LimitFlags, Meshes};
@@ -13,8 +16,6 @@ use super::progress::Progress;
 use super::results::{ChoiceFlags, OfJob, Outputs};
 use super::summary::{Row, table};
 use super::{Failure, Quiet, complain, print_line, say};
-use crate::mesh::Limits;
-use crate::parameters::{Parameters, heading};
 
 /// Arguments of `tesserae cluster`.
 #[derive(Debug, clap::Args)]

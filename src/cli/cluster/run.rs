@@ -4,25 +4,26 @@ use std::collections::HashSet;
 use std::sync::OnceLock;
 use std::time::Instant;
 
+use tesserae_mesh::artifacts::{Artifact, Choices, Content, LINKAGE_NPY, Labels, Need};
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::hierarchy::Cut;
+use tesserae_mesh::hierarchy::linkage::no_single_root;
+use tesserae_mesh::job::{
+    self, Ahead, InputFile, OnDevice, Outcome, Plan, Prepared, Preparing, Refusal, Request, milliseconds,
+};
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::remesh::Remesh;
+
 use super::Arguments;
 use super::check::inputs;
 use super::files::Files;
-use crate::artifacts::{Artifact, Choices, Content, LINKAGE_NPY, Labels, Need};
-use crate::cli::files::Source;
-use crate::cli::inputs::MeshFile;
-use crate::cli::places::Output;
-use crate::cli::progress::Progress;
-use crate::cli::results::{OutputFile, check_places};
-use crate::cli::summary::{Balance, Row};
-use crate::cli::{Failure, complain, signals};
-use crate::error::{Error, Kind};
-use crate::hierarchy::Cut;
-use crate::hierarchy::linkage::no_single_root;
-use crate::job::{
-    self, Ahead, InputFile, OnDevice, Outcome, Plan, Prepared, Preparing, Refusal, Request, milliseconds,
-};
-use crate::parameters::Seeds;
-use crate::remesh::Remesh;
+use crate::files::Source;
+use crate::inputs::MeshFile;
+use crate::places::Output;
+use crate::progress::Progress;
+use crate::results::{OutputFile, check_places};
+use crate::summary::{Balance, Row};
+use crate::{Failure, complain, signals};
 
 /// Where the parts of the bar end: a mesh is read, prepared, then clustered and written for each number of clusters.
 const READ: f64 = 0.1;

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::cli::{Failure, print_line};
-use crate::service;
+use crate::{Failure, print_line};
+use tesserae_service as service;
 
 /// Arguments of `tesserae backup`.
 #[derive(Debug, clap::Args)]

@@ -4,8 +4,9 @@ use std::io::{Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
 use std::time::Duration;
 
-use crate::cli::Failure;
-use crate::error::{Error, Kind};
+use tesserae_mesh::error::{Error, Kind};
+
+use crate::Failure;
 
 /// Time to connect, and to answer.
 const PATIENCE: Duration = Duration::from_secs(4);

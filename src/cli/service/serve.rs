@@ -4,18 +4,18 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use clap::CommandFactory as _;
+use tesserae_mesh::dev::bench;
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::select::{self, DeviceChoice};
+use tesserae_mesh::error::{Error, Result};
+use tesserae_mesh::report::{DeviceInfo, DeviceKind};
+use tesserae_service::{self as service, DeviceDescription, Extras, LogSettings, Settings, Switch};
 use tokio::sync::Notify;
 
 use super::signals;
-use crate::cli::device::DeviceArguments;
-use crate::cli::{Cli, Failure};
-use crate::dev::bench;
-use crate::device::Device;
-use crate::device::cpu::CpuDevice;
-use crate::device::select::{self, DeviceChoice};
-use crate::error::{Error, Result};
-use crate::report::{DeviceInfo, DeviceKind};
-use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings, Switch};
+use crate::device::DeviceArguments;
+use crate::{Cli, Failure};
 
 /// Arguments of `tesserae serve`.
 #[derive(Debug, clap::Args)]

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use crate::cli::files::Target;
-use crate::cli::{Failure, print, print_line};
-use crate::error::{Error, Kind, wrong_json};
-use crate::service::{Quotas, TokenFile};
+use tesserae_mesh::error::{Error, Kind, wrong_json};
+use tesserae_service::{Quotas, TokenFile};
+
+use crate::files::Target;
+use crate::{Failure, print, print_line};
 
 /// Arguments of `tesserae token`.
 #[derive(Debug, clap::Args)]

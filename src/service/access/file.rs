@@ -4,8 +4,9 @@ use std::io::Write as _;
 use std::path::Path;
 use std::time::SystemTime;
 
+use tesserae_mesh::error::{Error, Kind, Result};
+
 use super::tokens::{TokenFile, Tokens};
-use crate::error::{Error, Kind, Result};
 
 /// Largest file of tokens that is read, in bytes.
 const MAX_BYTES: u64 = 16 << 20;

@@ -15,6 +15,7 @@ use std::time::Duration;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::{Notify, watch};
 use tokio_util::sync::CancellationToken;
 
@@ -27,7 +28,6 @@ use super::queue::Shares;
 use super::settings::AccessSettings;
 use super::store::LOCAL_TENANT;
 use super::trace::Origin;
-use crate::error::{Error, Kind, Result};
 
 /// How often the file of tokens is looked at for a change.
 const LOOK_EVERY: Duration = Duration::from_secs(1);

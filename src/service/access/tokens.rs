@@ -13,9 +13,9 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
+use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
 
-use crate::error::{Error, Kind, Result, wrong_json_at};
-use crate::service::queue::{Share, Shares};
+use crate::queue::{Share, Shares};
 
 /// What every token begins with, so that scanners for leaked secrets find it.
 const PREFIX: &str = "tess_";
@@ -134,7 +134,7 @@ impl TokenFile {
                 "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', and not dots alone: {name:?}"
             )));
         }
-        if name == crate::service::LOCAL_TENANT {
+        if name == crate::LOCAL_TENANT {
             return Err(Error::parameter(format_args!(
                 "this name stands for a service without tokens; take another: {name:?}"
             )));
@@ -206,7 +206,7 @@ impl TokenEntry {
 
 /// The tokens of a file, ready for look-ups.
 #[derive(Debug, Default)]
-pub(in crate::service) struct Tokens {
+pub(crate) struct Tokens {
     by_id: HashMap<String, Known>,
     shares: Shares,
 }
@@ -221,7 +221,7 @@ struct Known {
 /// Which token a request came with: its id, and the digest of its secret, which differs when the token is replaced
 /// under the same id.
 #[derive(Clone, PartialEq, Eq)]
-pub(in crate::service) struct TokenName {
+pub(crate) struct TokenName {
     id: String,
     digest: [u8; 32],
 }
@@ -241,7 +241,7 @@ impl fmt::Debug for TokenName {
 
 /// A tenant of the service.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Tenant {
+pub(crate) struct Tenant {
     /// Its name.
     pub name: String,
     /// What it may use.

@@ -6,4 +6,4 @@ use utoipa::ToSchema;
 #[derive(ToSchema)]
 #[schema(value_type = String, format = Binary)]
 #[expect(dead_code, reason = "describes bodies for openapi.yaml")]
-pub(in crate::service) struct Binary(String);
+pub(crate) struct Binary(String);

@@ -8,28 +8,28 @@ use std::time::Duration;
 use axum::extract::{Request, State as Extract};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::Parameters;
 use tracing::Instrument as _;
 use utoipa::ToSchema;
 
 use super::binary::Binary;
 use super::view::{JobView, answer};
-use crate::error::{Error, Kind};
-use crate::mesh::Format;
-use crate::parameters::Parameters;
-use crate::service::access::Caller;
-use crate::service::audit::{self, Action};
-use crate::service::intake::Rules;
-use crate::service::problem::{Answer, Failure, Problematic};
-use crate::service::state::{App, Shared};
-use crate::service::store::{Created, Job, NewJob};
-use crate::service::trace::Origin;
-use crate::service::upload::{self, Upload};
-use crate::service::{idempotency, intake, prefer, urls};
+use crate::access::Caller;
+use crate::audit::{self, Action};
+use crate::intake::Rules;
+use crate::problem::{Answer, Failure, Problematic};
+use crate::state::{App, Shared};
+use crate::store::{Created, Job, NewJob};
+use crate::trace::Origin;
+use crate::upload::{self, Upload};
+use crate::{idempotency, intake, prefer, urls};
 
 /// The form of an upload.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "describes the form for openapi.yaml; the parts are read one by one")]
-pub(in crate::service) struct UploadForm {
+pub(crate) struct UploadForm {
     /// The mesh: OBJ, GLB, glTF, PLY, STL or OFF, recognised by media type, file name or content.
     #[schema(value_type = Binary)]
     mesh: Binary,
@@ -95,7 +95,7 @@ pub(in crate::service) struct UploadForm {
         (status = 507, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
+pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
     if shared.stop.is_cancelled() {
         return Err(Shared::stopping().into());
     }

@@ -3,19 +3,19 @@
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;
+use tesserae_mesh::artifacts::{Artifact, Choice, Choices, Form};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::remesh::Placement;
 
 use super::view::tell_expiry;
-use crate::artifacts::{Artifact, Choice, Choices, Form};
-use crate::error::{Error, Kind, Result};
-use crate::remesh::Placement;
-use crate::service::access::Caller;
-use crate::service::conditional::Content;
-use crate::service::kept::Kept;
-use crate::service::problem::Answer;
-use crate::service::results::derived::{made, mesh_not_kept};
-use crate::service::results::stored::{Of, attachment, check_clusters, stored, succeeded};
-use crate::service::state::App;
-use crate::service::{negotiate, query};
+use crate::access::Caller;
+use crate::conditional::Content;
+use crate::kept::Kept;
+use crate::problem::Answer;
+use crate::results::derived::{made, mesh_not_kept};
+use crate::results::stored::{Of, attachment, check_clusters, stored, succeeded};
+use crate::state::App;
+use crate::{negotiate, query};
 
 /// The query of an output.
 #[derive(Debug, Deserialize)]
@@ -38,7 +38,7 @@ enum Colours {
 }
 
 /// Serves an output in the form that `format` or `Accept` chooses.
-pub(in crate::service) async fn derived(
+pub(crate) async fn derived(
     artifact: &'static Artifact,
     Extract(shared): App,
     caller: Caller,

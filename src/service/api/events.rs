@@ -18,16 +18,16 @@ use axum::response::sse::{Event as Sent, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 use serde::{Deserialize, Serialize};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
 use utoipa::{IntoParams, ToSchema};
 
-use crate::error::{Error, Kind, Result};
-use crate::service::access::Caller;
-use crate::service::live::{LabelsEvent, Watcher};
-use crate::service::problem::{Answer, Problem, Problematic};
-use crate::service::state::{App, Shared};
-use crate::service::store::{Event, JobId, Pulse, State, What, no_such_job};
-use crate::service::{query, urls};
+use crate::access::Caller;
+use crate::live::{LabelsEvent, Watcher};
+use crate::problem::{Answer, Problem, Problematic};
+use crate::state::{App, Shared};
+use crate::store::{Event, JobId, Pulse, State, What, no_such_job};
+use crate::{query, urls};
 
 /// Events that are read from the log at once.
 const PAGE: usize = 256;
@@ -39,7 +39,7 @@ const RETRY: Duration = Duration::from_secs(2);
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(in crate::service) struct EventsQuery {
+pub(crate) struct EventsQuery {
     /// Events `labels` too
     #[serde(default)]
     labels: bool,
@@ -47,7 +47,7 @@ pub(in crate::service) struct EventsQuery {
 
 /// Data of the event `state`.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::service) struct StateEvent {
+pub(crate) struct StateEvent {
     /// The state that the job entered.
     state: State,
     /// Of `running`: the number of the attempt, which iterations and rounds up to the next state are of.
@@ -62,7 +62,7 @@ pub(in crate::service) struct StateEvent {
 
 /// Data of the event `end`.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::service) struct EndEvent {
+pub(crate) struct EndEvent {
     /// The state that the job ended in.
     state: State,
     /// Why it failed.
@@ -72,7 +72,7 @@ pub(in crate::service) struct EndEvent {
 /// One event of the stream, as its three fields
 #[expect(dead_code, reason = "describes the stream for openapi.yaml")]
 #[derive(ToSchema)]
-pub(in crate::service) struct StreamEvent {
+pub(crate) struct StreamEvent {
     /// Number of the event, from 1 without gaps; none of `labels`.
     #[schema(example = "7")]
     id: String,
@@ -111,7 +111,7 @@ pub(in crate::service) struct StreamEvent {
         (status = 422, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn stream(
+pub(crate) async fn stream(
     Extract(shared): App,
     caller: Caller,
     Path(id): Path<String>,

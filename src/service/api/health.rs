@@ -5,25 +5,25 @@
 use axum::Json;
 use axum::extract::{Request, State as Extract};
 use serde::Serialize;
+use tesserae_mesh::error::{Error, Kind};
 use utoipa::ToSchema;
 
-use crate::error::{Error, Kind};
-use crate::service::health::{self, Condition};
-use crate::service::problem::{Answer, Problematic};
-use crate::service::state::App;
-use crate::service::trace::Origin;
+use crate::health::{self, Condition};
+use crate::problem::{Answer, Problematic};
+use crate::state::App;
+use crate::trace::Origin;
 
 /// That the process answers.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Health)]
-pub(in crate::service) struct HealthView {
+pub(crate) struct HealthView {
     /// `ok`.
     status: &'static str,
 }
 
 /// That jobs are taken.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::service) struct Readiness {
+pub(crate) struct Readiness {
     /// `ok`, or `degraded` when something is wrong all the same.
     #[schema(example = "ok")]
     status: &'static str,
@@ -38,7 +38,7 @@ pub(in crate::service) struct Readiness {
     get, path = "/healthz", tag = "service", operation_id = "getHealth",
     responses((status = 200, description = "The process answers", body = HealthView)),
 )]
-pub(in crate::service) async fn healthz() -> Json<HealthView> {
+pub(crate) async fn healthz() -> Json<HealthView> {
     Json(HealthView { status: "ok" })
 }
 
@@ -53,7 +53,7 @@ pub(in crate::service) async fn healthz() -> Json<HealthView> {
         (status = 503, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn readyz(Extract(shared): App, request: Request) -> Answer<Json<Readiness>> {
+pub(crate) async fn readyz(Extract(shared): App, request: Request) -> Answer<Json<Readiness>> {
     let mut conditions = shared.health.conditions();
     let origin = request.extensions().get::<Origin>();
     if !origin.is_some_and(|origin| shared.access.may_read_details(request.headers(), origin.client)) {

@@ -5,24 +5,24 @@
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;
+use tesserae_mesh::artifacts::{HIERARCHY, HIERARCHY_JSON};
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::hierarchy::json::Limits;
 use utoipa::IntoParams;
 
 use super::view::tell_expiry;
-use crate::artifacts::{HIERARCHY, HIERARCHY_JSON};
-use crate::error::{Error, Kind};
-use crate::hierarchy::json::Limits;
-use crate::service::access::Caller;
-use crate::service::problem::{Answer, Problematic};
-use crate::service::results::hierarchy::made;
-use crate::service::results::stored::{Of, attachment, stored, succeeded};
-use crate::service::state::App;
-use crate::service::{negotiate, query};
+use crate::access::Caller;
+use crate::problem::{Answer, Problematic};
+use crate::results::hierarchy::made;
+use crate::results::stored::{Of, attachment, stored, succeeded};
+use crate::state::App;
+use crate::{negotiate, query};
 
 /// The query of the hierarchy.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(in crate::service) struct HierarchyQuery {
+pub(crate) struct HierarchyQuery {
     /// JSON: leave out what comes after fewer clusters than this are left
     #[param(minimum = 0)]
     min_clusters: Option<u64>,
@@ -49,7 +49,7 @@ pub(in crate::service) struct HierarchyQuery {
         (status = 422, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn hierarchy(
+pub(crate) async fn hierarchy(
     Extract(shared): App,
     caller: Caller,
     Path(id): Path<String>,

@@ -5,16 +5,16 @@
 use axum::Json;
 use axum::extract::State as Extract;
 use serde::Serialize;
+use tesserae_mesh::artifacts::{Form, LABELS};
+use tesserae_mesh::mesh::Format;
 use utoipa::ToSchema;
 
-use crate::artifacts::{Form, LABELS};
-use crate::mesh::Format;
-use crate::service::Settings;
-use crate::service::state::{App, DeviceDescription};
+use crate::Settings;
+use crate::state::{App, DeviceDescription};
 
 /// Formats that are read and written.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::service) struct Formats {
+pub(crate) struct Formats {
     /// Formats of meshes.
     meshes: Vec<FormatView>,
     /// Formats of labels; the first is what a request gets that accepts anything.
@@ -24,7 +24,7 @@ pub(in crate::service) struct Formats {
 /// A format.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = FormatInfo)]
-pub(in crate::service) struct FormatView {
+pub(crate) struct FormatView {
     /// Usual file extension; of meshes, also the value of `format`.
     #[schema(example = "glb")]
     name: &'static str,
@@ -36,7 +36,7 @@ pub(in crate::service) struct FormatView {
 /// What a mesh may be.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = MeshLimits)]
-pub(in crate::service) struct LimitsView {
+pub(crate) struct LimitsView {
     /// Bytes of the largest upload, the files that belong to a mesh included.
     #[schema(example = 2_147_483_648_u64)]
     max_upload_bytes: u64,
@@ -47,7 +47,7 @@ pub(in crate::service) struct LimitsView {
 
 /// The version of the service.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::service) struct Version {
+pub(crate) struct Version {
     /// `tesserae`.
     name: &'static str,
     /// Semantic version.
@@ -61,7 +61,7 @@ pub(in crate::service) struct Version {
     get, path = "/v1/device", tag = "service", operation_id = "getDevice",
     responses((status = 200, description = "The device", body = DeviceDescription)),
 )]
-pub(in crate::service) async fn device(Extract(shared): App) -> Json<DeviceDescription> {
+pub(crate) async fn device(Extract(shared): App) -> Json<DeviceDescription> {
     Json(shared.device.clone())
 }
 
@@ -72,7 +72,7 @@ pub(in crate::service) async fn device(Extract(shared): App) -> Json<DeviceDescr
     get, path = "/v1/formats", tag = "service", operation_id = "getFormats",
     responses((status = 200, description = "The formats", body = Formats)),
 )]
-pub(in crate::service) async fn formats() -> Json<Formats> {
+pub(crate) async fn formats() -> Json<Formats> {
     let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
     let label = |form: &Form| FormatView { name: form.extension(), media_type: form.media_type };
     Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LABELS.forms.iter().map(label).collect() })
@@ -85,7 +85,7 @@ pub(in crate::service) async fn formats() -> Json<Formats> {
     get, path = "/v1/limits", tag = "service", operation_id = "getLimits",
     responses((status = 200, description = "The limits", body = LimitsView)),
 )]
-pub(in crate::service) async fn limits(Extract(shared): App) -> Json<LimitsView> {
+pub(crate) async fn limits(Extract(shared): App) -> Json<LimitsView> {
     let Settings { max_upload_bytes, max_faces, .. } = shared.settings;
     Json(LimitsView { max_upload_bytes, max_faces })
 }
@@ -97,6 +97,6 @@ pub(in crate::service) async fn limits(Extract(shared): App) -> Json<LimitsView>
     get, path = "/v1/version", tag = "service", operation_id = "getVersion",
     responses((status = 200, description = "The version", body = Version)),
 )]
-pub(in crate::service) async fn version() -> Json<Version> {
+pub(crate) async fn version() -> Json<Version> {
     Json(Version { name: "tesserae", version: env!("CARGO_PKG_VERSION") })
 }

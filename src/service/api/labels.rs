@@ -5,24 +5,24 @@
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;
+use tesserae_mesh::artifacts::{CutKind, LABELS, LABELS_BIN, LABELS_NPY, Need};
+use tesserae_mesh::error::{Error, Kind};
 use utoipa::IntoParams;
 
 use super::view::tell_expiry;
-use crate::artifacts::{CutKind, LABELS, LABELS_BIN, LABELS_NPY, Need};
-use crate::error::{Error, Kind};
-use crate::service::access::Caller;
-use crate::service::conditional::Content;
-use crate::service::problem::{Answer, Problematic};
-use crate::service::results::stored::{Of, attachment, check_clusters, stored, succeeded};
-use crate::service::results::{hierarchy, labels, snapshots};
-use crate::service::state::App;
-use crate::service::{negotiate, query};
+use crate::access::Caller;
+use crate::conditional::Content;
+use crate::problem::{Answer, Problematic};
+use crate::results::stored::{Of, attachment, check_clusters, stored, succeeded};
+use crate::results::{hierarchy, labels, snapshots};
+use crate::state::App;
+use crate::{negotiate, query};
 
 /// The query of the labels.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(in crate::service) struct LabelsQuery {
+pub(crate) struct LabelsQuery {
     /// Cut a hierarchy at this number of clusters; 409 for a flat clustering, and outside what the hierarchy has
     #[param(minimum = 1)]
     clusters: Option<u64>,
@@ -50,7 +50,7 @@ pub(in crate::service) struct LabelsQuery {
         (status = 422, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn labels(
+pub(crate) async fn labels(
     Extract(shared): App,
     caller: Caller,
     Path(id): Path<String>,

@@ -8,15 +8,15 @@ use axum::http::{HeaderName, HeaderValue, Uri, header};
 use axum::response::IntoResponse;
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use serde::{Deserialize, Serialize};
+use tesserae_mesh::error::Error;
 use utoipa::{IntoParams, ToSchema};
 
 use super::view::JobView;
-use crate::error::Error;
-use crate::service::access::Caller;
-use crate::service::problem::{Answer, Problematic};
-use crate::service::query;
-use crate::service::state::App;
-use crate::service::store::{ListQuery, State};
+use crate::access::Caller;
+use crate::problem::{Answer, Problematic};
+use crate::query;
+use crate::state::App;
+use crate::store::{ListQuery, State};
 
 /// Jobs on a page when the request does not say.
 const PAGE: usize = 50;
@@ -25,7 +25,7 @@ const MAX_PAGE: usize = 1000;
 
 /// A page of jobs.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::service) struct JobList {
+pub(crate) struct JobList {
     /// The jobs, newest first.
     jobs: Vec<JobView>,
     /// Give this as `cursor` to get the next page; null on the last.
@@ -36,7 +36,7 @@ pub(in crate::service) struct JobList {
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(in crate::service) struct ListParameters {
+pub(crate) struct ListParameters {
     /// Only jobs in this state
     state: Option<State>,
     /// Go on where an earlier page ended: its `next`
@@ -60,7 +60,7 @@ pub(in crate::service) struct ListParameters {
         (status = 422, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer {
+pub(crate) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer {
     let ListParameters { state, cursor, limit } = query::read(&uri)?;
     let limit = limit.unwrap_or(PAGE);
     if !(1..=MAX_PAGE).contains(&limit) {

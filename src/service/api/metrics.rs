@@ -8,9 +8,9 @@ use axum::extract::State as Extract;
 use axum::http::header;
 use axum::response::IntoResponse;
 
-use crate::service::metrics::{self, Room, Snapshot};
-use crate::service::problem::{Answer, Problematic};
-use crate::service::state::App;
+use crate::metrics::{self, Room, Snapshot};
+use crate::problem::{Answer, Problematic};
+use crate::state::App;
 
 /// Metrics
 ///
@@ -22,7 +22,7 @@ use crate::service::state::App;
         (status = 500, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn metrics(Extract(shared): App) -> Answer {
+pub(crate) async fn metrics(Extract(shared): App) -> Answer {
     let oldest = shared.store.oldest_queued().await?;
     let room = Room {
         disk_free: shared.files.free_bytes(),

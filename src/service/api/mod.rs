@@ -23,12 +23,12 @@ use std::sync::Arc;
 
 use axum::middleware::from_fn;
 use axum::routing::get;
+use tesserae_mesh::artifacts::{self, HIERARCHY, LABELS, Need};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::state::Shared;
 use super::{conditional, urls};
-use crate::artifacts::{self, HIERARCHY, LABELS, Need};
 
 /// All routes with what the description says about them; around those of results, ETag and Range.
 pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {

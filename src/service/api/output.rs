@@ -2,18 +2,18 @@
 
 use axum::extract::{Path, State as Extract};
 use axum::http::HeaderMap;
+use tesserae_mesh::artifacts::Artifact;
+use tesserae_mesh::error::{Error, Kind};
 
 use super::view::tell_expiry;
-use crate::artifacts::Artifact;
-use crate::error::{Error, Kind};
-use crate::service::access::Caller;
-use crate::service::negotiate;
-use crate::service::problem::Answer;
-use crate::service::results::stored::{Of, attachment, stored, succeeded};
-use crate::service::state::App;
+use crate::access::Caller;
+use crate::negotiate;
+use crate::problem::Answer;
+use crate::results::stored::{Of, attachment, stored, succeeded};
+use crate::state::App;
 
 /// Serves the stored forms of an output.
-pub(in crate::service) async fn output(
+pub(crate) async fn output(
     artifact: &'static Artifact,
     Extract(shared): App,
     caller: Caller,

@@ -7,12 +7,12 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use super::view::{JobView, answer};
-use crate::service::access::Caller;
-use crate::service::audit::{self, Action};
-use crate::service::deletion;
-use crate::service::problem::Answer;
-use crate::service::state::App;
-use crate::service::store::{Deletion, State, no_such_job};
+use crate::access::Caller;
+use crate::audit::{self, Action};
+use crate::deletion;
+use crate::problem::Answer;
+use crate::state::App;
+use crate::store::{Deletion, State, no_such_job};
 
 /// Cancel or delete a job
 ///
@@ -25,11 +25,7 @@ use crate::service::store::{Deletion, State, no_such_job};
         (status = 204, description = "The job was deleted"),
     ),
 )]
-pub(in crate::service) async fn remove(
-    Extract(shared): App,
-    caller: Caller,
-    Path(id): Path<String>,
-) -> Answer<Response> {
+pub(crate) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer<Response> {
     let id = shared.job(&caller, &id).await?.id;
     match deletion::delete(&shared.files, shared.store.as_ref(), id).await? {
         Deletion::Unknown => Err(no_such_job(id).into()),

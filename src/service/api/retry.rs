@@ -4,15 +4,15 @@
 
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
+use tesserae_mesh::error::{Error, Kind};
 
 use super::view::{JobView, answer};
-use crate::error::{Error, Kind};
-use crate::service::access::Caller;
-use crate::service::audit::{self, Action};
-use crate::service::problem::{Answer, Problematic};
-use crate::service::state::{App, Shared};
-use crate::service::store::{Retried, State, no_such_job};
-use crate::service::{files, job_blobs};
+use crate::access::Caller;
+use crate::audit::{self, Action};
+use crate::problem::{Answer, Problematic};
+use crate::state::{App, Shared};
+use crate::store::{Retried, State, no_such_job};
+use crate::{files, job_blobs};
 
 /// Run a failed job again
 ///
@@ -28,7 +28,7 @@ use crate::service::{files, job_blobs};
         (status = 507, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+pub(crate) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
     if shared.stop.is_cancelled() {
         return Err(Shared::stopping().into());
     }

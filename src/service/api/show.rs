@@ -6,9 +6,9 @@ use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
 
 use super::view::{JobView, answer};
-use crate::service::access::Caller;
-use crate::service::problem::Answer;
-use crate::service::state::App;
+use crate::access::Caller;
+use crate::problem::Answer;
+use crate::state::App;
 
 /// Look at a job
 ///
@@ -19,7 +19,7 @@ use crate::service::state::App;
         (status = 200, description = "The job", body = JobView),
     ),
 )]
-pub(in crate::service) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+pub(crate) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
     let job = shared.job(&caller, &id).await?;
     Ok(answer(&shared, StatusCode::OK, HeaderMap::new(), job))
 }

@@ -5,21 +5,21 @@
 use axum::extract::{Path, State as Extract};
 use axum::http::Uri;
 use serde::Deserialize;
+use tesserae_mesh::error::{Error, Kind, Quoted};
 use utoipa::IntoParams;
 
 use super::binary::Binary;
-use crate::error::{Error, Kind, Quoted};
-use crate::service::access::Caller;
-use crate::service::problem::{Answer, Problematic};
-use crate::service::results::stored::{Of, attachment, stored};
-use crate::service::state::App;
-use crate::service::{files, query};
+use crate::access::Caller;
+use crate::problem::{Answer, Problematic};
+use crate::results::stored::{Of, attachment, stored};
+use crate::state::App;
+use crate::{files, query};
 
 /// The query of an upload.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(in crate::service) struct UploadQuery {
+pub(crate) struct UploadQuery {
     /// The buffer of this name, one of the job's `mesh.buffers`, in place of the mesh
     buffer: Option<String>,
 }
@@ -41,12 +41,7 @@ pub(in crate::service) struct UploadQuery {
         (status = 422, response = Problematic),
     ),
 )]
-pub(in crate::service) async fn upload(
-    Extract(shared): App,
-    caller: Caller,
-    Path(id): Path<String>,
-    uri: Uri,
-) -> Answer {
+pub(crate) async fn upload(Extract(shared): App, caller: Caller, Path(id): Path<String>, uri: Uri) -> Answer {
     let job = shared.job(&caller, &id).await?;
     let UploadQuery { buffer } = query::read(&uri)?;
     let (blob, file) = match buffer {

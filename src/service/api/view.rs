@@ -4,21 +4,21 @@ use axum::Json;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::Parameters;
+use tesserae_mesh::report::Phase;
 use utoipa::ToSchema;
 
-use crate::mesh::Format;
-use crate::parameters::Parameters;
-use crate::report::Phase;
-use crate::service::problem::Problem;
-use crate::service::state::Shared;
-use crate::service::store::{Job, JobId, State};
-use crate::service::timestamp::rfc3339;
-use crate::service::urls::{self, Urls};
+use crate::problem::Problem;
+use crate::state::Shared;
+use crate::store::{Job, JobId, State};
+use crate::timestamp::rfc3339;
+use crate::urls::{self, Urls};
 
 /// A job.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Job)]
-pub(in crate::service) struct JobView {
+pub(crate) struct JobView {
     /// Its name.
     id: JobId,
     /// Where it is in its life.
@@ -69,7 +69,7 @@ pub(in crate::service) struct JobView {
 /// How far a job is.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Progress)]
-pub(in crate::service) struct ProgressView {
+pub(crate) struct ProgressView {
     /// Iterations made.
     iterations: u32,
     /// Phase of the last of them.
@@ -85,7 +85,7 @@ pub(in crate::service) struct ProgressView {
 /// What a job gave.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ResultSummary)]
-pub(in crate::service) struct ResultView {
+pub(crate) struct ResultView {
     /// Faces of the mesh, each with a label.
     faces: u64,
     /// Clusters, none of them empty; of a whole hierarchy, that of its roots.
@@ -95,7 +95,7 @@ pub(in crate::service) struct ResultView {
 /// What was uploaded.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = UploadedMesh)]
-pub(in crate::service) struct MeshView {
+pub(crate) struct MeshView {
     /// Name that the client gave the file.
     file_name: Option<String>,
     /// Its format.
@@ -107,7 +107,7 @@ pub(in crate::service) struct MeshView {
 }
 
 /// Says in the headers of an answer about a job when there will be none any more.
-pub(in crate::service) fn tell_expiry(response: &mut Response, shared: &Shared, job: &Job) {
+pub(crate) fn tell_expiry(response: &mut Response, shared: &Shared, job: &Job) {
     let expires = shared.expires_at(job).and_then(|time| HeaderValue::try_from(httpdate::fmt_http_date(time)).ok());
     if let Some(expires) = expires {
         response.headers_mut().insert(header::EXPIRES, expires);
@@ -115,7 +115,7 @@ pub(in crate::service) fn tell_expiry(response: &mut Response, shared: &Shared, 
 }
 
 /// A job as an answer.
-pub(in crate::service) fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
+pub(crate) fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
     let view = JobView::new(shared, job.clone());
     let mut response = (status, headers, Json(view)).into_response();
     tell_expiry(&mut response, shared, &job);

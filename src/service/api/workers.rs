@@ -7,15 +7,15 @@ use axum::extract::State as Extract;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::service::problem::Answer;
-use crate::service::state::App;
-use crate::service::store::{JobId, Worker, WorkerId};
-use crate::service::timestamp::rfc3339;
+use crate::problem::Answer;
+use crate::state::App;
+use crate::store::{JobId, Worker, WorkerId};
+use crate::timestamp::rfc3339;
 
 /// A process that works on jobs.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Worker)]
-pub(in crate::service) struct WorkerView {
+pub(crate) struct WorkerView {
     /// Which one: new at every start of the process.
     id: WorkerId,
     /// Its name, as jobs tell it; several may have the same.
@@ -51,7 +51,7 @@ impl From<Worker> for WorkerView {
 
 /// The workers.
 #[derive(Debug, Serialize, ToSchema)]
-pub(in crate::service) struct WorkerList {
+pub(crate) struct WorkerList {
     /// The workers, the oldest first.
     workers: Vec<WorkerView>,
 }
@@ -64,7 +64,7 @@ pub(in crate::service) struct WorkerList {
     get, path = "/v1/workers", tag = "service", operation_id = "listWorkers",
     responses((status = 200, description = "The workers", body = WorkerList)),
 )]
-pub(in crate::service) async fn list(Extract(shared): App) -> Answer<Json<WorkerList>> {
+pub(crate) async fn list(Extract(shared): App) -> Answer<Json<WorkerList>> {
     let workers = shared.store.workers().await?.into_iter().map(WorkerView::from).collect();
     Ok(Json(WorkerList { workers }))
 }

@@ -9,7 +9,7 @@
 //! | `AWS_ALLOW_HTTP` | `true`: that server may be one without TLS on another machine |
 //!
 //! A request is repeated a few times for some seconds; then its failure is one of the storage, and the service waits
-//! until the bucket answers again ([`Storage`](crate::service::storage::Storage)).
+//! until the bucket answers again ([`Storage`](crate::storage::Storage)).
 
 use std::net::IpAddr;
 use std::time::Duration;
@@ -19,8 +19,7 @@ use object_store::path::Path;
 use object_store::prefix::PrefixStore;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, RetryConfig};
 use reqwest::Url;
-
-use crate::error::{Error, Result};
+use tesserae_mesh::error::{Error, Result};
 
 /// Times that a request is repeated.
 const RETRIES: usize = 3;

@@ -13,18 +13,18 @@ use axum::body::Bytes;
 use object_store::GetRange;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
+use tesserae_mesh::error::{Error, Result};
 
 use super::{Blob, Blobs, Found, Parts};
-use crate::error::{Error, Result};
-use crate::service::blocking::blocking;
-use crate::service::private;
+use crate::blocking::blocking;
+use crate::private;
 
 /// Bytes of a part of a blob.
 const PART: usize = 1 << 20;
 
 /// The blobs in a folder.
 #[derive(Debug)]
-pub(in crate::service) struct FolderBlobs {
+pub(crate) struct FolderBlobs {
     root: PathBuf,
     files: LocalFileSystem,
 }
@@ -129,7 +129,7 @@ fn remove_empty_above(root: &Path, folder: &Path) {
 }
 
 /// The whole files below a path, relative to the root.
-pub(in crate::service) fn whole_files(root: &Path, below: &BlobPath) -> Vec<PathBuf> {
+pub(crate) fn whole_files(root: &Path, below: &BlobPath) -> Vec<PathBuf> {
     let mut files = Vec::new();
     each_below(&root.join(below.as_ref()), |path, found| {
         if is_whole(path, found) {
@@ -146,7 +146,7 @@ fn is_whole(path: &Path, found: &Metadata) -> bool {
 
 /// Links a file of the folder `from` into the folder `to`, or copies it where that cannot be. A file that is gone
 /// leaves nothing, and one that is there already stays.
-pub(in crate::service) fn link(from: &Path, to: &Path, file: &Path) -> io::Result<()> {
+pub(crate) fn link(from: &Path, to: &Path, file: &Path) -> io::Result<()> {
     let (source, target) = (from.join(file), to.join(file));
     if target.exists() {
         return Ok(());
@@ -164,7 +164,7 @@ pub(in crate::service) fn link(from: &Path, to: &Path, file: &Path) -> io::Resul
 }
 
 /// Bytes of all whole files in a folder and below it; what disappears meanwhile does not count.
-pub(in crate::service) fn size(folder: &Path) -> u64 {
+pub(crate) fn size(folder: &Path) -> u64 {
     let mut size = 0;
     each_below(folder, |path, found| size += if is_whole(path, found) { found.len() } else { 0 });
     size

@@ -27,13 +27,12 @@ use object_store::{
     GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt as _,
     PutMultipartOptions, PutOptions,
 };
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::hierarchy::stored::Input;
 use tokio::io::AsyncReadExt as _;
 use tokio::runtime::Handle;
 use tokio_util::io::{ReaderStream, StreamReader, SyncIoBridge};
 use uuid::Uuid;
-
-use crate::error::{Error, Kind, Result};
-use crate::hierarchy::stored::Input;
 
 /// Bytes that are read at once.
 const CHUNK: usize = 1 << 16;
@@ -246,7 +245,7 @@ impl Blob {
                 Err(found) => {
                     let stream =
                         found.into_stream().map(|chunk| chunk.map_err(|error| io::Error::other(cannot_read(error))));
-                    Box::new(SyncIoBridge::new(StreamReader::new(stream)))
+                    Box::new(Arriving(SyncIoBridge::new(StreamReader::new(stream))))
                 }
             },
         }
@@ -261,7 +260,16 @@ impl Blob {
     }
 }
 
-impl<T> Input for SyncIoBridge<T> where SyncIoBridge<T>: Read {}
+/// Bytes that arrive while a thread waits for them.
+struct Arriving<R>(R);
+
+impl<R: Read> Read for Arriving<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.0.read(buffer)
+    }
+}
+
+impl<R: Read> Input for Arriving<R> {}
 
 /// A file where the bytes begin, for a blob that is one.
 fn file(found: Box<GetResult>) -> Result<File, Box<GetResult>> {

@@ -9,11 +9,11 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use object_store::path::Path as BlobPath;
+use tesserae_mesh::error::{Error, Result};
 
 use super::Blobs;
 use super::folder::FolderBlobs;
-use crate::error::{Error, Result};
-use crate::service::private;
+use crate::private;
 
 /// What the URL of a bucket begins with.
 const BUCKET: &str = "s3://";
@@ -65,7 +65,7 @@ impl fmt::Display for BlobPlace {
 
 impl BlobPlace {
     /// The blobs there. A folder is made if need be; a bucket must be there, which is not checked yet.
-    pub(in crate::service) fn open(&self) -> Result<Box<dyn Blobs>> {
+    pub(crate) fn open(&self) -> Result<Box<dyn Blobs>> {
         match &self.0 {
             Place::Folder(path) => {
                 let opened = private::make_folder(path).and_then(|()| FolderBlobs::open(path, true));
@@ -82,7 +82,7 @@ impl BlobPlace {
     }
 
     /// The same bucket without the prefix, and the prefix; none for a folder.
-    pub(in crate::service) fn bucket(&self) -> Option<(Self, &BlobPath)> {
+    pub(crate) fn bucket(&self) -> Option<(Self, &BlobPath)> {
         match &self.0 {
             Place::Folder(_) => None,
             Place::Bucket { name, prefix } => {

@@ -7,21 +7,21 @@ use axum::body::Bytes;
 use object_store::GetRange;
 use object_store::path::Path as BlobPath;
 use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
 
 use super::failure::storage_error;
 use super::folder::Files;
 use super::names::Folder;
-use crate::error::{Error, Kind, Result};
-use crate::service::blobs::{Blob, Parts};
-use crate::service::faults::FaultPoint;
-use crate::service::store::{Contents, JobId, SmallBlob};
+use crate::blobs::{Blob, Parts};
+use crate::faults::FaultPoint;
+use crate::store::{Contents, JobId, SmallBlob};
 
 /// Bytes of the buffer of a thread that may block.
 const CHUNK: usize = 1 << 16;
 
 /// A blob in the making; without [`finish`](Self::finish) nothing is left of it.
-pub(in crate::service) struct BlobWriter {
+pub(crate) struct BlobWriter {
     files: Arc<Files>,
     folder: Folder,
     name: String,
@@ -149,7 +149,7 @@ impl Drop for Counted {
 }
 
 /// A [`BlobWriter`] for a thread that may block.
-pub(in crate::service) struct BlockingWriter {
+pub(crate) struct BlockingWriter {
     runtime: Handle,
     writer: BlobWriter,
     /// Why a write failed: [`io::Error`] does not carry it.

@@ -7,9 +7,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use tesserae_mesh::error::{Error, Kind, Result};
+
 use super::names::UPLOADS;
-use crate::error::{Error, Kind, Result};
-use crate::service::blobs::folder::size;
+use crate::blobs::folder::size;
 
 /// Least reserve: the log of the store of jobs grows with every change before it is written over.
 pub(super) const STORE_ROOM: u64 = 8 << 20;
@@ -19,7 +20,7 @@ pub(super) const STORE_ROOM: u64 = 8 << 20;
 const RESULTS: u64 = 4;
 
 /// Refuses a reserve that the disk of a folder never has: no upload would be taken.
-pub(in crate::service) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
+pub(crate) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
     match total_bytes(folder) {
         Some(total) if (1..=reserve).contains(&total) => Err(Error::parameter(format_args!(
             "no upload would ever be taken with this --min-free-bytes: give less than the {total} bytes that the disk \

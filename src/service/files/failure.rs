@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 
-use crate::error::{Error, Kind};
+use tesserae_mesh::error::{Error, Kind};
 
 /// What clients get when the storage cannot be reached; the log says why.
 pub(super) const CANNOT_REACH: &str = "the storage of the service cannot be reached; try again later";

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use object_store::path::Path as BlobPath;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::ballast::Ballast;
 use super::disk::{self, Disk};
@@ -15,21 +16,20 @@ use super::failure::{CANNOT_REACH, cannot_make, storage_error};
 use super::names::{Folder, RESULTS, UPLOADS};
 use super::references::References;
 use super::root::{self, Root};
-use crate::error::{Error, Kind, Result};
-use crate::service::blobs::Blobs;
-use crate::service::blobs::folder::FolderBlobs;
-use crate::service::blobs::place::BlobPlace;
-use crate::service::blocking::blocking;
-use crate::service::faults::{FaultPoint, Faults};
-use crate::service::private;
-use crate::service::store::{JobId, SMALL_BLOBS};
+use crate::blobs::Blobs;
+use crate::blobs::folder::FolderBlobs;
+use crate::blobs::place::BlobPlace;
+use crate::blocking::blocking;
+use crate::faults::{FaultPoint, Faults};
+use crate::private;
+use crate::store::{JobId, SMALL_BLOBS};
 
 /// Part of the room for uploads that the store of jobs may keep free for itself.
 const STORE_PART: u64 = 8;
 
 /// The folder and everything in it.
 #[derive(Debug)]
-pub(in crate::service) struct Files {
+pub(crate) struct Files {
     pub(super) root: Root,
     pub(super) blobs: Box<dyn Blobs>,
     pub(super) references: References,
@@ -43,7 +43,7 @@ pub(in crate::service) struct Files {
     pub(super) incoming: Mutex<HashSet<JobId>>,
     pub(super) failures: AtomicU64,
     /// Jobs that repeat what they cannot read or write.
-    pub(in crate::service) stuck: AtomicU64,
+    pub(crate) stuck: AtomicU64,
     /// Folders of jobs that the store does not know, as the last sweep found them.
     pub(super) unknown: AtomicU64,
     pub(super) damages: AtomicU64,

@@ -3,15 +3,15 @@
 use std::sync::Arc;
 
 use futures_util::future::try_join_all;
+use tesserae_mesh::error::Result;
 
 use super::blob::BlobWriter;
 use super::folder::Files;
 use super::names::Folder;
-use crate::error::Result;
-use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob};
+use crate::store::{JobId, SMALL_BLOBS, SmallBlob};
 
 /// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
-pub(in crate::service) struct Incoming {
+pub(crate) struct Incoming {
     files: Arc<Files>,
     id: JobId,
     /// Whole blobs, as long as all are small together.
@@ -72,7 +72,7 @@ impl std::fmt::Debug for Incoming {
 
 /// Ends blobs that belong together: gives them if they are small, or else makes files of them, which wait for the disk
 /// together, and gives none.
-pub(in crate::service) async fn settle(blobs: Vec<BlobWriter>) -> Result<Vec<SmallBlob>> {
+pub(crate) async fn settle(blobs: Vec<BlobWriter>) -> Result<Vec<SmallBlob>> {
     if are_small(&blobs) {
         return blobs.into_iter().map(BlobWriter::into_small).collect();
     }

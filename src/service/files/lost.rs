@@ -1,10 +1,11 @@
 //! A store of jobs that was lost: the service does not start beside files of its jobs.
 
+use tesserae_mesh::error::{Error, Kind, Result};
+
 use super::ballast::BALLAST;
 use super::folder::Files;
 use super::names::{RESULTS, UPLOADS};
 use super::root;
-use crate::error::{Error, Kind, Result};
 
 impl Files {
     /// Checks, before the store of jobs is opened, that it is there if a service worked in the folder before: it left

@@ -2,29 +2,29 @@
 
 use object_store::path::Path;
 
-use crate::service::store::JobId;
+use crate::store::JobId;
 
 /// Name of the folder of all uploads.
-pub(in crate::service) const UPLOADS: &str = "uploads";
+pub(crate) const UPLOADS: &str = "uploads";
 
 /// Name of the folder of all results.
-pub(in crate::service) const RESULTS: &str = "results";
+pub(crate) const RESULTS: &str = "results";
 
 /// Name of the mesh among a job's uploads.
-pub(in crate::service) const MESH: &str = "mesh";
+pub(crate) const MESH: &str = "mesh";
 /// Name of the list of seeds among a job's uploads.
-pub(in crate::service) const SEEDS: &str = "seeds";
+pub(crate) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.
-pub(in crate::service) const WEIGHTS: &str = "weights";
+pub(crate) const WEIGHTS: &str = "weights";
 
 /// Name of buffer number `index` among a job's uploads.
-pub(in crate::service) fn buffer(index: usize) -> String {
+pub(crate) fn buffer(index: usize) -> String {
     format!("buffer-{index}")
 }
 
 /// Blobs that belong together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) enum Folder {
+pub(crate) enum Folder {
     /// What was uploaded for a job.
     Upload(JobId),
     /// What an attempt at a job gave.

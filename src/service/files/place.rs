@@ -10,15 +10,15 @@ use std::io::{self, Write as _};
 
 use axum::body::Bytes;
 use object_store::path::Path as BlobPath;
+use tesserae_mesh::error::{Error, Kind, Result};
 use uuid::Uuid;
 
 use super::failure::{CANNOT_REACH, cannot_make};
 use super::folder::Files;
 use super::names::{RESULTS, UPLOADS};
 use super::root::BLOBS;
-use crate::error::{Error, Kind, Result};
-use crate::service::blobs::place::BlobPlace;
-use crate::service::private;
+use crate::blobs::place::BlobPlace;
+use crate::private;
 
 /// Name of the blob with the name of the store that a place belongs to.
 const OWNER: &str = "owner";
@@ -171,10 +171,10 @@ mod tests {
     use std::time::{Duration, SystemTime};
 
     use super::*;
-    use crate::service::faults::Faults;
-    use crate::service::files::{Folder, MESH};
-    use crate::service::store::JobId;
-    use crate::service::store::tests::{new_job, store_in};
+    use crate::faults::Faults;
+    use crate::files::{Folder, MESH};
+    use crate::store::JobId;
+    use crate::store::tests::{new_job, store_in};
 
     fn place(path: &Path) -> BlobPlace {
         path.to_str().expect("a name").parse().expect("a place")

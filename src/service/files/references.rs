@@ -1,10 +1,10 @@
 //! Where meshes may lie that no request brings: below prefixes of buckets.
 
 use object_store::path::Path as BlobPath;
+use tesserae_mesh::error::{Error, Result};
 
-use crate::error::{Error, Result};
-use crate::service::blobs::Blobs;
-use crate::service::blobs::place::BlobPlace;
+use crate::blobs::Blobs;
+use crate::blobs::place::BlobPlace;
 
 /// What stands for the tenant in a prefix.
 const TENANT: &str = "{tenant}";
@@ -52,7 +52,7 @@ fn path_in(prefix: &str, bucket: &str, url: &str, tenant: &str) -> Option<BlobPa
 }
 
 /// Checks prefixes below which jobs may name meshes: none shows files of jobs.
-pub(in crate::service) fn check_prefixes(prefixes: &[BlobPlace], blobs: Option<&BlobPlace>) -> Result<()> {
+pub(crate) fn check_prefixes(prefixes: &[BlobPlace], blobs: Option<&BlobPlace>) -> Result<()> {
     for place in prefixes {
         let Some((bucket, prefix)) = place.bucket() else {
             return Err(Error::parameter(format_args!("--mesh-prefixes must be s3://BUCKET/PREFIX, not {place}")));

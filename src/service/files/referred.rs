@@ -5,13 +5,13 @@
 
 use object_store::GetRange;
 use object_store::path::Path as BlobPath;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::folder::Files;
 use super::references::References;
-use crate::error::{Error, Kind, Result};
-use crate::service::blobs::place::BlobPlace;
-use crate::service::blobs::{Blob, Blobs, Found};
-use crate::service::store::Referred;
+use crate::blobs::place::BlobPlace;
+use crate::blobs::{Blob, Blobs, Found};
+use crate::store::Referred;
 
 impl Files {
     /// Allows meshes below prefixes of buckets.

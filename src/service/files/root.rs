@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use tempfile::TempDir;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::ballast::BALLAST;
 use super::failure::cannot_make;
-use crate::error::{Error, Kind, Result};
-use crate::service::private;
+use crate::private;
 
 /// Start of the names of temporary folders.
 const PREFIX: &str = "tesserae-jobs-";
@@ -22,7 +22,7 @@ const PREFIX: &str = "tesserae-jobs-";
 pub(super) const LOCK: &str = "lock";
 
 /// Name of the file that says where the blobs lie, if elsewhere.
-pub(in crate::service) const BLOBS: &str = "blobs";
+pub(crate) const BLOBS: &str = "blobs";
 
 /// Files of the store of jobs.
 pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm"];

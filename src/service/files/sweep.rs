@@ -12,11 +12,11 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use object_store::path::Path as BlobPath;
+use tesserae_mesh::error::Result;
 
 use super::folder::Files;
 use super::names::{Folder, MESH, RESULTS, UPLOADS};
-use crate::error::Result;
-use crate::service::store::{Job, JobId, State, Store};
+use crate::store::{Job, JobId, State, Store};
 
 /// Age at which blobs without a job go from a place that is shared. An upload that takes longer is lost.
 const OLD: Duration = Duration::from_secs(86_400);

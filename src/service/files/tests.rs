@@ -3,13 +3,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
+use tesserae_mesh::artifacts::REPORT_JSON;
+use tesserae_mesh::error::{Error, Kind, Result};
+
 use super::*;
-use crate::artifacts::REPORT_JSON;
-use crate::error::{Error, Kind, Result};
-use crate::service::blobs::folder::size;
-use crate::service::faults::{FaultPoint, Faults};
-use crate::service::store::tests::{new_job, store_in};
-use crate::service::store::{Created, End, JobId, NewJob, SMALL_BLOBS, Summary};
+use crate::blobs::folder::size;
+use crate::faults::{FaultPoint, Faults};
+use crate::store::tests::{new_job, store_in};
+use crate::store::{Created, End, JobId, NewJob, SMALL_BLOBS, Summary};
 
 fn open(path: &Path, reserve: u64, faults: Faults) -> Arc<Files> {
     Arc::new(Files::open(Some(path), None, reserve, faults).expect("it opens"))

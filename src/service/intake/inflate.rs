@@ -8,10 +8,9 @@ use async_compression::tokio::bufread::{GzipDecoder, ZstdDecoder};
 use async_compression::zstd::DParameter;
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt as _, TryStreamExt as _, stream};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::io::{AsyncBufRead, AsyncBufReadExt as _, AsyncReadExt as _};
 use tokio_util::io::StreamReader;
-
-use crate::error::{Error, Kind, Result};
 
 /// Bytes that are decompressed at once.
 const CHUNK: usize = 1 << 16;
@@ -31,7 +30,7 @@ const ZSTD_WINDOW_LOG: u32 = 23;
 
 /// How a body is compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) enum Coding {
+pub(crate) enum Coding {
     /// RFC 1952; one member.
     Gzip,
     /// RFC 8878; at most [`MAX_FRAMES`] frames.

@@ -41,7 +41,7 @@ impl Busy {
 
 /// A job that is worked on.
 #[derive(Debug)]
-pub(in crate::service) struct Working<'a>(&'a Busy);
+pub(crate) struct Working<'a>(&'a Busy);
 
 impl Drop for Working<'_> {
     fn drop(&mut self) {

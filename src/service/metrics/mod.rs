@@ -16,6 +16,9 @@ use std::time::{Duration, SystemTime};
 use parking_lot::Mutex;
 use prometheus_client::encoding::text::{encode_eof, encode_registry};
 use prometheus_client::registry::Registry;
+use tesserae_mesh::device::MemoryMeter;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::report::{DeviceInfo, DeviceKind, Report};
 
 use self::busy::Busy;
 use self::families::{
@@ -27,9 +30,6 @@ use self::tenants::Tenants;
 use super::health::{Health, Part, Severity};
 use super::settings::Settings;
 use super::store::{Job, State, Statistics};
-use crate::device::MemoryMeter;
-use crate::error::{Error, Kind, Result};
-use crate::report::{DeviceInfo, DeviceKind, Report};
 
 /// Media type of [`Metrics::text`]: OpenMetrics, which Prometheus reads.
 pub(super) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";

@@ -7,18 +7,18 @@ use axum::body::Bytes;
 use axum::extract::State;
 use axum::response::Response;
 use axum::routing::get;
+use tesserae_mesh::dev::sample::{Sample, generate, write_glb};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job;
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::{Algorithm, Parameters};
 
 use super::{digest, serve};
-use crate::dev::sample::{Sample, generate, write_glb};
-use crate::device::Cancel;
-use crate::device::cpu::CpuDevice;
-use crate::error::{Error, Kind, Result};
-use crate::job;
-use crate::mesh::Format;
-use crate::parameters::{Algorithm, Parameters};
-use crate::service::blocking::blocking;
-use crate::service::conditional::Content;
-use crate::service::problem::Failure;
+use crate::blocking::blocking;
+use crate::conditional::Content;
+use crate::problem::Failure;
 
 const FACES: u64 = 20_000;
 

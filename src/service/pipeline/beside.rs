@@ -10,17 +10,17 @@ use std::time::Duration;
 
 use parking_lot::Mutex;
 use rayon::ThreadPool;
+use tesserae_mesh::device::Device;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::Outcome;
+use tesserae_mesh::report::DeviceKind;
 use tokio::sync::oneshot;
 
 use super::bounds::{caught, pool, within};
 use super::task::Task;
 use super::turns::Line;
-use crate::device::Device;
-use crate::error::{Error, Kind, Result};
-use crate::job::Outcome;
-use crate::report::DeviceKind;
-use crate::service::faults::Faults;
-use crate::service::metrics::Metrics;
+use crate::faults::Faults;
+use crate::metrics::Metrics;
 
 /// Threads for one short mesh at a time.
 pub(super) struct Beside {

@@ -4,9 +4,8 @@
 use std::time::Duration;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
-
-use crate::error::{Error, Kind, Result};
-use crate::job::Outcome;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::Outcome;
 
 /// Time between two attempts to store what could not be stored.
 pub(super) const AGAIN: Duration = Duration::from_millis(500);

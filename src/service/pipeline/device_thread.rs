@@ -22,6 +22,11 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 use rayon::ThreadPool;
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::{Clustered, Outcome, instead_of_gpu};
+use tesserae_mesh::report::DeviceKind;
 use tokio::sync::oneshot;
 
 use super::beside::Beside;
@@ -29,15 +34,10 @@ use super::bounds::{caught, pool, within};
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
 use super::turns::{Line, Place, Visit};
-use crate::device::Device;
-use crate::device::cpu::CpuDevice;
-use crate::error::{Error, Kind, Result};
-use crate::job::{Clustered, Outcome, instead_of_gpu};
-use crate::report::DeviceKind;
-use crate::service::blocking::blocking;
-use crate::service::faults::Faults;
-use crate::service::health::{Health, Part, Severity};
-use crate::service::metrics::Metrics;
+use crate::blocking::blocking;
+use crate::faults::Faults;
+use crate::health::{Health, Part, Severity};
+use crate::metrics::Metrics;
 
 /// Opens the device of the service anew.
 pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
@@ -53,7 +53,7 @@ struct Submitted {
 }
 
 /// The way to the thread. It ends when this is dropped.
-pub(in crate::service) struct DeviceThread {
+pub(crate) struct DeviceThread {
     shared: Arc<Shared>,
     /// For small meshes, which then need not wait for others.
     like: Mutex<Option<Box<dyn Device>>>,

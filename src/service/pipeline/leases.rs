@@ -9,7 +9,7 @@ use std::time::Duration;
 use parking_lot::Mutex;
 use tokio_util::sync::CancellationToken;
 
-use crate::service::store::{Store, Ticket};
+use crate::store::{Store, Ticket};
 
 /// For how long a job is leased at a time: a database may restart within it, and clients wait no longer for another
 /// worker.
@@ -109,7 +109,7 @@ impl Drop for Lease {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::store::tests::{new_job, store_in};
+    use crate::store::tests::{new_job, store_in};
 
     #[tokio::test]
     async fn held_leases_are_prolonged_and_others_reclaimed() {
@@ -128,7 +128,7 @@ mod tests {
         leases.beat(&store).await;
         assert_eq!(store.counts().await.expect("counted")[..2], [1, 1], "the other one waits again");
         assert!(!held.lost.is_cancelled());
-        store.finish(claimed[0].0, crate::service::store::End::Cancelled).await.expect("finished");
+        store.finish(claimed[0].0, crate::store::End::Cancelled).await.expect("finished");
         leases.beat(&store).await;
         held.lost().await;
         drop(held);

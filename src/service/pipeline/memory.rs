@@ -8,10 +8,10 @@
 
 use std::sync::Arc;
 
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
 use super::small::{SMALL_BYTES, SMALL_FACES};
-use crate::error::{Error, Kind, Result};
 
 /// Bytes of a unit of memory.
 const UNIT: u64 = 64 << 10;
@@ -28,7 +28,7 @@ const SMALL: u64 = SMALL_FACES as u64 * BYTES_A_FACE;
 
 /// The budget.
 #[derive(Debug, Clone)]
-pub(in crate::service) struct Memory {
+pub(crate) struct Memory {
     total: u64,
     left: Arc<Semaphore>,
     reading: Arc<Mutex<()>>,
@@ -36,7 +36,7 @@ pub(in crate::service) struct Memory {
 
 /// Memory of a job that is reading its mesh.
 #[derive(Debug)]
-pub(in crate::service) struct Reading {
+pub(crate) struct Reading {
     memory: Memory,
     bytes: u64,
     held: OwnedSemaphorePermit,
@@ -46,7 +46,7 @@ pub(in crate::service) struct Reading {
 
 /// Memory of a job; free again when dropped.
 #[derive(Debug)]
-pub(in crate::service) struct Held {
+pub(crate) struct Held {
     _permit: OwnedSemaphorePermit,
 }
 

@@ -3,25 +3,25 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use tesserae_mesh::error::Result;
+use tesserae_mesh::mesh::Limits;
 use tokio::sync::{Semaphore, watch};
 
 use super::device_thread::DeviceThread;
 use super::leases::Leases;
 use super::memory::Memory;
 use super::small::SmallMeshes;
-use crate::error::Result;
-use crate::mesh::Limits;
-use crate::service::faults::Faults;
-use crate::service::files::Files;
-use crate::service::live::Live;
-use crate::service::metrics::Metrics;
-use crate::service::queue::Shares;
-use crate::service::storage::Storage;
-use crate::service::store::Store;
+use crate::faults::Faults;
+use crate::files::Files;
+use crate::live::Live;
+use crate::metrics::Metrics;
+use crate::queue::Shares;
+use crate::storage::Storage;
+use crate::store::Store;
 
 /// What a pipeline is made of.
 #[derive(Debug)]
-pub(in crate::service) struct Parts {
+pub(crate) struct Parts {
     /// The jobs.
     pub store: Arc<Store>,
     /// Their files.
@@ -44,7 +44,7 @@ pub(in crate::service) struct Parts {
 
 /// What jobs may cost.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::service) struct Costs {
+pub(crate) struct Costs {
     /// What a mesh may cost.
     pub limits: Limits,
     /// Meshes in memory at a time.
@@ -59,7 +59,7 @@ pub(in crate::service) struct Costs {
 
 /// What works on jobs.
 #[derive(Debug)]
-pub(in crate::service) struct Pipeline {
+pub(crate) struct Pipeline {
     pub(super) store: Arc<Store>,
     pub(super) files: Arc<Files>,
     pub(super) storage: Arc<Storage>,

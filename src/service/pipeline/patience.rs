@@ -6,11 +6,12 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use crate::error::{Error, Kind, Result};
-use crate::service::files::Files;
+use tesserae_mesh::error::{Error, Kind, Result};
+
+use crate::files::Files;
 
 /// Time after which a job fails that cannot read or write its files.
-pub(in crate::service) const PATIENCE: Duration = Duration::from_secs(600);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
 
 /// First pause, which doubles with every attempt.
 const FIRST: Duration = Duration::from_millis(100);

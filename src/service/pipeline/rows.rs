@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::Mutex;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::report::Row;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::bounds::AGAIN;
-use crate::error::{Error, Kind, Result};
-use crate::report::Row;
-use crate::service::store::{Progress, Store, Ticket, What};
+use crate::store::{Progress, Store, Ticket, What};
 
 /// Rows that are appended to the job's events at once.
 const ROWS_AT_ONCE: usize = 1024;

@@ -5,6 +5,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::job::Outcome;
 use tokio::sync::{OwnedSemaphorePermit, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -17,11 +20,8 @@ use super::patience::Patience;
 use super::rows::Log;
 use super::slot::Slot;
 use super::stages::Written;
-use crate::device::Cancel;
-use crate::error::{Error, Kind};
-use crate::job::Outcome;
-use crate::service::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
-use crate::service::trace::TraceParent;
+use crate::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
+use crate::trace::TraceParent;
 
 /// Least wait for the next start, so that a start that is due does not spin.
 const EARLY: Duration = Duration::from_millis(1);

@@ -2,18 +2,19 @@
 //!
 //! Threads that share a small mesh lose more time on synchronisation than they gain: 5,000 faces take one thread about
 //! as long as two (measured), so two meshes at a time are done twice as fast. Each pool has one thread; parallel code
-//! runs sequentially there. [`Device::another`](crate::device::Device::another) says whether a device takes several
-//! meshes at a time.
+//! runs sequentially there. [`Device::another`] says whether a device takes several meshes at a time.
+//!
+//! [`Device::another`]: tesserae_mesh::device::Device::another
 
 use std::sync::Arc;
 use std::thread::available_parallelism;
 
 use parking_lot::Mutex;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 use super::bounds::caught;
-use crate::error::{Error, Kind, Result};
 
 /// Faces of the largest small mesh.
 pub(super) const SMALL_FACES: usize = 8192;

@@ -7,6 +7,11 @@ use std::time::Instant;
 
 use axum::body::Bytes;
 use parking_lot::Mutex;
+use tesserae_mesh::artifacts::{self, Content};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::{self, Outcome, Plan, Prepared, milliseconds};
+use tesserae_mesh::mesh::Resources;
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
@@ -19,17 +24,12 @@ use super::rows::{Inbox, Log};
 use super::slot::Slot;
 use super::task::Task;
 use super::turns::Visit;
-use crate::artifacts::{self, Content};
-use crate::device::Cancel;
-use crate::error::{Error, Kind, Result};
-use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
-use crate::mesh::Resources;
-use crate::service::blobs::Blob;
-use crate::service::blocking::blocking;
-use crate::service::files::{self, BlobWriter, BlockingWriter, settle};
-use crate::service::kept::Kept;
-use crate::service::store::{Job, SmallBlob, Summary, Ticket};
-use crate::service::{job_blobs, kept_mesh, live};
+use crate::blobs::Blob;
+use crate::blocking::blocking;
+use crate::files::{self, BlobWriter, BlockingWriter, settle};
+use crate::kept::Kept;
+use crate::store::{Job, SmallBlob, Summary, Ticket};
+use crate::{job_blobs, kept_mesh, live};
 
 impl Pipeline {
     /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.

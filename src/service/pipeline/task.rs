@@ -2,17 +2,18 @@
 
 use std::sync::Arc;
 
+use tesserae_mesh::device::{Cancel, Device};
+use tesserae_mesh::error::{Error, Result};
+use tesserae_mesh::job::{self, Clustered, Outcome, Prepared};
+
 use super::bounds::caught;
 use super::rows::OnRow;
 use super::slot::Slot;
 use super::turns::Visit;
 use super::watched::Watched;
-use crate::device::{Cancel, Device};
-use crate::error::{Error, Result};
-use crate::job::{self, Clustered, Outcome, Prepared};
 
-use crate::service::faults::{FaultPoint, Faults};
-use crate::service::metrics::Metrics;
+use crate::faults::{FaultPoint, Faults};
+use crate::metrics::Metrics;
 
 /// A mesh to be clustered.
 pub(super) struct Task {

@@ -12,7 +12,7 @@ use parking_lot::Mutex;
 use tokio::sync::oneshot;
 
 use super::virtual_times::VirtualTimes;
-use crate::service::queue::Share;
+use crate::queue::Share;
 
 /// A mesh is short beside another one of at least this multiple of its cost.
 const SHORT: u64 = 4;

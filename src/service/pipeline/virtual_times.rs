@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use crate::service::queue::Share;
+use crate::queue::Share;
 
 /// The virtual times.
 #[derive(Debug, Default)]

@@ -1,14 +1,14 @@
 //! A device whose labels are shown while it works. Phases are interrupted as they are for snapshots: labels and
 //! energies are the same with and without.
 
-use crate::device::dual_edge::{Rank, Ties};
-use crate::device::{
+use tesserae_mesh::device::dual_edge::{Rank, Ties};
+use tesserae_mesh::device::{
     Cancel, Device, DeviceInfo, DualEdge, Ending, MemoryMeter, MergeSteps, Merges, OnStep, Profile, Steps,
 };
-use crate::energy::{ClusterSums, LatticeEnergy};
-use crate::error::Result;
-use crate::job::{Plan, Prepared, Viewer};
-use crate::surface::{DualGraph, Surface};
+use tesserae_mesh::energy::{ClusterSums, LatticeEnergy};
+use tesserae_mesh::error::Result;
+use tesserae_mesh::job::{Plan, Prepared, Viewer};
+use tesserae_mesh::surface::{DualGraph, Surface};
 
 /// Iterations after which a phase is interrupted.
 const AT_ONCE: u32 = 16;

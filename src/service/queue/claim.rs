@@ -10,7 +10,7 @@ use super::view::{Tenant, View};
 
 /// What the operator grants a tenant of the queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) struct Share {
+pub(crate) struct Share {
     /// At least 1: a tenant of weight 2 gets twice as many running jobs as one of weight 1.
     pub weight: u32,
     /// Jobs that may run at a time; any number when none.
@@ -25,7 +25,7 @@ impl Default for Share {
 
 /// The shares of all tenants; a tenant that is not in it has the default share.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(in crate::service) struct Shares(HashMap<String, Share>);
+pub(crate) struct Shares(HashMap<String, Share>);
 
 impl FromIterator<(String, Share)> for Shares {
     fn from_iter<I: IntoIterator<Item = (String, Share)>>(shares: I) -> Self {
@@ -42,7 +42,7 @@ impl Shares {
 
 /// What a worker claims.
 #[derive(Debug, Clone)]
-pub(in crate::service) struct Claiming {
+pub(crate) struct Claiming {
     /// Most jobs.
     pub limit: usize,
     /// Most further jobs, only of tenants without a running job.
@@ -57,7 +57,7 @@ pub(in crate::service) struct Claiming {
 
 /// What is claimed.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(in crate::service) struct Picks {
+pub(crate) struct Picks {
     /// Numbers of the jobs, in the order of their claims. The store applies [`Change::Claim`](super::Change) to each.
     pub numbers: Vec<i64>,
     /// The last turn of each tenant that has one now. The store keeps it in the row of the tenant, which it may forget
@@ -69,7 +69,7 @@ pub(in crate::service) struct Picks {
 
 /// A turn of a tenant, in virtual time.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Turn {
+pub(crate) struct Turn {
     /// Name of the tenant.
     pub tenant: String,
     /// When the turn started.
@@ -79,7 +79,7 @@ pub(in crate::service) struct Turn {
 }
 
 /// The jobs that a worker gets now: a suspect alone, or others by [start-time fair queueing](Fair).
-pub(in crate::service) fn claim(view: View, claiming: &Claiming, rules: &Rules, now: SystemTime) -> Picks {
+pub(crate) fn claim(view: View, claiming: &Claiming, rules: &Rules, now: SystemTime) -> Picks {
     let Claiming { limit, newcomers, shares, .. } = claiming;
     let mut fair = Fair::new(view.clock, &view.tenants, shares);
     let again = match allowed(&view, *limit, |index| fair.is_below_limit(index), rules, now) {

@@ -20,7 +20,7 @@ pub(super) fn alone(crashes: u32) -> Duration {
 
 /// The changes of the running jobs of a worker that crashed. The crash counts only if it has one possible cause: a
 /// single job that had begun.
-pub(in crate::service) fn crashed(jobs: &[Standing]) -> Vec<Change> {
+pub(crate) fn crashed(jobs: &[Standing]) -> Vec<Change> {
     let begun = jobs.iter().filter(|job| job.has_begun).count();
     jobs.iter().map(|job| Change::Crashed { counts: job.has_begun && begun == 1 }).collect()
 }

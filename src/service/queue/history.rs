@@ -6,9 +6,9 @@
 use std::time::Duration;
 
 use proptest::prelude::*;
+use tesserae_mesh::error::{Error, Kind};
 
 use super::{Change, Event, Release, Rules, State};
-use crate::error::{Error, Kind};
 
 /// Pauses and [times alone](super::crash::alone) of a few crashes end within an [`HOUR`], and none within the time that
 /// a database takes for a history.

@@ -4,15 +4,15 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use serde::{Deserialize, Serialize};
+use tesserae_mesh::error::Error;
 use utoipa::ToSchema;
 
 use super::rules::{Rules, given_up, lease_is_over};
-use crate::error::Error;
 
 /// Where a job is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(in crate::service) enum State {
+pub(crate) enum State {
     /// Accepted; waits for its turn.
     Queued,
     /// Being read, clustered or written.
@@ -51,7 +51,7 @@ impl State {
 
 /// What the rules know of a job: columns of its row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) struct Standing {
+pub(crate) struct Standing {
     /// Where it is in its life.
     pub state: State,
     /// Claims so far: the fence of every write by a worker.
@@ -74,7 +74,7 @@ pub(in crate::service) struct Standing {
 
 /// Why a running job is given back.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) enum Release {
+pub(crate) enum Release {
     /// The attempt failed, and another one may not. It counts if it had begun.
     Failed(Error),
     /// The attempt was broken off without fault; it does not count.
@@ -83,7 +83,7 @@ pub(in crate::service) enum Release {
 
 /// What happens to a job. A worker names its attempt.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) enum Change {
+pub(crate) enum Change {
     /// A worker claims it; the attempt begins at once if the upload is small.
     Claim { worker: Arc<str>, lease: Duration, is_small: bool },
     /// The worker begins to read the mesh: from now on the attempt counts. Nothing happens when it has begun already.
@@ -106,7 +106,7 @@ pub(in crate::service) enum Change {
 
 /// A change of the state, which the store appends to the events of the job.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) enum Event {
+pub(crate) enum Event {
     /// It waits.
     Queued,
     /// It runs: the number of the attempt, and the worker.
@@ -117,7 +117,7 @@ pub(in crate::service) enum Event {
 
 /// The change is not allowed: the job is in this state, or a later attempt holds it. Nothing changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) struct Refused(pub State);
+pub(crate) struct Refused(pub State);
 
 impl Standing {
     /// A new job, and its first event.

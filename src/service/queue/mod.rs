@@ -55,17 +55,17 @@
 mod claim;
 mod crash;
 #[cfg(test)]
-pub(in crate::service) mod history;
+pub(crate) mod history;
 mod job;
 #[cfg(test)]
-pub(in crate::service) mod model;
+pub(crate) mod model;
 mod rules;
 #[cfg(test)]
 mod tests;
 mod view;
 
-pub(in crate::service) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
-pub(in crate::service) use self::crash::crashed;
-pub(in crate::service) use self::job::{Change, Event, Refused, Release, Standing, State};
-pub(in crate::service) use self::rules::{Rules, not_yours};
-pub(in crate::service) use self::view::{Suspect, Tenant, View, Waiting};
+pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
+pub(crate) use self::crash::crashed;
+pub(crate) use self::job::{Change, Event, Refused, Release, Standing, State};
+pub(crate) use self::rules::{Rules, not_yours};
+pub(crate) use self::view::{Suspect, Tenant, View, Waiting};

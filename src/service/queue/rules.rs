@@ -3,11 +3,11 @@
 use std::fmt::Display;
 use std::time::Duration;
 
-use crate::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 /// What the operator allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) struct Rules {
+pub(crate) struct Rules {
     /// Jobs that may wait at a time.
     pub max_queued: usize,
     /// Counted attempts after which a job that keeps being given back has failed.
@@ -31,7 +31,7 @@ impl Rules {
 }
 
 /// The error of a job that was given back too often.
-pub(in crate::service) fn given_up(attempts: u32, last: &Error) -> Error {
+pub(crate) fn given_up(attempts: u32, last: &Error) -> Error {
     Error::new(
         Kind::Poison,
         format_args!(
@@ -43,11 +43,11 @@ pub(in crate::service) fn given_up(attempts: u32, last: &Error) -> Error {
 }
 
 /// Why an attempt failed whose worker is gone.
-pub(in crate::service) fn lease_is_over() -> Error {
+pub(crate) fn lease_is_over() -> Error {
     Error::new(Kind::Unavailable, "the service ended, or stood still, while the job ran")
 }
 
 /// The error of a worker that holds a job no longer.
-pub(in crate::service) fn not_yours(job: impl Display) -> Error {
+pub(crate) fn not_yours(job: impl Display) -> Error {
     Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {job}"))
 }

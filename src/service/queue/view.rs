@@ -6,7 +6,7 @@ use super::job::Standing;
 
 /// What a store loads for a claim, in the transaction of the claim. One claim at a time sees the queue.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct View {
+pub(crate) struct View {
     /// The tenants with waiting jobs, in any order.
     pub tenants: Vec<Tenant>,
     /// The latest start of a turn of any tenant: the largest `served`, 0 when there is none.
@@ -20,7 +20,7 @@ pub(in crate::service) struct View {
 
 /// A tenant with waiting jobs.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Tenant {
+pub(crate) struct Tenant {
     /// Its name.
     pub name: String,
     /// Its jobs that run, on any worker.
@@ -35,7 +35,7 @@ pub(in crate::service) struct Tenant {
 
 /// A waiting job. The order is that in which a tenant's jobs are claimed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::service) struct Waiting {
+pub(crate) struct Waiting {
     /// The priority, negated.
     pub urgency: i16,
     /// Counts the jobs ever created.
@@ -44,7 +44,7 @@ pub(in crate::service) struct Waiting {
 
 /// A waiting job that is a suspect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) struct Suspect {
+pub(crate) struct Suspect {
     /// Counts the jobs ever created.
     pub number: i64,
     /// Its [`Standing::suspicion`].

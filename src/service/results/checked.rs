@@ -16,18 +16,18 @@ use axum::body::Bytes;
 use futures_util::StreamExt as _;
 use object_store::GetRange;
 use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::hierarchy::stored::Input;
 
 use super::encoded::HELD;
-use crate::error::{Error, Kind, Result};
-use crate::hierarchy::stored::Input;
-use crate::service::blobs::Blob;
-use crate::service::files::Files;
-use crate::service::job_blobs;
-use crate::service::state::Shared;
-use crate::service::store::{Contents, Job, JobId};
+use crate::blobs::Blob;
+use crate::files::Files;
+use crate::job_blobs;
+use crate::state::Shared;
+use crate::store::{Contents, Job, JobId};
 
 /// A whole blob of a result, whose length is right.
-pub(in crate::service) struct Checked {
+pub(crate) struct Checked {
     blob: Blob,
     check: Check,
 }
@@ -42,7 +42,7 @@ struct Check {
 }
 
 /// Opens a blob of the result of a job. [`Kind::NotFound`] if the job has none of this name.
-pub(in crate::service) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Checked> {
+pub(crate) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Checked> {
     let mut check = Check::of(shared, job, name)?;
     let blob =
         check.found(shared, job_blobs::result(&shared.files, shared.store.as_ref(), job, name, None).await).await?;
@@ -57,7 +57,7 @@ pub(in crate::service) async fn open(shared: &Shared, job: &Job, name: &str) -> 
 }
 
 /// Opens a blob of the result of a job from one of its bytes on, after all of them were compared.
-pub(in crate::service) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> Result<(u64, Blob)> {
+pub(crate) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> Result<(u64, Blob)> {
     let opened = open(shared, job, name).await?;
     let length = opened.length();
     let blob = match length > HELD as u64 {
@@ -71,7 +71,7 @@ pub(in crate::service) async fn whole(shared: &Shared, job: &Job, name: &str, fr
 }
 
 /// Opens a part of a blob of the result of a job.
-pub(in crate::service) async fn part(shared: &Shared, job: &Job, name: &str, range: GetRange) -> Result<Blob> {
+pub(crate) async fn part(shared: &Shared, job: &Job, name: &str, range: GetRange) -> Result<Blob> {
     let check = Check::of(shared, job, name)?;
     if check.expected.bytes <= HELD as u64 {
         return Blob::held(&open(shared, job, name).await?.blob.bytes().await?, Some(range));
@@ -118,7 +118,7 @@ impl Checked {
 }
 
 /// Reads a blob.
-pub(in crate::service) struct CheckedReader {
+pub(crate) struct CheckedReader {
     from: Box<dyn Input + Send>,
     check: Check,
 }

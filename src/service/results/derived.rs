@@ -4,16 +4,16 @@ use std::io::Write;
 use std::sync::Arc;
 
 use axum::response::Response;
+use tesserae_mesh::artifacts::{Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::hierarchy::stored::{self, Input};
 
 use super::checked::{self, CheckedReader};
 use super::encoded::{self, encoded};
 use super::labels;
-use crate::artifacts::{Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
-use crate::error::{Error, Kind, Result};
-use crate::hierarchy::stored::{self, Input};
-use crate::service::kept_mesh;
-use crate::service::state::Shared;
-use crate::service::store::{Job, Summary};
+use crate::kept_mesh;
+use crate::state::Shared;
+use crate::store::{Job, Summary};
 
 /// What labels are read from, and their number of clusters.
 enum Source {
@@ -22,7 +22,7 @@ enum Source {
 }
 
 /// An output of a job whose mesh was kept, of its labels or of those at a number of clusters.
-pub(in crate::service) async fn made(
+pub(crate) async fn made(
     shared: &Shared,
     job: &Job,
     summary: &Summary,
@@ -70,7 +70,7 @@ pub(in crate::service) async fn made(
 }
 
 /// The error of an output that is not stored and cannot be made.
-pub(in crate::service) fn mesh_not_kept(form: &Form) -> Error {
+pub(crate) fn mesh_not_kept(form: &Form) -> Error {
     Error::new(
         Kind::MeshNotKept,
         format_args!(

@@ -8,25 +8,25 @@ use std::io::{self, BufWriter, Seek, Write};
 use axum::body::Body;
 use axum::response::Response;
 use tempfile::{SpooledData, spooled_tempfile_in};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::OwnedSemaphorePermit;
 use tokio_util::io::ReaderStream;
 
 use super::body::streamed;
-use crate::error::{Error, Kind, Result};
-use crate::service::blocking::blocking;
-use crate::service::state::Shared;
+use crate::blocking::blocking;
+use crate::state::Shared;
 
 /// Bytes of an answer that is held in memory.
 pub(super) const HELD: usize = 1 << 18;
 
 /// The right to have a large result in memory.
-pub(in crate::service) async fn turn(shared: &Shared) -> Result<OwnedSemaphorePermit> {
+pub(crate) async fn turn(shared: &Shared) -> Result<OwnedSemaphorePermit> {
     let turn = shared.encoding.clone().acquire_owned().await;
     turn.map_err(|error| Error::new(Kind::Internal, format_args!("no result can be read: {error}")))
 }
 
 /// What `write` makes, on a thread that may block, as a response, and what `write` returns. Small results need no turn.
-pub(in crate::service) async fn encoded<T: Send + 'static>(
+pub(crate) async fn encoded<T: Send + 'static>(
     shared: &Shared,
     turn: Option<OwnedSemaphorePermit>,
     media_type: &'static str,
@@ -56,6 +56,6 @@ pub(in crate::service) async fn encoded<T: Send + 'static>(
 }
 
 /// The error of a result that cannot be written.
-pub(in crate::service) fn cannot(error: io::Error) -> Error {
+pub(crate) fn cannot(error: io::Error) -> Error {
     Error::io("the result cannot be written", error)
 }

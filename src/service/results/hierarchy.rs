@@ -5,24 +5,19 @@ use std::sync::Arc;
 
 use axum::http::HeaderValue;
 use axum::response::Response;
+use tesserae_mesh::artifacts::{Content, Form, HIERARCHY_TSR, Labels};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::hierarchy::json::Limits;
+use tesserae_mesh::hierarchy::stored::{self, Input, Stored};
 
 use super::checked;
 use super::encoded::{self, encoded};
-use crate::artifacts::{Content, Form, HIERARCHY_TSR, Labels};
-use crate::error::{Error, Kind, Result};
-use crate::hierarchy::json::Limits;
-use crate::hierarchy::stored::{self, Input, Stored};
-use crate::service::files::Files;
-use crate::service::state::Shared;
-use crate::service::store::{Job, JobId};
+use crate::files::Files;
+use crate::state::Shared;
+use crate::store::{Job, JobId};
 
 /// The labels at any number of clusters, with headers that say what they are.
-pub(in crate::service) async fn cut(
-    shared: &Shared,
-    job: &Job,
-    clusters: u64,
-    form: &'static Form,
-) -> Result<Response> {
+pub(crate) async fn cut(shared: &Shared, job: &Job, clusters: u64, form: &'static Form) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
     let (file, length) = open(shared, job).await?;
     let (id, files) = (job.id, Arc::clone(&shared.files));
@@ -67,12 +62,7 @@ async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Input + Send>, u64)
 }
 
 /// A hierarchy in a form that is made of the stored one.
-pub(in crate::service) async fn made(
-    shared: &Shared,
-    job: &Job,
-    form: &'static Form,
-    limits: Limits,
-) -> Result<Response> {
+pub(crate) async fn made(shared: &Shared, job: &Job, form: &'static Form, limits: Limits) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
     let (stored, length) = open(shared, job).await?;
     let (id, files) = (job.id, Arc::clone(&shared.files));

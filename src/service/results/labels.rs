@@ -4,25 +4,20 @@ use std::io::{self, Read, Write};
 use std::sync::Arc;
 
 use axum::response::Response;
+use tesserae_mesh::artifacts::{Content, Form, LABELS_NPY, Labels};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::checked;
 use super::encoded::{self, encoded};
-use crate::artifacts::{Content, Form, LABELS_NPY, Labels};
-use crate::error::{Error, Kind, Result};
-use crate::service::files::Files;
-use crate::service::state::Shared;
-use crate::service::store::{Job, JobId, Summary};
+use crate::files::Files;
+use crate::state::Shared;
+use crate::store::{Job, JobId, Summary};
 
 /// Faces up to which labels are encoded without waiting for a turn.
 const SMALL: u64 = 1 << 16;
 
 /// The labels of a job.
-pub(in crate::service) async fn of_job(
-    shared: &Shared,
-    job: &Job,
-    summary: &Summary,
-    form: &'static Form,
-) -> Result<Response> {
+pub(crate) async fn of_job(shared: &Shared, job: &Job, summary: &Summary, form: &'static Form) -> Result<Response> {
     let labels = checked::open(shared, job, LABELS_NPY.file).await?;
     let (head, faces) = (labels.length().saturating_sub(4 * summary.faces), summary.faces);
     let labels = labels.into_reader();

@@ -2,15 +2,15 @@
 
 use axum::response::Response;
 use object_store::GetRange;
+use tesserae_mesh::artifacts::{Form, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::{checked, labels};
-use crate::artifacts::{Form, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
-use crate::error::{Error, Kind, Result};
-use crate::service::state::Shared;
-use crate::service::store::{Job, Summary};
+use crate::state::Shared;
+use crate::store::{Job, Summary};
 
 /// The labels after an iteration of a flat clustering.
-pub(in crate::service) async fn labels(
+pub(crate) async fn labels(
     shared: &Shared,
     job: &Job,
     summary: &Summary,

@@ -8,18 +8,18 @@ use axum::http::header;
 use axum::response::Response;
 use futures_util::future::BoxFuture;
 use object_store::GetRange;
+use tesserae_mesh::artifacts::Need;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::body::streamed;
 use super::checked;
-use crate::artifacts::Need;
-use crate::error::{Error, Kind, Result};
-use crate::service::conditional::Parts;
-use crate::service::job_blobs;
-use crate::service::state::Shared;
-use crate::service::store::{Job, State, Summary};
+use crate::conditional::Parts;
+use crate::job_blobs;
+use crate::state::Shared;
+use crate::store::{Job, State, Summary};
 
 /// What a job gave; an error that says why there is nothing yet, or never will be.
-pub(in crate::service) fn succeeded(job: &Job) -> Result<Summary> {
+pub(crate) fn succeeded(job: &Job) -> Result<Summary> {
     let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
     match (job.state, &job.summary) {
         (State::Succeeded, Some(summary)) => Ok(summary.clone()),
@@ -36,7 +36,7 @@ pub(in crate::service) fn succeeded(job: &Job) -> Result<Summary> {
 }
 
 /// Refuses a number of clusters for a flat job, and none for a whole hierarchy.
-pub(in crate::service) fn check_clusters(job: &Job, summary: &Summary, clusters: Option<u64>) -> Result<()> {
+pub(crate) fn check_clusters(job: &Job, summary: &Summary, clusters: Option<u64>) -> Result<()> {
     let parameters = &job.spec.parameters;
     match clusters {
         Some(clusters) if !Need::Hierarchy.is_met(parameters) => Err(Error::new(
@@ -61,13 +61,13 @@ pub(in crate::service) fn check_clusters(job: &Job, summary: &Summary, clusters:
 
 /// Which blobs of a job.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::service) enum Of {
+pub(crate) enum Of {
     Upload,
     Result,
 }
 
 /// A blob of a job from one of its bytes on, as a response that streams it and can also give a part of it.
-pub(in crate::service) async fn stored(
+pub(crate) async fn stored(
     shared: &Arc<Shared>,
     job: &Job,
     of: Of,
@@ -105,7 +105,7 @@ pub(in crate::service) async fn stored(
 }
 
 /// Says under which name a result is best kept, and that there are others.
-pub(in crate::service) fn attachment(response: &mut Response, job: &Job, name: &str) {
+pub(crate) fn attachment(response: &mut Response, job: &Job, name: &str) {
     let headers = response.headers_mut();
     if let Ok(value) = format!("attachment; filename=\"{}-{name}\"", stem(job)).parse() {
         headers.insert(header::CONTENT_DISPOSITION, value);

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use tesserae_mesh::error::Result;
+
 use super::heading;
-use crate::error::Result;
-use crate::service::blobs::place::BlobPlace;
-use crate::service::store::StoreUrl;
+use crate::blobs::place::BlobPlace;
+use crate::store::StoreUrl;
 
 /// What is kept.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
@@ -49,22 +50,22 @@ impl Default for StorageSettings {
 
 impl StorageSettings {
     /// [`retention`](Self::retention) as a duration; none for ever.
-    pub(in crate::service) fn retention(&self) -> Option<Duration> {
+    pub(crate) fn retention(&self) -> Option<Duration> {
         (self.retention > 0).then(|| Duration::from_secs(self.retention))
     }
 
     /// Checks the URL of the database.
     #[cfg(feature = "postgres")]
-    pub(in crate::service) fn check_store(&self) -> Result<()> {
-        self.store.as_ref().map_or(Ok(()), |url| crate::service::store::Address::parse(url).map(drop))
+    pub(crate) fn check_store(&self) -> Result<()> {
+        self.store.as_ref().map_or(Ok(()), |url| crate::store::Address::parse(url).map(drop))
     }
 
     /// Refuses a database: this build knows none.
     #[cfg(not(feature = "postgres"))]
-    pub(in crate::service) fn check_store(&self) -> Result<()> {
+    pub(crate) fn check_store(&self) -> Result<()> {
         match &self.store {
             None => Ok(()),
-            Some(_) => Err(crate::error::Error::parameter(
+            Some(_) => Err(tesserae_mesh::error::Error::parameter(
                 "this build has no --store: build tesserae with the cargo feature postgres",
             )),
         }

@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
+use tesserae_mesh::error::{Error, Result};
+
 use super::heading;
-use crate::error::{Error, Result};
-use crate::service::Network;
+use crate::Network;
 
 /// Connections at a time that have not begun, or wait for a place. More stay with the system.
-pub(in crate::service) const BEGINNINGS: usize = 256;
+pub(crate) const BEGINNINGS: usize = 256;
 
 /// Files that are open beside those of connections that have a place: of the store, of jobs, of the device.
 const OTHER_FILES: u64 = 256 + BEGINNINGS as u64;
@@ -92,7 +93,7 @@ impl Default for TrafficConstants {
 impl TrafficConstants {
     /// Lowers [`connections`](Self::connections) to what a process may have that may open so many files, and
     /// says so: jobs could not read and write theirs otherwise. Refuses when there is room for none.
-    pub(crate) fn fit(&mut self, files: u64) -> Result<()> {
+    pub fn fit(&mut self, files: u64) -> Result<()> {
         let most = files.saturating_sub(OTHER_FILES) / FILES_OF_CONNECTION;
         match u32::try_from(most).unwrap_or(u32::MAX) {
             0 => Err(Error::parameter(format_args!(

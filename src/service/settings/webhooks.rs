@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::heading;
-use crate::service::WebhookHost;
+use crate::WebhookHost;
 
 /// Settings of webhooks.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]

@@ -66,7 +66,7 @@ impl WorkSettings {
     durations!(crash_pause);
 
     /// [`max_job_seconds`](Self::max_job_seconds) as a duration; none for any.
-    pub(in crate::service) fn max_job(&self) -> Option<Duration> {
+    pub(crate) fn max_job(&self) -> Option<Duration> {
         (self.max_job_seconds > 0).then(|| Duration::from_secs(self.max_job_seconds))
     }
 }

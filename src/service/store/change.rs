@@ -1,17 +1,17 @@
 //! A change of jobs: its transaction, and the row of a job that changes.
 //!
-//! [`queue`](crate::service::queue) says what a change makes of a job; this writes the row and the events.
+//! [`queue`](crate::queue) says what a change makes of a job; this writes the row and the events.
 
 use std::time::SystemTime;
 
+use tesserae_mesh::error::{Error, Result};
 use uuid::Uuid;
 
 use super::database::rows::{Abort, Row, Rows, json, values};
 use super::job::{Job, JobId, Progress, Spec, Ticket, keeps_upload, no_such_job};
 use super::listeners::Effects;
 use super::terms::{Ending, Pulse, What};
-use crate::error::{Error, Result};
-use crate::service::queue::{Change, Event, Refused, Rules, Standing, State, not_yours};
+use crate::queue::{Change, Event, Refused, Rules, Standing, State, not_yours};
 
 /// The transaction of a change.
 pub struct Transaction<'t> {
@@ -37,7 +37,7 @@ macro_rules! jobs {
         )
     };
 }
-pub(in crate::service::store) use jobs;
+pub(in crate::store) use jobs;
 
 /// A job, from a row that [`jobs!`] selected.
 pub fn job(row: &Row) -> Result<Job> {
@@ -88,7 +88,7 @@ macro_rules! live {
         )
     };
 }
-pub(in crate::service::store) use live;
+pub(in crate::store) use live;
 
 const FIND: &str = live!("WHERE id = $1 FOR UPDATE");
 
@@ -152,7 +152,7 @@ impl Transaction<'_> {
         self.find(ticket.job)?.ok_or_else(|| no_such_job(ticket.job).into())
     }
 
-    /// A job of a worker after a change, or [`Kind::Conflict`](crate::Kind::Conflict).
+    /// A job of a worker after a change, or [`Kind::Conflict`](tesserae_mesh::Kind::Conflict).
     pub fn worked(&mut self, live: Live, change: Change, ending: Option<&Ending>) -> Result<Live, Abort> {
         let id = live.id;
         self.apply(live, change, ending)?.map_err(|Refused(_)| not_yours(id).into())

@@ -8,14 +8,13 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant, SystemTime};
 
+use tesserae_mesh::error::Result;
+
 use super::change::{Live, Transaction, live, standing, unplaced};
 use super::database::rows::{Abort, Query, Row, Rows, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
-use crate::error::Result;
-use crate::service::queue::{
-    self, Change, Claiming, Picks, Release, Standing, Suspect, Tenant, Turn, View, Waiting, crashed,
-};
+use crate::queue::{self, Change, Claiming, Picks, Release, Standing, Suspect, Tenant, Turn, View, Waiting, crashed};
 
 /// Tenants with waiting jobs, each with its first one and its first suspect. Each step goes to the next tenant.
 const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\

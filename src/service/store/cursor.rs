@@ -7,8 +7,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use hmac::{Hmac, KeyInit as _, Mac as _};
 use sha2::Sha256;
-
-use crate::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 /// Bytes of a key.
 const KEY: usize = 32;

@@ -6,24 +6,24 @@ use std::str::FromStr;
 use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::Parameters;
+use tesserae_mesh::report::Phase;
 use tokio_util::bytes::Bytes;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use crate::error::{Error, Kind, Result};
-use crate::mesh::Format;
-use crate::parameters::Parameters;
-use crate::report::Phase;
-use crate::service::kept::Kept;
-pub(in crate::service) use crate::service::queue::State;
+use crate::kept::Kept;
+pub(crate) use crate::queue::State;
 
 /// The tenant of every job of a service without tokens.
-pub(in crate::service) const LOCAL_TENANT: &str = "local";
+pub(crate) const LOCAL_TENANT: &str = "local";
 
 /// Name of a job: 122 random bits, so that it cannot be guessed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ToSchema)]
 #[schema(value_type = String, format = "uuid")]
-pub(in crate::service) struct JobId(Uuid);
+pub(crate) struct JobId(Uuid);
 
 impl JobId {
     /// A new one.
@@ -54,13 +54,13 @@ impl FromStr for JobId {
 }
 
 /// The error for a job that does not exist.
-pub(in crate::service) fn no_such_job(id: impl fmt::Display) -> Error {
+pub(crate) fn no_such_job(id: impl fmt::Display) -> Error {
     Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
 }
 
 /// An upload: its tenant, its files, and what to do with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(in crate::service) struct Spec {
+pub(crate) struct Spec {
     /// Name of the tenant whose job it is: [`LOCAL_TENANT`] for a service without tokens.
     pub tenant: String,
     /// The `traceparent` of the request (W3C Trace Context), which the work on the job continues.
@@ -93,7 +93,7 @@ pub(in crate::service) struct Spec {
 
 /// A mesh that lay in a bucket before the request for its job came.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(in crate::service) struct Referred {
+pub(crate) struct Referred {
     /// Its URL, `s3://BUCKET/KEY`.
     pub url: String,
     /// Changes with its content.
@@ -101,12 +101,12 @@ pub(in crate::service) struct Referred {
 }
 
 /// The priorities that a job may have.
-pub(in crate::service) const PRIORITIES: std::ops::RangeInclusive<i8> = -100..=100;
+pub(crate) const PRIORITIES: std::ops::RangeInclusive<i8> = -100..=100;
 
 /// How far a running job is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub(in crate::service) struct Progress {
+pub(crate) struct Progress {
     /// Iterations made.
     pub iterations: u32,
     /// Phase of the last of them.
@@ -121,7 +121,7 @@ pub(in crate::service) struct Progress {
 
 /// What is known about the result of a job without opening it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(in crate::service) struct Summary {
+pub(crate) struct Summary {
     /// Faces of the mesh, each with a label.
     pub faces: u64,
     /// Clusters.
@@ -136,7 +136,7 @@ pub(in crate::service) struct Summary {
 
 /// What a blob held when it was stored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(in crate::service) struct Contents {
+pub(crate) struct Contents {
     /// Number of its bytes.
     pub bytes: u64,
     /// Their SHA-256 in hexadecimal digits.
@@ -144,11 +144,11 @@ pub(in crate::service) struct Contents {
 }
 
 /// Bytes of all small blobs of an upload, or of a result, at the most.
-pub(in crate::service) const SMALL_BLOBS: u64 = 256 << 10;
+pub(crate) const SMALL_BLOBS: u64 = 256 << 10;
 
 /// A small file of a job, kept with the job: it needs no file and no separate wait for the disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::service) struct SmallBlob {
+pub(crate) struct SmallBlob {
     /// Its name; unique among those of the job.
     pub name: String,
     /// What it holds.
@@ -157,7 +157,7 @@ pub(in crate::service) struct SmallBlob {
 
 /// A job as it is now.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Job {
+pub(crate) struct Job {
     /// Its name.
     pub id: JobId,
     /// Where it is in its life.
@@ -219,13 +219,13 @@ impl Job {
 
 /// Whether the upload of a job that ends with this problem is kept: that of a job that was given up, or whose files
 /// could not be read or written.
-pub(in crate::service) fn keeps_upload(problem: Option<&Error>) -> bool {
+pub(crate) fn keeps_upload(problem: Option<&Error>) -> bool {
     problem.is_some_and(|problem| matches!(problem.kind, Kind::Poison | Kind::InsufficientStorage))
 }
 
 /// The right to write about a running job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(in crate::service) struct Ticket {
+pub(crate) struct Ticket {
     /// The job.
     pub job: JobId,
     /// Counts the claims of the job; an older one writes nothing.

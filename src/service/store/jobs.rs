@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
@@ -12,8 +13,7 @@ use super::store::Store;
 #[cfg(test)]
 use super::terms::End;
 use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse, Retried, What};
-use crate::error::{Error, Kind, Result};
-use crate::service::queue::{Change, Refused, Release, Rules, Standing, State, not_yours};
+use crate::queue::{Change, Refused, Release, Rules, Standing, State, not_yours};
 
 const KNOWN: &str = jobs!("WHERE tenant = $1 AND idempotency_key = $2");
 

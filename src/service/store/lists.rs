@@ -2,13 +2,14 @@
 
 use std::time::{Instant, SystemTime};
 
+use tesserae_mesh::error::Result;
+
 use super::change::{job, jobs};
 use super::database::rows::values;
 use super::job::JobId;
 use super::store::Store;
 use super::terms::{ListQuery, Page};
-use crate::error::Result;
-use crate::service::queue::State;
+use crate::queue::State;
 
 /// For how long counts of jobs are believed where they take long.
 const COUNTS: std::time::Duration = std::time::Duration::from_secs(2);
@@ -19,7 +20,7 @@ const COUNT: &str = "SELECT state, count(*) AS jobs FROM jobs WHERE ended_at IS 
 
 impl Store {
     /// A page of jobs, newest first. A cursor that this store did not give is
-    /// [`Kind::InvalidParameter`](crate::Kind::InvalidParameter).
+    /// [`Kind::InvalidParameter`](tesserae_mesh::Kind::InvalidParameter).
     pub async fn list(&self, list: &ListQuery) -> Result<Page> {
         let before = match &list.cursor {
             Some(cursor) => self.cursors.number_of(cursor)?,

@@ -6,8 +6,8 @@
 //! `conformance` on both databases.
 //!
 //! A worker writes with the [`Ticket`] of its claim; a ticket of a job that has ended or was claimed again writes
-//! nothing and gets [`Kind::Conflict`](crate::Kind). Every change of state is an event of the job, appended in the same
-//! transaction; events are numbered from 1 without gaps.
+//! nothing and gets [`Kind::Conflict`](tesserae_mesh::Kind). Every change of state is an event of the job, appended in
+//! the same transaction; events are numbered from 1 without gaps.
 //!
 //! What queries select by is a column; everything else is JSON, so that a new field of a job needs no new
 //! [table](schema). Small blobs have a table of their own.
@@ -55,10 +55,10 @@ pub(super) mod tests {
     use std::time::Duration;
 
     use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec, Store};
-    use crate::mesh::Format;
-    use crate::parameters::Parameters;
-    use crate::service::faults::Faults;
-    use crate::service::kept::Kept;
+    use crate::faults::Faults;
+    use crate::kept::Kept;
+    use tesserae_mesh::mesh::Format;
+    use tesserae_mesh::parameters::Parameters;
 
     /// Rules of a store in a test.
     pub const RULES: Rules = Rules { max_queued: 100, max_attempts: 3, crash_pause: Duration::ZERO };

@@ -2,7 +2,7 @@
 //!
 //! A migration is run once, in order, and never changed after a release. There was no release yet, so there is none.
 
-use crate::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 /// The first tables.
 const TABLES: &str = include_str!("schema.sql");

@@ -8,6 +8,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
+use tesserae_mesh::error::{Error, Kind, Result};
 use uuid::Uuid;
 
 use super::change::Transaction;
@@ -21,9 +22,8 @@ use super::listeners::{Effects, Listeners};
 use super::terms::Statistics;
 #[cfg(feature = "postgres")]
 use super::url::StoreUrl;
-use crate::error::{Error, Kind, Result};
-use crate::service::faults::Faults;
-use crate::service::queue::{Rules, State};
+use crate::faults::Faults;
+use crate::queue::{Rules, State};
 
 #[derive(Debug)]
 enum Database {
@@ -36,7 +36,7 @@ enum Database {
 type Observer = Box<dyn Fn(&'static str, Duration, bool) + Send + Sync>;
 
 /// The store of jobs. See the [module](super) for what it promises.
-pub(in crate::service) struct Store {
+pub(crate) struct Store {
     database: Database,
     pub(super) rules: Rules,
     /// This process among the workers: new at every start.

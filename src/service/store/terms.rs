@@ -2,14 +2,15 @@
 
 use std::time::SystemTime;
 
+use tesserae_mesh::error::{Error, Kind, Result};
+
 use super::database::rows::{Row, Value, json};
 use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
-use crate::error::{Error, Kind, Result};
-use crate::service::queue::{self, State};
+use crate::queue::{self, State};
 
 /// A job to be added.
 #[derive(Debug, Clone)]
-pub(in crate::service) struct NewJob {
+pub(crate) struct NewJob {
     /// Its name.
     pub id: JobId,
     /// What it is.
@@ -22,7 +23,7 @@ pub(in crate::service) struct NewJob {
 
 /// The `Idempotency-Key` of a request, and the request it stands for.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::service) struct Idempotency {
+pub(crate) struct Idempotency {
     /// What the client sent; unique within the tenant as long as the job is kept.
     pub key: String,
     /// Digest of everything else in the request.
@@ -31,7 +32,7 @@ pub(in crate::service) struct Idempotency {
 
 /// What came of adding a job.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) enum Created {
+pub(crate) enum Created {
     /// It is new.
     New(Job),
     /// An earlier request with this key added this one; nothing was added.
@@ -40,7 +41,7 @@ pub(in crate::service) enum Created {
 
 /// What came of a retry.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) enum Retried {
+pub(crate) enum Retried {
     /// It waits again.
     Queued(Box<Job>),
     /// It is in another state than failed, and was left as it is.
@@ -51,7 +52,7 @@ pub(in crate::service) enum Retried {
 
 /// How a job ends.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) enum End {
+pub(crate) enum End {
     /// With a result.
     Succeeded(Summary),
     /// With an error.
@@ -73,7 +74,7 @@ impl End {
 
 /// The end of a running job, and what comes with it, in one step.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Ending {
+pub(crate) struct Ending {
     /// How it ends.
     pub end: End,
     /// The last events before that, and the progress after them.
@@ -90,7 +91,7 @@ impl From<End> for Ending {
 
 /// A page of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(in crate::service) struct Page {
+pub(crate) struct Page {
     /// The jobs, newest first.
     pub jobs: Vec<Job>,
     /// Where the next page begins; none on the last.
@@ -99,7 +100,7 @@ pub(in crate::service) struct Page {
 
 /// Which part of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(in crate::service) struct ListQuery {
+pub(crate) struct ListQuery {
     /// Only jobs of this tenant.
     pub tenant: Option<String>,
     /// Only jobs in this state.
@@ -112,7 +113,7 @@ pub(in crate::service) struct ListQuery {
 
 /// Something that happened to a job.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Event {
+pub(crate) struct Event {
     /// Its number: 1 for the job's first.
     pub seq: u64,
     /// What happened.
@@ -121,7 +122,7 @@ pub(in crate::service) struct Event {
 
 /// What can happen to a job.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) enum What {
+pub(crate) enum What {
     /// It entered a state that is no end.
     State(State),
     /// It is running: the number of the attempt, and the worker. Iterations and rounds up to the next state are of this
@@ -202,7 +203,7 @@ impl Notice {
 
 /// What can change about a job, in short: tasks that wait for a job receive it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(in crate::service) struct Pulse {
+pub(crate) struct Pulse {
     /// Number of the last event.
     pub last_seq: u64,
     /// Whether the job is to be cancelled.
@@ -214,7 +215,7 @@ pub(in crate::service) struct Pulse {
 /// The end of a job whose webhook is to be sent. Outlives its job: a promised webhook is delivered even if the job is
 /// deleted first.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Notice {
+pub(crate) struct Notice {
     /// The job.
     pub job: JobId,
     /// The URL of the webhook.
@@ -233,7 +234,7 @@ pub(in crate::service) struct Notice {
 
 /// What a store counts since it was opened, for the metrics.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(in crate::service) struct Statistics {
+pub(crate) struct Statistics {
     /// Transactions committed.
     pub commits: u64,
     /// Changes in them: over `commits`, how many share one.
@@ -251,7 +252,7 @@ pub(in crate::service) struct Statistics {
 
 /// What came of asking to delete a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) enum Deletion {
+pub(crate) enum Deletion {
     /// It is gone.
     Deleted,
     /// It has not ended; it was left as it is.

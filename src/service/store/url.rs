@@ -20,7 +20,7 @@ impl FromStr for StoreUrl {
 impl StoreUrl {
     /// The text, password included: for the connection only.
     #[cfg(feature = "postgres")]
-    pub(in crate::service) fn expose(&self) -> &str {
+    pub(crate) fn expose(&self) -> &str {
         &self.0
     }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use serde::{Serialize, Serializer};
+use tesserae_mesh::error::Result;
 use tokio::sync::watch;
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -15,7 +16,6 @@ use super::database::rows::{Abort, Row, values};
 use super::job::JobId;
 use super::store::Store;
 use super::terms::Notice;
-use crate::error::Result;
 
 /// Time since a worker was last heard of, after which it is shown no more, and after which its row goes.
 const SHOWN: Duration = Duration::from_secs(300);
@@ -47,7 +47,7 @@ const KEEP: &str = "UPDATE notices SET lease_until = $2 WHERE teller = $1 AND le
 /// Name of a worker, new at every start of its process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
 #[schema(value_type = String, format = "uuid")]
-pub(in crate::service) struct WorkerId(pub(super) Uuid);
+pub(crate) struct WorkerId(pub(super) Uuid);
 
 impl fmt::Display for WorkerId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -63,7 +63,7 @@ impl Serialize for WorkerId {
 
 /// What a process says about itself.
 #[derive(Debug, Clone)]
-pub(in crate::service) struct Presence {
+pub(crate) struct Presence {
     /// Its name for clients, which several may have.
     pub name: Arc<str>,
     /// Its version.
@@ -74,7 +74,7 @@ pub(in crate::service) struct Presence {
 
 /// A process that works on jobs.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::service) struct Worker {
+pub(crate) struct Worker {
     /// Which one.
     pub id: WorkerId,
     /// Its name for clients.

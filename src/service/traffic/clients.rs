@@ -6,9 +6,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use parking_lot::Mutex;
+use tesserae_mesh::error::{Error, Kind};
 
 use super::super::problem::Failure;
-use crate::error::{Error, Kind};
 
 /// Seconds over which the rate of requests is averaged: a burst may be as large as this many seconds allow.
 const BURST_SECONDS: f64 = 5.0;

@@ -29,8 +29,8 @@ use tower::ServiceExt;
 
 use super::origin;
 use super::socket::Socket;
-use crate::service::metrics::Metrics;
-use crate::service::settings::{BEGINNINGS, TrafficSettings};
+use crate::metrics::Metrics;
+use crate::settings::{BEGINNINGS, TrafficSettings};
 
 /// For how long nothing is accepted after the system had no means to (too many open files).
 const BREATHER: Duration = Duration::from_millis(200);
@@ -47,7 +47,7 @@ const BEGINNING: Duration = Duration::from_secs(1);
 
 /// Serves `router` until `close`; then requests under way are answered first. What this returns completes afterwards,
 /// or when the accepting thread ends by a defect.
-pub(in crate::service) fn serve(
+pub(crate) fn serve(
     listener: TcpListener,
     router: Router,
     settings: TrafficSettings,

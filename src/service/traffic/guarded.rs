@@ -8,7 +8,7 @@ use hyper::body::{Frame, SizeHint};
 
 /// A body with a guard.
 #[derive(Debug)]
-pub(in crate::service) struct Guarded<G> {
+pub(crate) struct Guarded<G> {
     body: Body,
     guard: G,
     /// Notes bytes that are sent.

@@ -6,13 +6,13 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderValue, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::super::intake;
 use super::super::problem::Failure;
-use crate::error::{Error, Kind, Result};
 
 /// Answers requests with such a head, and closes their connections: where the next request begins is then uncertain.
-pub(in crate::service) async fn check(request: Request, next: Next) -> Response {
+pub(crate) async fn check(request: Request, next: Next) -> Response {
     let Err(error) = check_host(&request).and_then(|()| check_codings(&request)) else {
         return next.run(request).await;
     };

@@ -28,6 +28,7 @@ use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tesserae_mesh::error::{Error, Kind};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use self::clients::{Allowance, Client, Clients, Permit};
@@ -39,7 +40,6 @@ use super::problem::Failure;
 use super::settings::{Settings, TrafficSettings};
 use super::trace::Origin;
 use super::{LOCAL_TENANT, audit, intake, urls};
-use crate::error::{Error, Kind};
 
 /// Paths of probes, which get an answer even when their address is over its limits.
 const PROBES: [&str; 2] = ["/healthz", "/readyz"];

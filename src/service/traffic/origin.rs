@@ -63,12 +63,12 @@ impl Network {
 }
 
 /// Whether an address is that of a proxy.
-pub(in crate::service) fn is_proxy(address: IpAddr, proxies: &[Network]) -> bool {
+pub(crate) fn is_proxy(address: IpAddr, proxies: &[Network]) -> bool {
     proxies.iter().any(|network| network.contains(address))
 }
 
 /// Address of the client that sent a request.
-pub(in crate::service) fn client(request: &Request, proxies: &[Network]) -> IpAddr {
+pub(crate) fn client(request: &Request, proxies: &[Network]) -> IpAddr {
     let info = request.extensions().get::<ConnectInfo<SocketAddr>>();
     let peer = info.map_or(IpAddr::from([0, 0, 0, 0]), |ConnectInfo(address)| address.ip());
     behind(peer.to_canonical(), request.headers(), proxies)

@@ -3,10 +3,10 @@
 use axum::extract::Request;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::super::problem::Failure;
 use super::super::{intake, query};
-use crate::error::{Error, Kind, Result};
 
 /// Longest query string, in bytes.
 const MAX_BYTES: usize = 8 << 10;
@@ -15,7 +15,7 @@ const MAX_BYTES: usize = 8 << 10;
 const MAX_PARAMETERS: usize = 64;
 
 /// Refuses requests with a longer query string or more parameters, before any of it is parsed.
-pub(in crate::service) async fn limit(request: Request, next: Next) -> Response {
+pub(crate) async fn limit(request: Request, next: Next) -> Response {
     let Err(error) = check_size(request.uri().query().unwrap_or_default()) else {
         return next.run(request).await;
     };

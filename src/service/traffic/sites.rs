@@ -17,15 +17,15 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderMap, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tesserae_mesh::error::{Error, Kind, Quoted, Result};
 
-use crate::error::{Error, Kind, Quoted, Result};
-use crate::service::intake;
-use crate::service::problem::Failure;
-use crate::service::settings::AccessSettings;
+use crate::intake;
+use crate::problem::Failure;
+use crate::settings::AccessSettings;
 
 /// Which pages may reach the service.
 #[derive(Debug)]
-pub(in crate::service) struct Sites {
+pub(crate) struct Sites {
     has_tokens: bool,
     accepts_names: bool,
     /// Origins of `--cors-origins`.
@@ -80,7 +80,7 @@ impl Sites {
 }
 
 /// Answers requests that no client but the browser of a foreign page sends.
-pub(in crate::service) async fn check(State(sites): State<Arc<Sites>>, request: Request, next: Next) -> Response {
+pub(crate) async fn check(State(sites): State<Arc<Sites>>, request: Request, next: Next) -> Response {
     match sites.check(&request) {
         Ok(()) => next.run(request).await,
         Err(error) => {

@@ -9,15 +9,15 @@ use axum::extract::multipart::{Field, Multipart, MultipartError};
 use axum::extract::{FromRequest, Request};
 use axum::http::request::Parts;
 use futures_util::{Stream, TryStreamExt};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job;
+use tesserae_mesh::mesh::Format;
 
 use super::{Destination, Saved, Upload, agreed, kept_name, referred};
-use crate::error::{Error, Kind, Result};
-use crate::job;
-use crate::mesh::Format;
-use crate::service::files;
-use crate::service::intake::Content;
-use crate::service::request::{MAX_PARAMETERS_BYTES, Wanted};
-use crate::service::store::Spec;
+use crate::files;
+use crate::intake::Content;
+use crate::request::{MAX_PARAMETERS_BYTES, Wanted};
+use crate::store::Spec;
 
 /// Largest number of buffers of a mesh.
 const MAX_BUFFERS: usize = 1024;

@@ -2,14 +2,14 @@
 
 use futures_util::StreamExt as _;
 use object_store::GetRange;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::mesh::HEAD_BYTES;
 
 use super::{Destination, Saved, Upload, kept_name, spec_of};
-use crate::error::{Error, Kind, Result};
-use crate::mesh::HEAD_BYTES;
-use crate::service::files::{Files, Incoming};
-use crate::service::intake::{Content, Rules};
-use crate::service::request::Wanted;
-use crate::service::store::Referred;
+use crate::files::{Files, Incoming};
+use crate::intake::{Content, Rules};
+use crate::request::Wanted;
+use crate::store::Referred;
 
 /// A mesh in a bucket.
 pub(super) struct Mesh {

@@ -21,6 +21,7 @@ use hmac::{Hmac, KeyInit as _, Mac as _};
 use reqwest::{StatusCode, Url};
 use serde::Serialize;
 use sha2::Sha256;
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
@@ -33,7 +34,6 @@ use super::settings::WebhookSettings;
 use super::store::{JobId, Notice, State, Store};
 use super::timestamp::rfc3339;
 use super::urls;
-use crate::error::{Error, Kind, Result};
 
 /// Time for one delivery.
 const PATIENCE: Duration = Duration::from_secs(15);

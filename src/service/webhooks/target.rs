@@ -7,8 +7,7 @@ use std::sync::Arc;
 
 use reqwest::Url;
 use reqwest::dns::{Addrs, Name, Resolve, Resolving};
-
-use crate::error::{Error, Result};
+use tesserae_mesh::error::{Error, Result};
 
 /// Longest URL of a webhook, in bytes.
 const MAX_BYTES: usize = 2048;

@@ -1,7 +1,7 @@
 //! Which job is claimed next.
 
 use super::*;
-use crate::service::queue::{Share, Shares};
+use crate::queue::{Share, Shares};
 
 async fn add_for(store: &Store, tenant: &str, priority: i8) -> JobId {
     let spec = Spec { tenant: tenant.to_owned(), priority, ..spec("x") };

@@ -8,10 +8,10 @@ use tempfile::TempDir;
 
 use super::sqlite::NAME;
 use super::*;
-use crate::service::faults::Faults;
-use crate::service::queue::history::{self, New, Step, Stored, play};
-use crate::service::queue::model::{Altered, Model, claiming};
-use crate::service::queue::{self, Change};
+use crate::faults::Faults;
+use crate::queue::history::{self, New, Step, Stored, play};
+use crate::queue::model::{Altered, Model, claiming};
+use crate::queue::{self, Change};
 
 /// How many histories a store goes through.
 const HISTORIES: usize = 30;

@@ -5,17 +5,17 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::Parameters;
+use tesserae_mesh::report::Phase;
 
 use super::terms::Page;
 use super::{
     Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice,
     Progress, Release, Retried, Rules, SmallBlob, Spec, State, Statistics, Store, Summary, Ticket, What,
 };
-use crate::error::{Error, Kind};
-use crate::mesh::Format;
-use crate::parameters::Parameters;
-use crate::report::Phase;
-use crate::service::kept::Kept;
+use crate::kept::Kept;
 
 mod at_once;
 mod attempts;
@@ -34,7 +34,7 @@ mod workers;
 
 /// What is tested.
 #[async_trait]
-pub(in crate::service) trait Subject: Sync {
+pub(crate) trait Subject: Sync {
     /// An empty store.
     async fn empty(&self, rules: Rules) -> Box<Store>;
 
@@ -46,7 +46,7 @@ pub(in crate::service) trait Subject: Sync {
 }
 
 /// Runs the whole suite.
-pub(in crate::service) async fn run(subject: &dyn Subject) {
+pub(crate) async fn run(subject: &dyn Subject) {
     let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
     life::a_new_job_is_as_it_was_created(make(9).await.as_ref()).await;
     life::jobs_are_claimed_in_order_and_once(make(9).await.as_ref()).await;

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use tempfile::TempDir;
 
-use crate::service::store::StoreUrl;
+use crate::store::StoreUrl;
 
 /// A server without any client but the test.
 pub(super) struct Server {

@@ -1,7 +1,7 @@
 //! Workers: what is known about them.
 
 use super::*;
-use crate::service::store::{Presence, Worker};
+use crate::store::{Presence, Worker};
 
 async fn announced(store: &Store) -> Worker {
     let presence = Presence { name: "w".into(), version: "1.2.3", device: "a device".into() };

@@ -5,12 +5,12 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio_util::bytes::Bytes;
 use uuid::Uuid;
 
 use super::super::job::JobId;
-use crate::error::{Error, Kind, Result};
-use crate::service::queue::State;
+use crate::queue::State;
 
 /// A value of a row or of a parameter.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,9 +27,9 @@ pub type Query = (&'static str, Vec<Value>);
 
 /// The values of a statement.
 macro_rules! values {
-    ($($value:expr),* $(,)?) => { vec![$($crate::service::store::database::rows::Value::from($value)),*] };
+    ($($value:expr),* $(,)?) => { vec![$($crate::store::database::rows::Value::from($value)),*] };
 }
-pub(in crate::service::store) use values;
+pub(in crate::store) use values;
 
 /// Why something was not done.
 #[derive(Debug)]
@@ -49,12 +49,13 @@ impl From<Error> for Abort {
     }
 }
 
-impl From<Abort> for Error {
-    fn from(abort: Abort) -> Self {
-        match abort {
-            Abort::Refused(error) | Abort::Broken(error) => error,
+impl Abort {
+    /// What failed.
+    pub fn into_error(self) -> Error {
+        match self {
+            Self::Refused(error) | Self::Broken(error) => error,
             #[cfg(feature = "postgres")]
-            Abort::Again(error) => error,
+            Self::Again(error) => error,
         }
     }
 }

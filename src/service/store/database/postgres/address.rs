@@ -8,11 +8,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use percent_encoding::percent_decode_str;
+use tesserae_mesh::error::{Error, Result};
 use tokio_postgres::Config;
 use tokio_postgres::config::{Host, SslMode};
 
 use super::super::super::url::StoreUrl;
-use crate::error::{Error, Result};
 
 /// Time for a connection to be made.
 const CONNECT: Duration = Duration::from_secs(5);

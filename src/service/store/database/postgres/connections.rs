@@ -8,13 +8,13 @@ use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject as _;
 use rustls::{ClientConfig, RootCertStore};
 use rustls_platform_verifier::BuilderVerifierExt as _;
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::{Instant, timeout_at};
 use tokio_postgres::error::SqlState;
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 use super::super::rows::Abort;
 use super::address::Address;
-use crate::error::{Error, Kind, Result};
 
 /// Time for a piece of work, the wait for a connection included.
 pub const PATIENCE: Duration = Duration::from_secs(10);

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::Mutex;
+use tesserae_mesh::error::Result;
 use tokio::sync::Notify;
 use tokio::time::{Instant, timeout_at};
 use tokio_postgres::tls::{MakeTlsConnect, TlsConnect};
@@ -26,7 +27,6 @@ use super::super::rows::Row;
 use super::address::Address;
 use super::connections::{Connections, PATIENCE, encryption};
 use super::session::read;
-use crate::error::Result;
 
 /// Time between two looks at what is waited for.
 const LOOK: Duration = Duration::from_secs(1);

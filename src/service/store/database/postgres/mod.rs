@@ -21,6 +21,7 @@ mod session;
 
 use std::sync::Arc;
 
+use tesserae_mesh::error::Result;
 use tokio::runtime::Handle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -34,8 +35,7 @@ use self::session::Session;
 use super::super::listeners::{Effects, Listeners};
 use super::super::url::StoreUrl;
 use super::rows::{Abort, Rows};
-use crate::error::Result;
-use crate::service::blocking::blocking;
+use crate::blocking::blocking;
 
 /// Times that work is done again that the database broke off, though nothing is wrong with it.
 const AGAIN: usize = 5;
@@ -86,7 +86,7 @@ impl Postgres {
 
     fn concluded<T>(&self, started: Instant, outcome: Result<(T, Effects)>) -> Result<T> {
         let outcome = outcome.inspect_err(|error| {
-            if error.is_of_storage() || error.kind == crate::Kind::Internal {
+            if error.is_of_storage() || error.kind == tesserae_mesh::Kind::Internal {
                 self.listeners.failed(started.elapsed());
             }
         });
@@ -118,7 +118,7 @@ async fn run<T: Send + 'static>(
     let deadline = Instant::now() + PATIENCE;
     let mut left = AGAIN;
     loop {
-        let client = connections.get(deadline).await?;
+        let client = connections.get(deadline).await.map_err(Abort::into_error)?;
         let (pool, handle) = (connections.clone(), Handle::current());
         let attempt = blocking(move || {
             let mut session = Session::new(&pool, client, handle, deadline, is_change);
@@ -134,7 +134,7 @@ async fn run<T: Send + 'static>(
         (work, outcome) = attempt.await?;
         match outcome {
             Err(Abort::Again(_)) if left > 0 => left -= 1,
-            outcome => return Ok(outcome?),
+            outcome => return outcome.map_err(Abort::into_error),
         }
     }
 }

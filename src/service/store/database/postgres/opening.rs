@@ -1,12 +1,12 @@
 //! Opening the database: with the tables as they are to be.
 
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::{Instant, timeout_at};
 use tokio_postgres::Client;
 
 use super::super::super::schema::{self, MIGRATIONS, for_postgres};
 use super::super::rows::Abort;
 use super::connections::{Connections, PATIENCE, failure};
-use crate::error::{Error, Kind, Result};
 
 /// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes without compression,
 /// which for meshes and labels costs more time than it saves.
@@ -24,10 +24,10 @@ const OLDEST_SERVER: i32 = 150_000;
 /// Makes the tables, or brings them up to date.
 pub async fn open(connections: &Connections) -> Result<()> {
     let deadline = Instant::now() + PATIENCE;
-    let mut client = connections.get(deadline).await?;
+    let mut client = connections.get(deadline).await.map_err(Abort::into_error)?;
     match timeout_at(deadline, migrate(&mut client, &MIGRATIONS)).await {
-        Ok(migrated) => Ok(migrated?),
-        Err(_) => Err(connections.too_late().into()),
+        Ok(migrated) => migrated.map_err(Abort::into_error),
+        Err(_) => Err(connections.too_late().into_error()),
     }
 }
 

@@ -11,6 +11,7 @@ use std::time::SystemTime;
 
 use deadpool_postgres::Object;
 use futures_util::future::join;
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
 use tokio::time::{Instant, timeout_at};
 use tokio_postgres::types::{IsNull, ToSql, Type, to_sql_checked};
@@ -20,7 +21,6 @@ use uuid::Uuid;
 
 use super::super::rows::{Abort, Query, Row, Rows, Value, time};
 use super::connections::{Connections, failure};
-use crate::error::{Error, Kind, Result};
 
 macro_rules! clock {
     ($before:literal) => {
@@ -99,7 +99,7 @@ impl<'c> Session<'c> {
         self.stage = Stage::None;
         if let Some(worker) = self.worker.filter(|_| self.has_changed) {
             // not to be repeated together with the claim
-            self.query(SECURE, vec![worker.into()]).map_err(|abort| Abort::Broken(abort.into()))?;
+            self.query(SECURE, vec![worker.into()]).map_err(|abort| Abort::Broken(abort.into_error()))?;
         }
         Ok(())
     }

@@ -9,8 +9,7 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 use rusqlite::{Connection, ErrorCode};
-
-use crate::error::{Error, Kind};
+use tesserae_mesh::error::{Error, Kind};
 
 /// Longest time that the check may take when the store is opened. 300,000 jobs in 0.9 GB took 8 s on a busy machine.
 pub const START: Duration = Duration::from_secs(10);

@@ -17,15 +17,16 @@ mod writer;
 use std::path::Path;
 use std::sync::Arc;
 
+use tesserae_mesh::error::{Error, Result};
+
 use self::check::Damage;
 use self::place::Place;
 use self::readers::Readers;
 use self::writer::Writer;
 use super::super::listeners::{Effects, Listeners};
 use super::rows::{Abort, Rows};
-use crate::error::{Error, Result};
-use crate::service::blocking::blocking;
-use crate::service::faults::Faults;
+use crate::blocking::blocking;
+use crate::faults::Faults;
 
 /// A file with the tables of the store.
 #[derive(Debug)]

@@ -5,12 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use rusqlite::Connection;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::super::super::schema::{self, MIGRATIONS};
 use super::check::{self, START, is_damage};
-use super::place::{Place, lacks_room, message};
+use super::place::{Place, failure, lacks_room, message};
 use super::readers::Readers;
-use crate::error::{Error, Kind, Result};
 
 /// The connection that writes, and those that read.
 type Opened = (Connection, Readers);
@@ -42,7 +42,7 @@ pub fn open(place: &Arc<Place>) -> Result<Opened> {
             cannot_open(&place.path, &"its disk is full; make room there, a few megabytes are enough")
         }
         OpenError::Database(error) if is_damage(&error) => {
-            let Error { kind, message } = error.into();
+            let Error { kind, message } = failure(error);
             Error::new(kind, format_args!("{message}: {}", place.path.display()))
         }
         error => cannot_open(&place.path, &error),

@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags, ffi};
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::super::rows::Abort;
 use super::check::{self, is_damage};
-use crate::error::{Error, Kind, Result};
-use crate::service::private;
+use crate::private;
 
 /// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs,
 /// and what they read is in the system's memory anyway.
@@ -28,27 +28,24 @@ const STATEMENTS: usize = 64;
 
 impl From<rusqlite::Error> for Abort {
     fn from(error: rusqlite::Error) -> Self {
-        Self::Broken(error.into())
+        Self::Broken(failure(error))
     }
 }
 
-impl From<rusqlite::Error> for Error {
-    /// Whether there is no room, or the file cannot be reached, or something is broken.
-    fn from(error: rusqlite::Error) -> Self {
-        use ErrorCode::*;
-        if is_damage(&error) {
-            return check::damaged(&message(&error));
-        }
-        let kind = match error.sqlite_error_code() {
-            _ if lacks_room(&error) => Kind::InsufficientStorage,
-            Some(
-                PermissionDenied | DatabaseBusy | DatabaseLocked | OutOfMemory | ReadOnly | SystemIoFailure
-                | CannotOpen,
-            ) => Kind::Unavailable,
-            _ => Kind::Internal,
-        };
-        Self::new(kind, format_args!("the store of jobs failed: {}", message(&error)))
+/// Whether there is no room, or the file cannot be reached, or something is broken.
+pub fn failure(error: rusqlite::Error) -> Error {
+    use ErrorCode::*;
+    if is_damage(&error) {
+        return check::damaged(&message(&error));
     }
+    let kind = match error.sqlite_error_code() {
+        _ if lacks_room(&error) => Kind::InsufficientStorage,
+        Some(
+            PermissionDenied | DatabaseBusy | DatabaseLocked | OutOfMemory | ReadOnly | SystemIoFailure | CannotOpen,
+        ) => Kind::Unavailable,
+        _ => Kind::Internal,
+    };
+    Error::new(kind, format_args!("the store of jobs failed: {}", message(&error)))
 }
 
 /// The message of the database, without the SQL.

@@ -3,16 +3,16 @@
 use std::sync::Arc;
 
 use parking_lot::Mutex;
+use tesserae_mesh::error::Result;
 use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::{Semaphore, SemaphorePermit};
 use tokio::task::block_in_place;
 
 use super::super::rows::Abort;
 use super::check::Damage;
-use super::place::{Place, closed};
+use super::place::{Place, closed, failure};
 use super::session::Session;
-use crate::error::Result;
-use crate::service::blocking::blocking;
+use crate::blocking::blocking;
 
 /// How many there are.
 const READERS: u32 = 4;
@@ -79,16 +79,16 @@ impl Readers {
         let idle = self.idle.lock().pop();
         let mut session = match idle {
             Some(session) => session,
-            None => Session::new(self.place.reading()?),
+            None => Session::new(self.place.reading().map_err(failure)?),
         };
         let outcome = work(&mut session);
         match outcome {
             Ok(_) | Err(Abort::Refused(_)) => {
                 self.give_back(session);
-                Ok(outcome?)
+                outcome.map_err(Abort::into_error)
             }
             // a connection that failed is not used again
-            Err(abort) => Err(self.damage.note(abort.into())),
+            Err(abort) => Err(self.damage.note(abort.into_error())),
         }
     }
 

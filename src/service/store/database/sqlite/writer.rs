@@ -12,16 +12,16 @@ use std::{io, iter, slice, thread};
 
 use parking_lot::Mutex;
 use rusqlite::Connection;
+use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
 use super::super::super::listeners::{Effects, Listeners};
 use super::super::rows::{Abort, Rows};
 use super::check::Damage;
-use super::place::{Place, closed};
+use super::place::{Place, closed, failure};
 use super::session::Session;
-use crate::error::{Error, Kind, Result};
-use crate::service::faults::{FaultPoint, Faults};
+use crate::faults::{FaultPoint, Faults};
 
 /// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
 const BATCH: usize = 256;
@@ -96,7 +96,7 @@ impl<T: Send, C: Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send> Pen
         let outcome = match catch_unwind(AssertUnwindSafe(|| (self.command)(session, effects))) {
             Ok(Ok(output)) => Ok(output),
             Ok(Err(Abort::Refused(error))) => Err(error),
-            Ok(Err(abort)) => return Err(abort.into()),
+            Ok(Err(abort)) => return Err(abort.into_error()),
             Err(_) => {
                 let why = "a change of a job ran into a defect of the service; its log says more";
                 return Err(Error::new(Kind::Internal, why));
@@ -182,9 +182,9 @@ impl Worker {
     fn transaction(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<Effects> {
         let session = match &mut self.session {
             Some(session) => session,
-            none => none.insert(Session::new(self.place.writing(false)?)),
+            none => none.insert(Session::new(self.place.writing(false).map_err(failure)?)),
         };
-        session.begin()?;
+        session.begin().map_err(failure)?;
         let mut effects = Effects::default();
         for command in batch {
             command.apply(session, &mut effects)?;
@@ -192,7 +192,7 @@ impl Worker {
         self.faults
             .hit(FaultPoint::Commit)
             .map_err(|error| Error::new(Kind::of_storage(&error), format_args!("the store of jobs failed: {error}")))?;
-        session.commit()?;
+        session.commit().map_err(failure)?;
         if effects.shrinks {
             // as far as readers allow; the transaction is committed whatever comes of it
             let written = session.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));

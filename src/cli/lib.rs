@@ -21,6 +21,8 @@ mod evaluate;
 mod export;
 mod files;
 mod inputs;
+#[cfg_attr(not(feature = "service"), expect(dead_code, reason = "a part is for the service"))]
+mod memory;
 mod patterns;
 mod places;
 mod plot;
@@ -40,11 +42,10 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
+use tesserae_mesh::error::{Error, Kind, what_it_must_be};
+use tesserae_mesh::parameters::names;
 
 use self::files::Target;
-use crate::error::{Error, Kind, what_it_must_be};
-use crate::memory;
-use crate::parameters::names;
 
 /// The first steps.
 macro_rules! examples {

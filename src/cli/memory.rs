@@ -12,7 +12,7 @@
 
 /// Keeps all memory until the process ends, in one arena for every four processors, the first GiB of the first one in
 /// large pages.
-pub(crate) fn keep() {
+pub fn keep() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
         glibc::set(glibc::processors().div_ceil(4), &[(libc::M_MMAP_MAX, 0), (libc::M_TRIM_THRESHOLD, -1)]);
@@ -23,7 +23,7 @@ pub(crate) fn keep() {
 /// Keeps blocks of up to 32 MiB for the next job. A thread of its own frees what is not in use when the process has
 /// been idle for half a minute. There are two arenas for each processor: with one for two processors, a service did 293
 /// small jobs a second in place of 370. Free memory at the end of an arena beyond 32 MiB is unmapped at once.
-pub(crate) fn keep_between_jobs() {
+pub fn keep_between_jobs() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
         /// Bytes.

@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStderr, Command, Stdio};
 
-use super::command::Folder;
+use crate::command::Folder;
 
 /// The service in a process of its own; killed when the test ends before it does.
 pub struct Running {

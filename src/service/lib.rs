@@ -54,7 +54,7 @@ mod deletion;
 mod faults;
 mod files;
 #[cfg(fuzzing)]
-pub(crate) mod fuzzing;
+pub mod fuzzing;
 mod health;
 mod idempotency;
 mod intake;
@@ -103,7 +103,7 @@ pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use preflight::preflight;
 pub use server::{Extras, Server, serve};
-pub(crate) use settings::heading;
+pub use settings::heading;
 pub use settings::{
     AccessSettings, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookSettings, WorkSettings,
 };
