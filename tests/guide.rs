@@ -95,3 +95,14 @@ fn the_documented_tables_are_those_of_the_program() {
         }
     }
 }
+
+#[test]
+fn the_guide_explains_every_alert() {
+    let rules = [include_str!("../deploy/alerts.yaml"), include_str!("../deploy/farm-alerts.yaml")].concat();
+    let alerts: Vec<&str> = rules.lines().filter_map(|line| line.trim().strip_prefix("- alert: ")).collect();
+    assert!(alerts.len() > 20, "{alerts:?}");
+    let guide = page("farm.md");
+    let left_out = |guide: &str| alerts.iter().filter(|name| !guide.contains(&format!("`{name}`"))).count();
+    assert_eq!(left_out(&guide), 0, "{alerts:?}");
+    assert_eq!(left_out(&guide.replace("`TesseraeDeviceWrong`", "")), 1);
+}

@@ -15,10 +15,10 @@ use rusqlite::{Connection, OpenFlags};
 use tesserae_mesh::artifacts::REPORT_JSON;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::blobs::folder::{link, whole_files};
-use super::files::{self, BLOBS, Folder, RESULTS, UPLOADS};
-use super::private;
-use super::store::{JobId, State};
+use crate::blobs::folder::{link, whole_files};
+use crate::files::{self, BLOBS, Folder, RESULTS, UPLOADS};
+use crate::ops::private;
+use crate::store::{JobId, State};
 
 /// Name of the store of jobs.
 const STORE: &str = "jobs.sqlite3";

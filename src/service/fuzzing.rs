@@ -7,15 +7,17 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, header};
 use tokio::runtime::Runtime;
 
-use super::access::tokens::{TokenFile, Tokens};
-use super::budget::Budget;
-use super::faults::Faults;
-use super::files::Files;
-use super::intake::Rules;
-use super::request::Wanted;
-use super::settings::TrafficConstants;
-use super::trace::TraceParent;
-use super::{conditional, negotiate, prefer, upload, webhooks};
+use crate::files::Files;
+use crate::guard::access::tokens::{TokenFile, Tokens};
+use crate::guard::budget::Budget;
+use crate::http::{conditional, negotiate, prefer};
+use crate::ingest::intake::Rules;
+use crate::ingest::request::Wanted;
+use crate::ingest::upload;
+use crate::ops::faults::Faults;
+use crate::ops::trace::TraceParent;
+use crate::settings::TrafficConstants;
+use crate::work::webhooks;
 
 /// A query string and a JSON part.
 pub fn request(query: &[u8], json: &[u8]) {

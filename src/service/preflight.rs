@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use tesserae_mesh::error::{Error, Result};
 
-use super::Settings;
-use super::access::tokens::Tokens;
-use super::files::check_reserve;
-use super::webhooks::Webhooks;
+use crate::files::check_reserve;
+use crate::guard::access::tokens::Tokens;
+use crate::settings::Settings;
+use crate::work::webhooks::Webhooks;
 
 /// Checks that the service can have what the settings name. It can still fail later: others may take it meanwhile.
 pub fn preflight(settings: &Settings) -> Result<()> {
@@ -16,7 +16,7 @@ pub fn preflight(settings: &Settings) -> Result<()> {
     if let Some(path) = &settings.access.tokens {
         Tokens::read(path)?;
     }
-    super::tls::prepare();
+    crate::ops::tls::prepare();
     Webhooks::new(&settings.webhooks)?;
     let folder = match &settings.data_dir {
         Some(folder) => check_folder(folder)?,

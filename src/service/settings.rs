@@ -12,6 +12,8 @@ macro_rules! durations {
 
 mod access;
 pub mod heading;
+pub(crate) mod logging;
+mod network;
 mod storage;
 mod traffic;
 mod webhooks;
@@ -24,10 +26,11 @@ use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::mesh::Limits;
 
 pub use self::access::AccessSettings;
+pub use self::network::Network;
 pub use self::storage::StorageSettings;
-pub(super) use self::traffic::BEGINNINGS;
+pub(crate) use self::traffic::BEGINNINGS;
 pub use self::traffic::{TrafficConstants, TrafficSettings};
-pub use self::webhooks::WebhookSettings;
+pub use self::webhooks::{WebhookHost, WebhookSettings};
 pub use self::work::{Switch, WorkSettings};
 use crate::files::check_prefixes;
 
@@ -188,7 +191,7 @@ impl Settings {
     }
 
     /// What a mesh may cost.
-    pub(super) fn limits(&self) -> Limits {
+    pub(crate) fn limits(&self) -> Limits {
         Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces, ..Limits::default() }
     }
 }

@@ -269,7 +269,7 @@ async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     for line in log.lines("tesserae::access") {
         assert_eq!(line["fields"]["received"], Value::Null, "nothing of it was read: {line}");
     }
-    let errors: Vec<Value> = log.lines("tesserae_service::problem");
+    let errors: Vec<Value> = log.lines("tesserae_service::guard::problem");
     assert!(errors.is_empty(), "{errors:#?}");
 }
 

@@ -1,5 +1,5 @@
 // The first visit: a knot that turns, and the slider under it. The service clusters it at the first request for it
-// (src/service/page/knot.rs); cuts are made here.
+// (src/service/http/page/knot.rs); cuts are made here.
 
 import { Hierarchy } from "./hierarchy";
 import { count, make } from "./dom";

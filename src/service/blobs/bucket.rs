@@ -9,7 +9,7 @@
 //! | `AWS_ALLOW_HTTP` | `true`: that server may be one without TLS on another machine |
 //!
 //! A request is repeated a few times for some seconds; then its failure is one of the storage, and the service waits
-//! until the bucket answers again ([`Storage`](crate::storage::Storage)).
+//! until the bucket answers again ([`Storage`](crate::files::storage::Storage)).
 
 use std::net::IpAddr;
 use std::time::Duration;

@@ -8,7 +8,7 @@ use super::folder::FolderBlobs;
 #[cfg(feature = "s3")]
 use super::place::BlobPlace;
 use super::*;
-use crate::blocking::blocking;
+use crate::ops::blocking::blocking;
 
 fn content(bytes: usize) -> Bytes {
     (0..bytes).map(|at| (at % 251) as u8).collect()
@@ -171,7 +171,7 @@ async fn a_bucket_conforms() {
         println!("not tried: TESSERAE_TEST_S3 names no bucket (`make bucket`)");
         return;
     };
-    crate::tls::prepare();
+    crate::ops::tls::prepare();
     for below in [String::new(), format!("/{}/x", Uuid::new_v4())] {
         let place: BlobPlace = format!("{bucket}{below}").parse().expect("a bucket");
         check(place.open().expect("opened").as_ref()).await;

@@ -16,8 +16,8 @@ use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Result};
 
 use super::{Blob, Blobs, Found, Parts};
-use crate::blocking::blocking;
-use crate::private;
+use crate::ops::blocking::blocking;
+use crate::ops::private;
 
 /// Bytes of a part of a blob.
 const PART: usize = 1 << 20;

@@ -9,8 +9,8 @@
 mod bucket;
 #[cfg(test)]
 mod conformance;
-pub(super) mod folder;
-pub(super) mod place;
+pub(crate) mod folder;
+pub(crate) mod place;
 #[cfg(test)]
 mod tests;
 
@@ -42,7 +42,7 @@ const PART: usize = 8 << 20;
 
 /// A place that keeps blobs.
 #[async_trait]
-pub(super) trait Blobs: Debug + Send + Sync {
+pub(crate) trait Blobs: Debug + Send + Sync {
     /// Bytes of a part of a blob; the last one may have fewer.
     fn part_bytes(&self) -> usize;
 
@@ -85,7 +85,7 @@ pub(super) trait Blobs: Debug + Send + Sync {
 
 /// What a place knows of a blob.
 #[derive(Debug, Clone)]
-pub(super) struct Found {
+pub(crate) struct Found {
     /// Number of its bytes.
     pub bytes: u64,
     /// Changes with its content; none where the place has none.
@@ -150,7 +150,7 @@ impl<S: ObjectStore> Blobs for S {
 /// A blob that is stored in parts. It is there when [complete](Self::complete); the parts of one that is dropped before
 /// are removed.
 #[derive(Debug)]
-pub(super) struct Parts {
+pub(crate) struct Parts {
     /// None once it is complete.
     upload: Option<Box<dyn MultipartUpload>>,
 }
@@ -187,7 +187,7 @@ impl Drop for Parts {
 
 /// A blob that is there, or a range of it.
 #[derive(Debug)]
-pub(super) struct Blob(Source);
+pub(crate) struct Blob(Source);
 
 #[derive(Debug)]
 enum Source {

@@ -13,7 +13,7 @@ use tesserae_mesh::error::{Error, Result};
 
 use super::Blobs;
 use super::folder::FolderBlobs;
-use crate::private;
+use crate::ops::private;
 
 /// What the URL of a bucket begins with.
 const BUCKET: &str = "s3://";

@@ -9,7 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::private;
+use crate::ops::private;
 
 /// Name of the file.
 pub(super) const BALLAST: &str = "ballast";

@@ -14,7 +14,7 @@ use super::failure::storage_error;
 use super::folder::Files;
 use super::names::Folder;
 use crate::blobs::{Blob, Parts};
-use crate::faults::FaultPoint;
+use crate::ops::faults::FaultPoint;
 use crate::store::{Contents, JobId, SmallBlob};
 
 /// Bytes of the buffer of a thread that may block.

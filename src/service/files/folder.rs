@@ -19,9 +19,9 @@ use super::root::{self, Root};
 use crate::blobs::Blobs;
 use crate::blobs::folder::FolderBlobs;
 use crate::blobs::place::BlobPlace;
-use crate::blocking::blocking;
-use crate::faults::{FaultPoint, Faults};
-use crate::private;
+use crate::ops::blocking::blocking;
+use crate::ops::faults::{FaultPoint, Faults};
+use crate::ops::private;
 use crate::store::{JobId, SMALL_BLOBS};
 
 /// Part of the room for uploads that the store of jobs may keep free for itself.

@@ -21,25 +21,30 @@
 
 mod ballast;
 mod blob;
+pub(crate) mod deletion;
 mod disk;
 mod failure;
 mod folder;
 mod incoming;
+pub(crate) mod job_blobs;
+pub(crate) mod kept_mesh;
 mod lost;
 mod names;
 mod place;
 mod references;
 mod referred;
+pub(crate) mod retention;
 mod root;
+pub(crate) mod storage;
 mod sweep;
 
-pub(super) use self::blob::{BlobWriter, BlockingWriter};
-pub(super) use self::disk::check_reserve;
-pub(super) use self::folder::Files;
-pub(super) use self::incoming::{Incoming, settle};
-pub(super) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
-pub(super) use self::references::check_prefixes;
-pub(super) use self::root::BLOBS;
+pub(crate) use self::blob::{BlobWriter, BlockingWriter};
+pub(crate) use self::disk::check_reserve;
+pub(crate) use self::folder::Files;
+pub(crate) use self::incoming::{Incoming, settle};
+pub(crate) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
+pub(crate) use self::references::check_prefixes;
+pub(crate) use self::root::BLOBS;
 
 #[cfg(test)]
 mod tests;

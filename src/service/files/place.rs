@@ -18,7 +18,7 @@ use super::folder::Files;
 use super::names::{RESULTS, UPLOADS};
 use super::root::BLOBS;
 use crate::blobs::place::BlobPlace;
-use crate::private;
+use crate::ops::private;
 
 /// Name of the blob with the name of the store that a place belongs to.
 const OWNER: &str = "owner";
@@ -171,8 +171,8 @@ mod tests {
     use std::time::{Duration, SystemTime};
 
     use super::*;
-    use crate::faults::Faults;
     use crate::files::{Folder, MESH};
+    use crate::ops::faults::Faults;
     use crate::store::JobId;
     use crate::store::tests::{new_job, store_in};
 

@@ -13,7 +13,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::ballast::BALLAST;
 use super::failure::cannot_make;
-use crate::private;
+use crate::ops::private;
 
 /// Start of the names of temporary folders.
 const PREFIX: &str = "tesserae-jobs-";

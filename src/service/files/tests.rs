@@ -8,7 +8,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::*;
 use crate::blobs::folder::size;
-use crate::faults::{FaultPoint, Faults};
+use crate::ops::faults::{FaultPoint, Faults};
 use crate::store::tests::{new_job, store_in};
 use crate::store::{Created, End, JobId, NewJob, SMALL_BLOBS, Summary};
 

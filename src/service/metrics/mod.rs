@@ -5,6 +5,7 @@
 
 mod busy;
 mod families;
+pub(crate) mod lag;
 mod process;
 mod tenants;
 
@@ -27,19 +28,19 @@ use self::families::{
 };
 use self::process::Process;
 use self::tenants::Tenants;
-use super::health::{Health, Part, Severity};
-use super::settings::Settings;
-use super::store::{Job, State, Statistics};
+use crate::ops::health::{Health, Part, Severity};
+use crate::settings::Settings;
+use crate::store::{Job, State, Statistics};
 
 /// Media type of [`Metrics::text`]: OpenMetrics, which Prometheus reads.
-pub(super) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+pub(crate) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// How much a new job counts in the average duration of jobs.
 const NEWEST: f64 = 0.2;
 
 /// What is counted.
 #[derive(Debug)]
-pub(super) struct Metrics {
+pub(crate) struct Metrics {
     registry: Registry,
     families: Families,
     process: Process,
@@ -52,7 +53,7 @@ pub(super) struct Metrics {
 
 /// What is measured for every answer of `/metrics`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Snapshot {
+pub(crate) struct Snapshot {
     /// Jobs in each state, in the order of [`State::ALL`].
     pub jobs: [u64; State::ALL.len()],
     /// Open event streams.
@@ -75,7 +76,7 @@ pub(super) struct Snapshot {
 
 /// Room of the data folder and wait of the queue.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Room {
+pub(crate) struct Room {
     /// Bytes that may still be written to the file system of the data folder; none where the system does not tell.
     pub disk_free: Option<u64>,
     /// Age of the job that waits longest; none when no job waits.

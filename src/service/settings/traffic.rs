@@ -5,7 +5,7 @@ use std::time::Duration;
 use tesserae_mesh::error::{Error, Result};
 
 use super::heading;
-use crate::Network;
+use super::network::Network;
 
 /// Connections at a time that have not begun, or wait for a place. More stay with the system.
 pub(crate) const BEGINNINGS: usize = 256;

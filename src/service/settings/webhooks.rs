@@ -1,9 +1,13 @@
 //! Settings of webhooks.
 
+use std::net::IpAddr;
 use std::path::PathBuf;
+use std::str::FromStr;
+
+use reqwest::Url;
+use tesserae_mesh::error::{Error, Result};
 
 use super::heading;
-use crate::WebhookHost;
 
 /// Settings of webhooks.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
@@ -18,4 +22,51 @@ pub struct WebhookSettings {
     #[arg(long, env = "TESSERAE_WEBHOOK_SECRET", value_name = "FILE", help_heading = heading::WEBHOOKS,
           hide_short_help = true)]
     pub webhook_secret: Option<PathBuf>,
+}
+
+/// A host that webhooks may go to: `HOST[:PORT]` by https, `http://HOST[:PORT]` without encryption.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct WebhookHost {
+    /// `https` or `http`.
+    pub(crate) scheme: &'static str,
+    /// A name or an address.
+    pub(crate) host: String,
+    /// The port.
+    pub(crate) port: u16,
+}
+
+impl FromStr for WebhookHost {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let wrong = || {
+            Error::parameter(format_args!(
+                "a host for webhooks is HOST, HOST:PORT, http://HOST or http://HOST:PORT, not {text:?}"
+            ))
+        };
+        let url = if text.contains("://") { text.to_owned() } else { format!("https://{text}") };
+        let url = Url::parse(&url).map_err(|_| wrong())?;
+        let is_bare = matches!(url.path(), "" | "/") && url.query().is_none() && url.fragment().is_none();
+        Self::of(&url).filter(|_| is_bare && !text.ends_with('/')).ok_or_else(wrong)
+    }
+}
+
+impl WebhookHost {
+    /// The host of a URL without a name and a password.
+    pub(crate) fn of(url: &Url) -> Option<Self> {
+        let scheme = match url.scheme() {
+            "https" => "https",
+            "http" => "http",
+            _ => return None,
+        };
+        if !url.username().is_empty() || url.password().is_some() {
+            return None;
+        }
+        Some(Self { scheme, host: url.host_str()?.to_owned(), port: url.port_or_known_default()? })
+    }
+
+    /// The address that stands in place of a name.
+    pub(crate) fn address(&self) -> Option<IpAddr> {
+        self.host.trim_start_matches('[').trim_end_matches(']').parse().ok()
+    }
 }

@@ -14,8 +14,8 @@ use tokio_util::bytes::Bytes;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use crate::kept::Kept;
 pub(crate) use crate::queue::State;
+use crate::store::kept::Kept;
 
 /// The tenant of every job of a service without tokens.
 pub(crate) const LOCAL_TENANT: &str = "local";

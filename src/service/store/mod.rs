@@ -1,7 +1,7 @@
 //! The store of jobs and their events.
 //!
 //! [`Store`] is written once, over [`database`]: it keeps jobs in a file (SQLite), or in a database that several
-//! services share (PostgreSQL). [`queue`](super::queue) decides which state follows which, which job is claimed and
+//! services share (PostgreSQL). [`queue`](crate::queue) decides which state follows which, which job is claimed and
 //! what a crash counts for. The store knows nothing of HTTP, of files or of devices. It passes the suite in
 //! `conformance` on both databases.
 //!
@@ -21,13 +21,15 @@
 mod change;
 mod claim;
 #[cfg(test)]
-pub(super) mod conformance;
+pub(crate) mod conformance;
 mod cursor;
 mod database;
 mod job;
 mod jobs;
+pub(crate) mod kept;
 mod listeners;
 mod lists;
+pub(crate) mod live;
 mod schema;
 #[expect(clippy::module_inception, reason = "it is the store")]
 mod store;
@@ -36,27 +38,27 @@ mod url;
 mod workers;
 
 #[cfg(feature = "postgres")]
-pub(super) use self::database::postgres::Address;
-pub(super) use self::job::{
+pub(crate) use self::database::postgres::Address;
+pub(crate) use self::job::{
     Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, Summary, Ticket,
     keeps_upload, no_such_job,
 };
-pub(super) use self::store::Store;
-pub(super) use self::terms::{
+pub(crate) use self::store::Store;
+pub(crate) use self::terms::{
     Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, Statistics, What,
 };
 pub use self::url::StoreUrl;
-pub(super) use self::workers::{Presence, Worker, WorkerId};
-pub(super) use super::queue::{Claiming, Release, Rules, State};
+pub(crate) use self::workers::{Presence, Worker, WorkerId};
+pub(crate) use crate::queue::{Claiming, Release, Rules, State};
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use std::path::Path;
     use std::time::Duration;
 
     use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec, Store};
-    use crate::faults::Faults;
-    use crate::kept::Kept;
+    use crate::ops::faults::Faults;
+    use crate::store::kept::Kept;
     use tesserae_mesh::mesh::Format;
     use tesserae_mesh::parameters::Parameters;
 

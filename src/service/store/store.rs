@@ -22,7 +22,7 @@ use super::listeners::{Effects, Listeners};
 use super::terms::Statistics;
 #[cfg(feature = "postgres")]
 use super::url::StoreUrl;
-use crate::faults::Faults;
+use crate::ops::faults::Faults;
 use crate::queue::{Rules, State};
 
 #[derive(Debug)]

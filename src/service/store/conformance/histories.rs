@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 use super::sqlite::NAME;
 use super::*;
-use crate::faults::Faults;
+use crate::ops::faults::Faults;
 use crate::queue::history::{self, New, Step, Stored, play};
 use crate::queue::model::{Altered, Model, claiming};
 use crate::queue::{self, Change};

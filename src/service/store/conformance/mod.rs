@@ -15,7 +15,7 @@ use super::{
     Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice,
     Progress, Release, Retried, Rules, SmallBlob, Spec, State, Statistics, Store, Summary, Ticket, What,
 };
-use crate::kept::Kept;
+use crate::store::kept::Kept;
 
 mod at_once;
 mod attempts;

@@ -7,7 +7,7 @@ use rusqlite::Connection;
 use super::super::tests::{RULES, new_job};
 use super::sqlite::{NAME, in_a_folder, open};
 use super::*;
-use crate::faults::Faults;
+use crate::ops::faults::Faults;
 
 #[tokio::test]
 async fn a_file_of_somebody_elses_is_refused_in_one_line() {

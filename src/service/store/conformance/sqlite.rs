@@ -9,7 +9,7 @@ use tempfile::TempDir;
 use super::super::database::rows::{Abort, Rows};
 use super::super::tests::{RULES, new_job};
 use super::{claims, *};
-use crate::faults::{FaultPoint, Faults};
+use crate::ops::faults::{FaultPoint, Faults};
 
 /// Stores in folders of their own.
 #[derive(Default)]

@@ -35,7 +35,7 @@ use self::session::Session;
 use super::super::listeners::{Effects, Listeners};
 use super::super::url::StoreUrl;
 use super::rows::{Abort, Rows};
-use crate::blocking::blocking;
+use crate::ops::blocking::blocking;
 
 /// Times that work is done again that the database broke off, though nothing is wrong with it.
 const AGAIN: usize = 5;

@@ -25,8 +25,8 @@ use self::readers::Readers;
 use self::writer::Writer;
 use super::super::listeners::{Effects, Listeners};
 use super::rows::{Abort, Rows};
-use crate::blocking::blocking;
-use crate::faults::Faults;
+use crate::ops::blocking::blocking;
+use crate::ops::faults::Faults;
 
 /// A file with the tables of the store.
 #[derive(Debug)]

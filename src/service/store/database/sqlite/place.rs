@@ -11,7 +11,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::super::rows::Abort;
 use super::check::{self, is_damage};
-use crate::private;
+use crate::ops::private;
 
 /// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs,
 /// and what they read is in the system's memory anyway.

@@ -12,7 +12,7 @@ use super::super::rows::Abort;
 use super::check::Damage;
 use super::place::{Place, closed, failure};
 use super::session::Session;
-use crate::blocking::blocking;
+use crate::ops::blocking::blocking;
 
 /// How many there are.
 const READERS: u32 = 4;

@@ -21,7 +21,7 @@ use super::super::rows::{Abort, Rows};
 use super::check::Damage;
 use super::place::{Place, closed, failure};
 use super::session::Session;
-use crate::faults::{FaultPoint, Faults};
+use crate::ops::faults::{FaultPoint, Faults};
 
 /// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
 const BATCH: usize = 256;

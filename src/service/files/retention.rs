@@ -1,0 +1,201 @@
+//! Retention: deletes jobs some time after their end, with their results, and sweeps files that belong to no job.
+//!
+//! No job expires at once because the system's clock jumped forward: while the operator sets it right, nothing is
+//! deleted. A jump cannot be distinguished from a time in which the service was stopped.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime};
+
+use futures_util::future::join_all;
+use tesserae_mesh::error::Result;
+use tokio_util::sync::CancellationToken;
+
+use crate::files::Files;
+use crate::files::deletion;
+use crate::store::{Deletion, ListQuery, Store};
+
+/// Jobs that are deleted at a time.
+const AT_ONCE: usize = 100;
+
+/// Longest time between two looks for expired jobs.
+const INTERVAL: Duration = Duration::from_secs(30);
+
+/// Time between two sweeps of files that a failed removal left.
+const SWEEP: Duration = Duration::from_secs(3600);
+
+/// Time from the start to the first sweep: a service that is started again every hour would never sweep otherwise.
+const FIRST_SWEEP: Duration = Duration::from_secs(5);
+
+/// Least time for which files stay of jobs that the store does not know.
+const UNKNOWN: Duration = Duration::from_secs(7 * 86_400);
+
+/// The clock jumped when it is ahead of the time that passed by more than this.
+const JUMP: Duration = Duration::from_secs(3600);
+
+/// Time after a jump in which nothing is deleted.
+const PAUSE: Duration = Duration::from_secs(600);
+
+/// The clocks of the system, read at once.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    /// The system's clock, which people and other computers set.
+    wall: SystemTime,
+    /// The monotonic clock.
+    steady: Instant,
+}
+
+impl Reading {
+    /// As it is now.
+    fn now() -> Self {
+        Self { wall: SystemTime::now(), steady: Instant::now() }
+    }
+}
+
+/// Deletes jobs some time after their end.
+#[derive(Debug)]
+pub(crate) struct Retention {
+    files: Arc<Files>,
+    store: Arc<Store>,
+    /// Time for which an ended job is kept; for ever when none.
+    kept: Option<Duration>,
+    /// The clocks at the last look.
+    last: Reading,
+    /// Until when nothing is deleted.
+    pause: Option<Instant>,
+}
+
+impl Retention {
+    /// For the jobs of a store. The clock was right when the newest job was created.
+    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>) -> Result<Self> {
+        Self::at(files, store, kept, Reading::now()).await
+    }
+
+    async fn at(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
+        let newest = store.list(&ListQuery { limit: 1, ..ListQuery::default() }).await?.jobs.pop();
+        // a stop and a jump of the clock look alike
+        let last = Reading { wall: newest.map_or(now.wall, |job| job.created_at), ..now };
+        Ok(Self { files, store, kept, last, pause: None })
+    }
+
+    /// Deletes expired jobs until `stop`.
+    pub async fn run(mut self, stop: CancellationToken) {
+        let kept = self.kept;
+        let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
+        let (mut swept, mut pause) = (Instant::now(), FIRST_SWEEP);
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return,
+                () = tokio::time::sleep(interval) => {}
+            }
+            // one service does it for all that share the store
+            if !self.store.may_clean_up().await.unwrap_or(false) {
+                continue;
+            }
+            let is_over = self.look(Reading::now()).await && swept.elapsed() >= pause;
+            if is_over {
+                (swept, pause) = (Instant::now(), SWEEP);
+                let old = kept.and_then(|kept| SystemTime::now().checked_sub(kept.max(UNKNOWN)));
+                match self.files.sweep(self.store.as_ref(), old).await {
+                    Ok(removed) => tracing::debug!(removed, "swept"),
+                    Err(error) => tracing::warn!(%error, "the data folder cannot be swept now"),
+                }
+            }
+        }
+    }
+
+    /// Deletes the jobs that have expired, unless the clock jumped; whether it did not.
+    async fn look(&mut self, now: Reading) -> bool {
+        if self.pauses(now) {
+            return false;
+        }
+        let before = self.kept.and_then(|kept| now.wall.checked_sub(kept));
+        if let Some(before) = before
+            && let Err(error) = self.expire(before).await
+        {
+            tracing::warn!(%error, "expired jobs cannot be deleted now");
+        }
+        true
+    }
+
+    /// Whether the clock jumped since the last look, or a while ago.
+    fn pauses(&mut self, now: Reading) -> bool {
+        let expected = self.last.wall + now.steady.saturating_duration_since(self.last.steady);
+        let ahead = now.wall.duration_since(expected).unwrap_or_default();
+        self.last = now;
+        if ahead > JUMP {
+            self.pause = Some(now.steady + PAUSE);
+            let seconds = ahead.as_secs();
+            tracing::warn!(
+                seconds,
+                "the clock jumped forward, or the service was stopped: no job expires for ten minutes"
+            );
+        }
+        self.pause.is_some_and(|end| now.steady < end)
+    }
+
+    /// Deletes every job that ended before a moment.
+    async fn expire(&self, before: SystemTime) -> Result<()> {
+        loop {
+            let old = self.store.ended_before(before, AT_ONCE).await?;
+            // at once: they share a transaction, as many jobs may end as begin
+            let outcomes = join_all(old.iter().map(async |id| {
+                let outcome = deletion::delete(&self.files, self.store.as_ref(), *id).await?;
+                if outcome == Deletion::Deleted {
+                    tracing::info!(job = %id, "forgotten");
+                }
+                Result::Ok(())
+            }));
+            outcomes.await.into_iter().collect::<Result<()>>()?;
+            if old.len() < AT_ONCE {
+                return Ok(());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ops::faults::Faults;
+    use crate::store::End;
+    use crate::store::tests::{new_job, store_in};
+
+    #[tokio::test]
+    async fn a_clock_that_jumps_forward_makes_no_job_expire_at_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let opened = Files::open(Some(folder.path()), None, 0, Faults::default());
+        let (files, store) = (Arc::new(opened.expect("it opens")), Arc::new(store_in(folder.path()).await));
+        let (minute, week) = (Duration::from_secs(60), Duration::from_secs(7 * 86_400));
+        let ended = async || {
+            store.create(new_job()).await.expect("created");
+            let claimed = store.claim(1, week).await.expect("claimable");
+            store.finish(claimed[0].0, End::Cancelled).await.expect("ended");
+            claimed[0].0.job
+        };
+        let is_there = async |job| store.get(job).await.expect("readable").is_some();
+        let job = ended().await;
+
+        let start = Reading::now();
+        let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
+        let from = async |now| {
+            let (files, jobs) = (Arc::clone(&files), Arc::clone(&store));
+            Retention::at(files, jobs, Some(week), now).await.expect("readable")
+        };
+        let mut retention = from(start).await;
+        assert!(retention.look(at(minute, minute)).await);
+        assert!(!retention.look(at(week + 2 * minute, 2 * minute)).await, "while the service runs");
+        assert!(!retention.look(at(week + PAUSE, PAUSE)).await && is_there(job).await);
+        let later = 2 * PAUSE;
+        assert!(retention.look(at(later, later)).await && is_there(job).await, "it was set right");
+        assert!(!retention.look(at(2 * week, later + minute)).await && is_there(job).await);
+        assert!(retention.look(at(2 * week + PAUSE, later + minute + PAUSE)).await);
+        assert!(!is_there(job).await, "it was not");
+
+        let job = ended().await;
+        let mut retention = from(at(2 * week, minute)).await;
+        assert!(!retention.look(at(2 * week + minute, 2 * minute)).await && is_there(job).await, "it was stopped");
+        assert!(retention.look(at(2 * week + PAUSE, 2 * minute + PAUSE)).await && !is_there(job).await);
+        let mut retention = from(start).await;
+        assert!(retention.look(at(week, week)).await, "time passes as the clock says");
+    }
+}

@@ -1,0 +1,136 @@
+//! Watches the data folder and the store, and sets the health of both.
+//!
+//! Folder and store count their failures, and [`Storage::watch`] reads the counts. It then writes to the part that
+//! failed until that works; meanwhile the service is not ready and no job begins. With too little room for uploads the
+//! service is not ready either, but jobs continue, because they make room. While jobs cannot read or write files of
+//! theirs in a folder that works, the service is degraded.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use tesserae_mesh::error::Result;
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+use crate::files::Files;
+use crate::ops::blocking::blocking;
+use crate::ops::health::{Health, Part};
+use crate::store::Store;
+
+/// Time between two looks at the counts.
+const INTERVAL: Duration = Duration::from_millis(500);
+
+/// Time after which the folder is tried although nothing failed.
+const TRIED_ANYWAY: Duration = Duration::from_secs(10);
+
+/// The state of folder and store.
+#[derive(Debug)]
+pub(crate) struct Storage {
+    files: Arc<Files>,
+    store: Arc<Store>,
+    health: Arc<Health>,
+    works: watch::Sender<bool>,
+}
+
+impl Storage {
+    /// Folder and store, which just worked.
+    pub fn new(files: Arc<Files>, store: Arc<Store>, health: Arc<Health>) -> Self {
+        Self { files, store, health, works: watch::Sender::new(true) }
+    }
+
+    /// Completes once folder and store take what is written.
+    pub async fn works(&self) {
+        let _ = self.works.subscribe().wait_for(|works| *works).await;
+    }
+
+    /// Watches folder and store until `stop`.
+    pub async fn watch(&self, stop: CancellationToken) {
+        let mut seen = (0, 0);
+        let mut tried = Instant::now();
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return,
+                () = tokio::time::sleep(INTERVAL) => {}
+            }
+            let failures = (self.files.failures(), self.store.statistics().failures);
+            let works = *self.works.borrow();
+            if failures != seen || !works || tried.elapsed() >= TRIED_ANYWAY {
+                seen = failures;
+                tried = Instant::now();
+                self.look().await;
+            } else {
+                self.look_at_room().await;
+            }
+        }
+    }
+
+    /// Tries both.
+    async fn look(&self) {
+        let files = Arc::clone(&self.files);
+        let folder = match blocking(move || files.probe()).await {
+            Ok(Ok(())) => self.files.probe_elsewhere().await,
+            Ok(Err(error)) | Err(error) => Err(error),
+        };
+        let store = self.store.probe().await;
+        let works = folder.is_ok() && store.is_ok();
+        self.say(Part::Store, store);
+        match folder {
+            Ok(()) => self.look_at_room().await,
+            failed => self.say(Part::Disk, failed),
+        }
+        self.works.send_if_modified(|before| std::mem::replace(before, works) != works);
+    }
+
+    async fn look_at_room(&self) {
+        let files = Arc::clone(&self.files);
+        let _ = blocking(move || files.make_ballast()).await;
+        if let Ok(bytes) = self.store.free_bytes().await
+            && self.files.is_short_of(bytes)
+        {
+            // a failure is counted by the store
+            let _ = self.store.give_back().await;
+        }
+        self.say(Part::Disk, self.files.check_root().and_then(|()| self.files.check_small_job()));
+    }
+
+    fn say(&self, part: Part, tried: Result<()>) {
+        match (tried, self.files.stuck.load(Ordering::Relaxed)) {
+            (Err(error), _) => self.health.fail(part, error.message),
+            (Ok(()), 1..) if part == Part::Disk => {
+                self.health.degrade(part, "there are jobs that cannot read or write files of theirs; the log says why");
+            }
+            (Ok(()), _) => self.health.clear(part),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ops::faults::Faults;
+    use crate::store::tests::{RULES, new_job};
+
+    #[tokio::test]
+    async fn a_full_disk_gets_room_back_from_the_store() {
+        let folder = tempfile::tempdir().expect("a folder");
+        // never any room: whatever the store keeps free is needed
+        let total = rustix::fs::statvfs(folder.path()).map(|found| found.f_blocks * found.f_frsize).expect("known");
+        let files = Files::open(Some(folder.path()), None, total - 1, Faults::default()).expect("it opens");
+        let (files, health) = (Arc::new(files), Arc::<Health>::default());
+        let path = files.database();
+        let store = Arc::new(Store::open(&path, RULES, Faults::default()).await.expect("a store"));
+        let storage = Storage::new(files, Arc::clone(&store), Arc::clone(&health));
+        let mut job = new_job();
+        job.spec.buffers = vec!["x".repeat(10 << 20)];
+        store.create(job.clone()).await.expect("created");
+        store.cancel(job.id).await.expect("cancelled");
+        store.delete(job.id).await.expect("deleted");
+        for _ in 0..20 {
+            storage.look_at_room().await;
+        }
+        assert!(path.metadata().expect("there").len() < 1 << 20);
+        assert!(health.why_not_ready().is_some(), "no small job is taken");
+        store.close().await;
+    }
+}

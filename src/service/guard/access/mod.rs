@@ -1,0 +1,249 @@
+//! Authentication: from tokens to tenants.
+//!
+//! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another
+//! tenant is not there. Without tokens all requests are of one tenant. A token is never logged, nor part of
+//! an error.
+
+mod file;
+pub(crate) mod tokens;
+
+use std::net::IpAddr;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::Duration;
+
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, header};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tokio::sync::{Notify, watch};
+use tokio_util::sync::CancellationToken;
+
+use self::file::Stamp;
+use self::tokens::{Tenant, TokenName, Tokens};
+use crate::guard::problem::Failure;
+use crate::ops::blocking::blocking;
+use crate::ops::health::{Health, Part};
+use crate::ops::trace::Origin;
+use crate::queue::Shares;
+use crate::settings::AccessSettings;
+use crate::store::LOCAL_TENANT;
+
+/// How often the file of tokens is looked at for a change.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+/// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
+const OPEN: [&str; 13] = [
+    "/healthz",
+    "/readyz",
+    "/v1/version",
+    "/openapi.yaml",
+    "/",
+    "/page.js",
+    "/scene.js",
+    "/page.css",
+    "/mark.svg",
+    "/share.jpg",
+    "/licences.txt",
+    "/knot.glb",
+    "/knot.tsr",
+];
+
+/// Paths with data of all tenants.
+const OF_ALL_TENANTS: [&str; 2] = ["/metrics", "/v1/workers"];
+
+/// The sender of a request.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Caller {
+    /// The tenant; none for a path that needs no token.
+    pub tenant: Option<Tenant>,
+    /// Its token, where there are tokens.
+    token: Option<TokenName>,
+    /// Where the request comes from.
+    pub origin: Option<Origin>,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Caller {
+    type Rejection = Failure;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Failure> {
+        parts.extensions.get::<Self>().cloned().ok_or_else(|| missing().into())
+    }
+}
+
+impl Caller {
+    /// Name of the tenant; none for a path that needs no token.
+    pub fn tenant_name(&self) -> Option<&str> {
+        self.tenant.as_ref().map(|tenant| tenant.name.as_str())
+    }
+
+    /// The sender of a request that needs no token.
+    pub fn anybody() -> Self {
+        Self { tenant: None, token: None, origin: None }
+    }
+
+    /// Id of its token, where there are tokens.
+    pub fn token_id(&self) -> Option<&str> {
+        self.token.as_ref().map(TokenName::id)
+    }
+
+    /// The tenant whose jobs it may see.
+    pub fn tenant(&self) -> Result<&Tenant> {
+        self.tenant.as_ref().ok_or_else(missing)
+    }
+}
+
+/// A handler that needs a tenant at a path that has none.
+fn missing() -> Error {
+    Error::new(Kind::Internal, "it is not known who asks")
+}
+
+/// Finds the callers of requests.
+#[derive(Debug)]
+pub(crate) struct Access {
+    kept: Option<Kept>,
+    changes: watch::Sender<()>,
+    shares: watch::Sender<Arc<Shares>>,
+}
+
+/// The tokens, and the file that they were read from.
+#[derive(Debug)]
+struct Kept {
+    path: PathBuf,
+    /// Of the file when it was read first.
+    first: Stamp,
+    tokens: RwLock<Arc<Tokens>>,
+}
+
+impl Kept {
+    /// The tokens as they were read last.
+    fn tokens(&self) -> Arc<Tokens> {
+        Arc::clone(&self.tokens.read().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Access {
+    /// Reads the tokens, if there are to be some.
+    pub async fn open(settings: &AccessSettings) -> Result<Self> {
+        let kept = match settings.tokens.clone() {
+            Some(path) => {
+                // before they are read: what changes meanwhile is read again
+                let first = on_file(&path, Stamp::of).await?;
+                let tokens = Arc::new(on_file(&path, Tokens::read).await.flatten()?);
+                tracing::info!(tokens = tokens.len(), "read {}", path.display());
+                Some(Kept { path, first, tokens: RwLock::new(tokens) })
+            }
+            None => None,
+        };
+        let shares = kept.as_ref().map(|kept| kept.tokens().shares()).unwrap_or_default();
+        Ok(Self { kept, changes: watch::Sender::default(), shares: watch::Sender::new(Arc::new(shares)) })
+    }
+
+    /// What each tenant may use of the queue, as the tokens say now.
+    pub fn shares(&self) -> watch::Receiver<Arc<Shares>> {
+        self.shares.subscribe()
+    }
+
+    /// The caller of a request with these headers to `path`; an error where access is denied.
+    pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
+        let Some(kept) = &self.kept else {
+            let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
+            return Ok(Caller { tenant: Some(local), token: None, origin: None });
+        };
+        if OPEN.contains(&path) {
+            return Ok(Caller::anybody());
+        }
+        let tokens = kept.tokens();
+        let (tenant, token) = tokens.tenant(bearer(headers)?).ok_or_else(|| {
+            Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
+        })?;
+        if OF_ALL_TENANTS.contains(&path) && !tenant.metrics {
+            return Err(Error::new(
+                Kind::Forbidden,
+                format_args!(
+                    "{path} tells about all tenants; the operator makes a token that may read it with `tesserae token \
+                     new NAME --metrics`, which this one may not: {}",
+                    tenant.name
+                ),
+            ));
+        }
+        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token), origin: None })
+    }
+
+    /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
+    /// from this machine, and not through a proxy, where there are no tokens.
+    pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
+        match self.kept {
+            Some(_) => self.caller(OF_ALL_TENANTS[0], headers).is_ok(),
+            None => {
+                client.is_loopback() && !["forwarded", "x-forwarded-for"].iter().any(|name| headers.contains_key(*name))
+            }
+        }
+    }
+
+    /// Whether the token of an earlier caller is still valid.
+    pub fn still_knows(&self, caller: &Caller) -> bool {
+        let (Some(kept), Some(token), Some(tenant)) = (&self.kept, &caller.token, &caller.tenant) else {
+            return true;
+        };
+        kept.tokens().has(token, &tenant.name)
+    }
+
+    /// Changes whenever the tokens may have.
+    pub fn changes(&self) -> watch::Receiver<()> {
+        let mut changes = self.changes.subscribe();
+        // what changed since the caller was let in is not missed
+        changes.mark_changed();
+        changes
+    }
+
+    /// Reads the tokens again whenever they change, and when `reload` is notified, until `stop`. Tokens that cannot be
+    /// read change nothing.
+    pub async fn follow(&self, health: &Health, reload: Arc<Notify>, stop: CancellationToken) {
+        let Some(kept) = &self.kept else { return };
+        let mut seen = kept.first.clone();
+        loop {
+            let is_asked = tokio::select! {
+                () = stop.cancelled() => return,
+                () = tokio::time::sleep(LOOK_EVERY) => false,
+                () = reload.notified() => true,
+            };
+            let Ok(stamp) = on_file(&kept.path, Stamp::of).await else { continue };
+            if !is_asked && stamp == seen {
+                continue;
+            }
+            match on_file(&kept.path, Tokens::read).await.flatten() {
+                Ok(tokens) => {
+                    tracing::info!(tokens = tokens.len(), "read {} again", kept.path.display());
+                    self.shares.send_replace(Arc::new(tokens.shares()));
+                    *kept.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
+                    self.changes.send_replace(());
+                    health.clear(Part::Tokens);
+                    seen = stamp;
+                }
+                // and are read again at the next look
+                Err(error) => health.degrade(Part::Tokens, format!("the tokens are as they were before: {error}")),
+            }
+        }
+    }
+}
+
+/// What `work` finds in a file, away from the runtime.
+async fn on_file<T: Send + 'static>(path: &Path, work: fn(&Path) -> T) -> Result<T> {
+    let path = path.to_owned();
+    blocking(move || work(&path)).await
+}
+
+/// The token of a request (RFC 6750 §2.1).
+fn bearer(headers: &HeaderMap) -> Result<&str> {
+    let unauthorized = |message| Error::new(Kind::Unauthorized, message);
+    let mut values = headers.get_all(header::AUTHORIZATION).iter();
+    let (Some(value), None) = (values.next(), values.next()) else {
+        return Err(unauthorized("a token is needed, once: send it as `Authorization: Bearer TOKEN`"));
+    };
+    let (scheme, token) = value.to_str().ok().and_then(|value| value.split_once(' ')).unwrap_or_default();
+    match scheme.eq_ignore_ascii_case("bearer") {
+        true => Ok(token.trim()),
+        false => Err(unauthorized("Authorization must be `Bearer TOKEN`")),
+    }
+}

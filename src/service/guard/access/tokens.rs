@@ -1,0 +1,342 @@
+//! Tokens: which tenants may use the service, and how much of it.
+//!
+//! A token is `tess_ID_SECRET`. The file of tokens has the id, a salt, and the SHA-256 of salt and secret, so that a
+//! reader of the file has no token. The secret is 256 random bits: a slow hash would gain nothing.
+//! [`file`](super::file) reads and writes the file.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::num::NonZeroU32;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use subtle::ConstantTimeEq;
+use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
+
+use crate::queue::{Share, Shares};
+
+/// What every token begins with, so that scanners for leaked secrets find it.
+const PREFIX: &str = "tess_";
+
+/// What a tenant may use of the service; what is left out is as the settings say.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Quotas {
+    /// Jobs that may wait.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_queued_jobs: Option<u64>,
+    /// Requests a second, averaged; 0 for any number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_request_rate: Option<u32>,
+    /// Requests at a time, event streams aside.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_requests_at_once: Option<u32>,
+    /// Event streams at a time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_streams: Option<u32>,
+    /// Jobs that may run at a time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_running_jobs: Option<u64>,
+    /// Share of the running jobs and of the device's time, from 1 on: a tenant of weight 2 gets twice as much as one of
+    /// weight 1, which is what a tenant has when this is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weight: Option<NonZeroU32>,
+}
+
+impl Quotas {
+    fn share(&self) -> Share {
+        let default = Share::default();
+        Share { weight: self.weight.map_or(default.weight, NonZeroU32::get), max_running: self.max_running_jobs }
+    }
+}
+
+/// The content of the file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TokenFile {
+    /// Tenants by name.
+    pub tenants: BTreeMap<String, TenantEntry>,
+}
+
+/// A tenant in the file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TenantEntry {
+    /// What it may use.
+    pub quotas: Quotas,
+    /// Whether it may read `/metrics` and `/v1/workers`, which cover all tenants.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub metrics: bool,
+    /// Its tokens, any of which will do.
+    pub tokens: Vec<TokenEntry>,
+}
+
+/// A token in the file, which cannot be made from it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TokenEntry {
+    /// Which one it is: 16 hexadecimal digits.
+    pub id: String,
+    /// Random bytes, base64url.
+    salt: String,
+    /// SHA-256 of salt and secret, base64url.
+    sha256: String,
+}
+
+/// A token as its owner has it. Its `Debug` form hides the secret.
+pub struct Token {
+    id: String,
+    secret: String,
+}
+
+impl Token {
+    /// The whole token: to be shown once.
+    pub fn reveal(&self) -> String {
+        format!("{PREFIX}{}_{}", self.id, self.secret)
+    }
+
+    /// Which one it is.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+}
+
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Token").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+impl TokenFile {
+    /// Reads the content of a file.
+    pub fn parse(json: &[u8]) -> Result<Self> {
+        let file: Self = serde_json::from_slice(json).map_err(|error| {
+            Error::parameter(format_args!("the file of tokens is not valid: {}", wrong_json_at(&error)))
+        })?;
+        file.check()?;
+        Ok(file)
+    }
+
+    /// Checks the whole.
+    pub fn check(&self) -> Result<()> {
+        self.index().map(drop)
+    }
+
+    /// Refuses what cannot be the name of a tenant.
+    pub fn check_name(name: &str) -> Result<()> {
+        let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        // names are parts of paths
+        let is_dots = name.bytes().all(|byte| byte == b'.');
+        if is_dots || name.len() > 64 || !name.chars().all(is_allowed) {
+            return Err(Error::parameter(format_args!(
+                "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', and not dots alone: {name:?}"
+            )));
+        }
+        if name == crate::store::LOCAL_TENANT {
+            return Err(Error::parameter(format_args!(
+                "this name stands for a service without tokens; take another: {name:?}"
+            )));
+        }
+        Ok(())
+    }
+
+    /// Adds a token for a tenant, which is new or known.
+    pub fn add(&mut self, tenant: &str) -> Result<Token> {
+        Self::check_name(tenant)?;
+        let (mut id, mut salt, mut secret) = ([0; 8], [0; 16], [0; 32]);
+        for bytes in [&mut id[..], &mut salt, &mut secret] {
+            getrandom::fill(bytes)
+                .map_err(|error| Error::new(Kind::Internal, format_args!("no random bytes can be had: {error}")))?;
+        }
+        let id: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
+        let secret = URL_SAFE_NO_PAD.encode(secret);
+        let entry = TokenEntry {
+            id: id.clone(),
+            salt: URL_SAFE_NO_PAD.encode(salt),
+            sha256: URL_SAFE_NO_PAD.encode(digest(&salt, &secret)),
+        };
+        self.tenants.entry(tenant.to_owned()).or_default().tokens.push(entry);
+        Ok(Token { id, secret })
+    }
+
+    /// Takes a token back. The tenant stays, with its quotas. Its name; none when there is no such token.
+    pub fn revoke(&mut self, id: &str) -> Option<&str> {
+        self.tenants.iter_mut().find_map(|(name, tenant)| {
+            let place = tenant.tokens.iter().position(|token| token.id == id)?;
+            tenant.tokens.remove(place);
+            Some(name.as_str())
+        })
+    }
+
+    /// The tokens by their ids.
+    fn index(&self) -> Result<HashMap<String, Known>> {
+        let mut index = HashMap::new();
+        for (name, tenant) in &self.tenants {
+            Self::check_name(name)?;
+            if tenant.quotas.max_running_jobs == Some(0) {
+                return Err(Error::parameter(format_args!(
+                    "with max_running_jobs 0 no job of a tenant would ever run: give at least 1, leave it out for any \
+                     number, or set max_queued_jobs to 0 to take no jobs of {name:?}"
+                )));
+            }
+            let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
+            for token in &tenant.tokens {
+                let known = token.known(owner.clone()).ok_or_else(|| {
+                    Error::parameter(format_args!("a token is not as this program writes them, of {name:?}"))
+                })?;
+                if index.insert(token.id.clone(), known).is_some() {
+                    return Err(Error::parameter(format_args!("two tokens have the same id: {:?}", token.id)));
+                }
+            }
+        }
+        Ok(index)
+    }
+}
+
+impl TokenEntry {
+    fn known(&self, tenant: Tenant) -> Option<Known> {
+        let is_id = self.id.len() == 16 && self.id.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let salt = URL_SAFE_NO_PAD.decode(&self.salt).ok().filter(|salt| salt.len() >= 8)?;
+        let digest = URL_SAFE_NO_PAD.decode(&self.sha256).ok()?.try_into().ok()?;
+        is_id.then_some(Known { salt, digest, tenant })
+    }
+}
+
+/// The tokens of a file, ready for look-ups.
+#[derive(Debug, Default)]
+pub(crate) struct Tokens {
+    by_id: HashMap<String, Known>,
+    shares: Shares,
+}
+
+#[derive(Debug)]
+struct Known {
+    salt: Vec<u8>,
+    digest: [u8; 32],
+    tenant: Tenant,
+}
+
+/// Which token a request came with: its id, and the digest of its secret, which differs when the token is replaced
+/// under the same id.
+#[derive(Clone, PartialEq, Eq)]
+pub(crate) struct TokenName {
+    id: String,
+    digest: [u8; 32],
+}
+
+impl TokenName {
+    /// The id, which is no secret.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+}
+
+impl fmt::Debug for TokenName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TokenName").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+/// A tenant of the service.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Tenant {
+    /// Its name.
+    pub name: String,
+    /// What it may use.
+    pub quotas: Quotas,
+    /// Whether it may read `/metrics` and `/v1/workers`.
+    pub metrics: bool,
+}
+
+impl Tokens {
+    /// The tokens of a file.
+    pub fn of(file: &TokenFile) -> Result<Self> {
+        let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share())).collect();
+        Ok(Self { by_id: file.index()?, shares })
+    }
+
+    /// What each tenant may use of the queue.
+    pub fn shares(&self) -> Shares {
+        self.shares.clone()
+    }
+
+    /// The tenant of a token, and which token it is. Takes as long for a wrong token as for a right one.
+    pub fn tenant(&self, token: &str) -> Option<(&Tenant, TokenName)> {
+        let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
+        let known = self.by_id.get(id);
+        let (salt, expected) = known.map_or((&[0; 16][..], [0; 32]), |known| (&known.salt, known.digest));
+        let is_equal = bool::from(digest(salt, secret).ct_eq(&expected));
+        known.filter(|_| is_equal).map(|known| (&known.tenant, TokenName { id: id.to_owned(), digest: known.digest }))
+    }
+
+    /// Whether that token is still there, and the tenant's.
+    pub fn has(&self, token: &TokenName, tenant: &str) -> bool {
+        let known = self.by_id.get(&token.id);
+        known.is_some_and(|known| known.digest == token.digest && known.tenant.name == tenant)
+    }
+
+    /// Number of tokens.
+    pub fn len(&self) -> usize {
+        self.by_id.len()
+    }
+}
+
+/// SHA-256 of salt and secret.
+fn digest(salt: &[u8], secret: &str) -> [u8; 32] {
+    Sha256::new().chain_update(salt).chain_update(secret).finalize().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ask(file: &TokenFile, token: &str) -> Option<String> {
+        let tokens = Tokens::of(file).expect("valid");
+        tokens.tenant(token).map(|(tenant, _)| tenant.name.clone())
+    }
+
+    #[test]
+    fn a_token_opens_for_its_tenant_and_nothing_else_does() {
+        let mut file = TokenFile::default();
+        let (mine, other) = (file.add("mine").expect("made"), file.add("other").expect("made"));
+        let token = mine.reveal();
+        assert_eq!(ask(&file, &token).as_deref(), Some("mine"));
+        assert_eq!(ask(&file, &other.reveal()).as_deref(), Some("other"));
+        let secret_of_another = format!("tess_{}_{}", mine.id, other.secret);
+        let longer = format!("{token}A");
+        for wrong in ["", "tess_", "tess__", &token[..token.len() - 1], &longer, &token[5..], &secret_of_another] {
+            assert_eq!(ask(&file, wrong), None, "{wrong}");
+        }
+        assert_eq!(file.revoke(mine.id()), Some("mine"));
+        assert_eq!(ask(&file, &token), None);
+        assert_eq!(file.revoke(mine.id()), None);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_told() {
+        let entry = r#"{"id": "0123456789abcdef", "salt": "AAAAAAAAAAA", "sha256": "AAAA"}"#;
+        for (json, words) in [
+            ("", "EOF"),
+            ("{}", "tenants"),
+            (r#"{"tenants": {"a": {"quota": {}}}}"#, "quota"),
+            (r#"{"tenants": {"a b": {}}}"#, "a b"),
+            (r#"{"tenants": {"local": {}}}"#, "local"),
+            (r#"{"tenants": {"a": {"quotas": {"max_request_rate": -1}}}}"#, "-1"),
+            (r#"{"tenants": {"a": {"quotas": {"weight": 0}}}}"#, "from 1 to"),
+            (r#"{"tenants": {"a": {"quotas": {"max_running_jobs": 0}}}}"#, "give at least 1"),
+            (&format!(r#"{{"tenants": {{"acme": {{"tokens": [{entry}]}}}}}}"#), "acme"),
+        ] {
+            let error = TokenFile::parse(json.as_bytes()).expect_err(json);
+            assert!(error.message.contains(words), "{json}: {error}");
+        }
+        let quotas = r#"{"tenants": {"a": {"quotas": {"max_queued_jobs": 3}, "metrics": true}}}"#;
+        let file = TokenFile::parse(quotas.as_bytes()).expect("valid");
+        assert_eq!(file.tenants["a"].quotas.max_queued_jobs, Some(3));
+        let quotas = r#"{"tenants": {"a": {"quotas": {"weight": 4, "max_running_jobs": 2}}, "b": {}}}"#;
+        let shares = Tokens::of(&TokenFile::parse(quotas.as_bytes()).expect("valid")).expect("valid").shares();
+        assert_eq!(shares.of("a"), Share { weight: 4, max_running: Some(2) });
+        assert_eq!(shares.of("b"), Share { weight: 1, max_running: None });
+    }
+}

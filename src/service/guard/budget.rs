@@ -1,0 +1,81 @@
+//! How many bytes of uploads may be coming in at a time, all clients together.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use tesserae_mesh::error::{Error, Kind, Result};
+
+/// The bytes that are coming in, and how many may be.
+#[derive(Debug)]
+pub(crate) struct Budget {
+    limit: u64,
+    held: AtomicU64,
+}
+
+/// The bytes of one upload; given back when dropped.
+#[derive(Debug)]
+pub(crate) struct Held {
+    budget: Arc<Budget>,
+    bytes: u64,
+}
+
+impl Budget {
+    /// Nothing yet, and at most `limit` bytes.
+    pub fn new(limit: u64) -> Self {
+        Self { limit, held: AtomicU64::new(0) }
+    }
+
+    /// Begins an upload of `declared` bytes: refused when they do not fit now.
+    pub fn begin(self: &Arc<Self>, declared: Option<u64>) -> Result<Held> {
+        match declared {
+            Some(bytes) if self.held().saturating_add(bytes) > self.limit => Err(self.exceeded()),
+            _ => Ok(Held { budget: Arc::clone(self), bytes: 0 }),
+        }
+    }
+
+    /// Bytes that are coming in.
+    pub fn held(&self) -> u64 {
+        self.held.load(Ordering::Relaxed)
+    }
+
+    fn exceeded(&self) -> Error {
+        Error::new(
+            Kind::Overloaded,
+            format_args!("uploads of as many bytes are coming in as may; try again later: {}", self.limit),
+        )
+    }
+}
+
+impl Held {
+    /// Takes more bytes.
+    pub fn add(&mut self, bytes: u64) -> Result<()> {
+        self.bytes += bytes;
+        let before = self.budget.held.fetch_add(bytes, Ordering::Relaxed);
+        if before.saturating_add(bytes) > self.budget.limit { Err(self.budget.exceeded()) } else { Ok(()) }
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        self.budget.held.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_ended_gives_its_bytes_back() {
+        let budget = Arc::new(Budget::new(100));
+        let mut first = budget.begin(Some(90)).expect("room");
+        first.add(90).expect("room");
+        assert_eq!(budget.begin(Some(11)).expect_err("full").kind, Kind::Overloaded);
+        let mut second = budget.begin(None).expect("nobody knows how long it is");
+        second.add(10).expect("room");
+        assert!(second.add(1).is_err());
+        drop((first, second));
+        assert_eq!(budget.held(), 0);
+        assert!(budget.begin(Some(100)).is_ok());
+    }
+}

@@ -1,0 +1,229 @@
+//! Errors as problem documents (RFC 9457).
+//!
+//! Handlers return [`Failure`]; it carries the error in the response's extensions. [`render`], a layer around the whole
+//! router, writes the document: there the path (`instance`) is known, and what the framework refuses by itself (unknown
+//! paths, methods, panics) passes through too.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::sync::Arc;
+use std::sync::LazyLock;
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use percent_encoding::percent_decode_str;
+use serde::Serialize;
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::mesh::Format;
+use utoipa::{ToResponse, ToSchema};
+
+use crate::guard::path;
+use crate::metrics::Metrics;
+
+/// The media types of bodies that are read, for `Accept-Post` and for messages.
+pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
+    let meshes = Format::ALL.into_iter().flat_map(Format::media_types).copied();
+    meshes.chain(["multipart/form-data", "application/octet-stream"]).collect::<Vec<_>>().join(", ")
+});
+
+/// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
+pub(crate) const ENCODINGS: &str = "gzip, zstd, identity";
+
+/// Media type of problem documents.
+pub(crate) const MEDIA_TYPE: &str = "application/problem+json";
+
+/// Seconds after which a client may repeat a request that failed for now.
+const RETRY_AFTER: u32 = 5;
+
+/// What went wrong (RFC 9457).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub(crate) struct Problem {
+    /// Which kind of problem: `/problems/…`, the same for every problem of the kind.
+    #[serde(rename = "type")]
+    #[schema(example = "/problems/invalid-parameter")]
+    pub kind: String,
+    /// The kind in words.
+    #[schema(example = "A parameter is not valid")]
+    pub title: String,
+    /// HTTP status.
+    #[schema(minimum = 400, maximum = 599, example = 422)]
+    pub status: u16,
+    /// What is wrong, where, and what to do.
+    #[schema(example = "clusters must be at least 1, not 0")]
+    pub detail: String,
+    /// Path of the request, or of the job, that it happened to; a long one is cut.
+    #[schema(example = "/v1/jobs")]
+    pub instance: String,
+    /// Of a full queue: how many jobs wait.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub queue_depth: Option<u64>,
+}
+
+/// What went wrong.
+#[derive(ToResponse)]
+#[response(description = "What went wrong (RFC 9457)", content_type = "application/problem+json")]
+#[expect(dead_code, reason = "describes answers for openapi.yaml")]
+pub(crate) struct Problematic(Problem);
+
+impl Problem {
+    /// The document of `error`, which happened to the resource at path `instance`.
+    pub fn new(error: &Error, instance: impl Into<String>) -> Self {
+        Self {
+            kind: format!("/problems/{}", error.kind.slug()),
+            title: error.kind.title().to_owned(),
+            status: error.kind.status(),
+            detail: error.message.clone(),
+            instance: instance.into(),
+            queue_depth: None,
+        }
+    }
+}
+
+/// An error on its way to the client. `instance` is the path of the request unless it is set.
+#[derive(Debug, Clone)]
+pub(crate) struct Failure {
+    /// What went wrong.
+    pub error: Error,
+    /// Path of the resource it happened to, when that is not the request's.
+    pub instance: Option<String>,
+    /// Seconds after which the client may try again, when that is known.
+    pub retry_after: Option<u32>,
+    /// Of a full queue: how many jobs wait.
+    pub queue_depth: Option<u64>,
+    /// Of a range that is not there: bytes that are.
+    pub complete_length: Option<u64>,
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Self { error, instance: None, retry_after: None, queue_depth: None, complete_length: None }
+    }
+}
+
+impl Failure {
+    /// An error that may be over after this many seconds.
+    pub fn retry_after(error: Error, seconds: u32) -> Self {
+        Self { retry_after: Some(seconds), ..error.into() }
+    }
+}
+
+impl IntoResponse for Failure {
+    fn into_response(self) -> Response {
+        let mut response = status(self.error.kind).into_response();
+        let headers = response.headers_mut();
+        if self.error.kind == Kind::UnsupportedMediaType {
+            headers.insert("accept-post", HeaderValue::from_static(&ACCEPTED));
+            headers.insert(header::ACCEPT_ENCODING, HeaderValue::from_static(ENCODINGS));
+        }
+        if self.error.kind == Kind::Unauthorized {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"tesserae\""));
+        }
+        if let Some(length) = self.complete_length
+            && let Ok(value) = HeaderValue::try_from(format!("bytes */{length}"))
+        {
+            headers.insert(header::CONTENT_RANGE, value);
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+/// What handlers return.
+pub(crate) type Answer<T = Response> = Result<T, Failure>;
+
+/// Turns every error response that is no problem document yet into one.
+pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
+    let path = request.uri().path().to_owned();
+    let method = request.method().clone();
+    let mut response = next.run(request).await;
+    if !response.status().is_client_error() && !response.status().is_server_error() {
+        return response;
+    }
+    let failure = match response.extensions_mut().remove::<Failure>() {
+        Some(failure) => failure,
+        None => {
+            let allowed = response.headers().get(header::ALLOW);
+            refused_by_framework(response.status(), &method, &path, allowed).into()
+        }
+    };
+    metrics.rejected(failure.error.kind);
+    match failure.error.kind {
+        // What every probe and every client gets while the service stops, and what any client gets for a large upload.
+        // A disk that takes no job at all is logged once, as a part that does not work.
+        Kind::Unavailable | Kind::Overloaded | Kind::InsufficientStorage => {
+            tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error)
+        }
+        // logged with its job where it was found
+        Kind::Damaged => {}
+        // the client's doing
+        Kind::NotImplemented => {}
+        kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),
+        _ => {}
+    }
+    let instance = failure.instance.unwrap_or_else(|| path::cut(&path).to_owned());
+    let problem = Problem { queue_depth: failure.queue_depth, ..Problem::new(&failure.error, instance) };
+    let mut rendered = (
+        status(failure.error.kind),
+        [(header::CONTENT_TYPE, MEDIA_TYPE)],
+        axum::Json(problem).into_response().into_body(),
+    )
+        .into_response();
+    *rendered.extensions_mut() = std::mem::take(response.extensions_mut());
+    let headers = rendered.headers_mut();
+    for (name, value) in response.headers() {
+        if name != header::CONTENT_TYPE && name != header::CONTENT_LENGTH {
+            headers.append(name, value.clone());
+        }
+    }
+    if failure.error.kind.is_retryable() {
+        headers.insert(header::RETRY_AFTER, failure.retry_after.unwrap_or(RETRY_AFTER).into());
+    }
+    rendered
+}
+
+/// The error for a response that the router or a layer made by itself.
+fn refused_by_framework(
+    status: StatusCode,
+    method: &axum::http::Method,
+    path: &str,
+    allowed: Option<&HeaderValue>,
+) -> Error {
+    match status {
+        // an id that is no text: what cannot be written cannot be there
+        StatusCode::BAD_REQUEST if percent_decode_str(path).decode_utf8().is_err() => Error::new(
+            Kind::NotFound,
+            format_args!(
+                "there is nothing at this path, which is not UTF-8 once its percent signs are decoded: {}",
+                path::cut(path)
+            ),
+        ),
+        StatusCode::NOT_FOUND => Error::new(
+            Kind::NotFound,
+            format_args!("there is nothing at this path; /openapi.yaml lists what there is: {}", path::cut(path)),
+        ),
+        StatusCode::METHOD_NOT_ALLOWED => Error::new(
+            Kind::MethodNotAllowed,
+            format_args!(
+                "this resource answers {}, not {method}",
+                allowed.and_then(|value| value.to_str().ok()).unwrap_or("no method")
+            ),
+        ),
+        status if status.is_server_error() => {
+            Error::new(Kind::Internal, "the service ran into a defect while it answered; its log says more")
+        }
+        status => Error::new(Kind::BadRequest, format_args!("the request cannot be read: {status}")),
+    }
+}
+
+/// Answer to a handler that panicked; the panic itself was logged by the panic hook.
+pub(crate) fn panicked(_: Box<dyn std::any::Any + Send + 'static>) -> Response {
+    StatusCode::INTERNAL_SERVER_ERROR.into_response()
+}
+
+/// The status of a kind of error.
+fn status(kind: Kind) -> StatusCode {
+    StatusCode::from_u16(kind.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
+}

@@ -1,0 +1,86 @@
+//! Which address a request comes from, also when proxies pass it on.
+//!
+//! The other end of a connection is known; what `X-Forwarded-For` says is believed of the operator's own proxies only
+//! (`--trusted-proxies`), each of which appends the address that it was connected from. So the list is read from its
+//! end, and the first address that is no such proxy is the client's.
+
+use std::net::{IpAddr, SocketAddr};
+
+use axum::extract::{ConnectInfo, Request};
+use axum::http::{HeaderMap, HeaderValue};
+
+use crate::settings::Network;
+
+/// The header that proxies append to.
+const FORWARDED: &str = "x-forwarded-for";
+
+/// Whether an address is that of a proxy.
+pub(crate) fn is_proxy(address: IpAddr, proxies: &[Network]) -> bool {
+    proxies.iter().any(|network| network.contains(address))
+}
+
+/// Address of the client that sent a request.
+pub(crate) fn client(request: &Request, proxies: &[Network]) -> IpAddr {
+    let info = request.extensions().get::<ConnectInfo<SocketAddr>>();
+    let peer = info.map_or(IpAddr::from([0, 0, 0, 0]), |ConnectInfo(address)| address.ip());
+    behind(peer.to_canonical(), request.headers(), proxies)
+}
+
+/// The address behind `peer`. An entry that is no address ends the list: the proxy before it is then the client.
+fn behind(peer: IpAddr, headers: &HeaderMap, proxies: &[Network]) -> IpAddr {
+    let mut client = peer;
+    let lines: Vec<&[u8]> = headers.get_all(FORWARDED).iter().map(HeaderValue::as_bytes).collect();
+    let mut entries = lines.iter().rev().flat_map(|line| line.rsplit(|&byte| byte == b','));
+    while is_proxy(client, proxies) {
+        let entry = entries.next().and_then(|entry| str::from_utf8(entry).ok());
+        let Some(address) = entry.and_then(|entry| address(entry.trim())) else { break };
+        client = address;
+    }
+    client
+}
+
+/// Reads an entry: an address, which some proxies write with the port.
+fn address(entry: &str) -> Option<IpAddr> {
+    let address = entry.parse().or_else(|_| entry.parse().map(|socket: SocketAddr| socket.ip()));
+    address.or_else(|_| entry.trim_matches(['[', ']']).parse()).ok().map(|address| address.to_canonical())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn networks(texts: &[&str]) -> Vec<Network> {
+        texts.iter().map(|text| text.parse().expect("a network")).collect()
+    }
+
+    #[test]
+    fn only_trusted_proxies_are_believed() {
+        let proxies = networks(&["10.0.0.0/8", "127.0.0.1"]);
+        let client = |peer: &str, lines: &[&'static str]| {
+            let mut headers = HeaderMap::new();
+            for line in lines {
+                headers.append(FORWARDED, HeaderValue::from_bytes(line.as_bytes()).expect("a value"));
+            }
+            behind(peer.parse().expect("an address"), &headers, &proxies).to_string()
+        };
+        assert_eq!(client("203.0.113.7", &["1.2.3.4"]), "203.0.113.7", "a client says what it likes");
+        assert_eq!(client("127.0.0.1", &[]), "127.0.0.1");
+        assert_eq!(client("127.0.0.1", &["1.2.3.4"]), "1.2.3.4");
+        assert_eq!(
+            client("127.0.0.1", &["9.9.9.9, 1.2.3.4, 10.1.1.1"]),
+            "1.2.3.4",
+            "what it says before is not believed"
+        );
+        assert_eq!(client("127.0.0.1", &["9.9.9.9", "1.2.3.4", "10.1.1.1"]), "1.2.3.4");
+        assert_eq!(client("10.0.0.2", &["[2001:db8::1]:443"]), "2001:db8::1");
+        assert_eq!(client("10.0.0.2", &["1.2.3.4:5678"]), "1.2.3.4");
+        assert_eq!(client("10.0.0.2", &["1.2.3.4, unknown"]), "10.0.0.2");
+        assert_eq!(client("10.0.0.2", &["6.6.6.6", "\u{ff}, 1.2.3.4"]), "1.2.3.4");
+        assert_eq!(
+            client("10.0.0.2", &["6.6.6.6", "1.2.3.4, \u{ff}"]),
+            "10.0.0.2",
+            "an unreadable entry ends the list"
+        );
+        assert_eq!(client("10.0.0.2", &["10.0.0.3"]), "10.0.0.3", "a proxy may be a client itself");
+    }
+}

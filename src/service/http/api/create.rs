@@ -1,0 +1,207 @@
+//! A new job from an upload.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Request, State as Extract};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::IntoResponse;
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::Parameters;
+use tracing::Instrument as _;
+use utoipa::ToSchema;
+
+use super::binary::Binary;
+use super::view::{JobView, answer};
+use crate::guard::access::Caller;
+use crate::guard::audit::{self, Action};
+use crate::guard::problem::{Answer, Failure, Problematic};
+use crate::guard::refusal;
+use crate::http::prefer;
+use crate::http::state::{App, Shared};
+use crate::ingest::idempotency;
+use crate::ingest::intake::Rules;
+use crate::ingest::upload::{self, Upload};
+use crate::ops::trace::Origin;
+use crate::store::{Created, Job, NewJob};
+use crate::work::urls;
+
+/// The form of an upload.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes the form for openapi.yaml; the parts are read one by one")]
+pub(crate) struct UploadForm {
+    /// The mesh: OBJ, GLB, glTF, PLY, STL or OFF, recognised by media type, file name or content.
+    #[schema(value_type = Binary)]
+    mesh: Binary,
+    /// What to do; the same names as in the query. A parameter may stand in both with the same value only.
+    parameters: Option<Parameters>,
+    /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
+    #[schema(value_type = Option<Vec<Binary>>)]
+    buffer: Option<Vec<Binary>>,
+    /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
+    #[schema(value_type = Option<Binary>)]
+    seeds: Option<Binary>,
+    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats
+    /// above 0, one a face or one a vertex, whose mean a face takes.
+    #[schema(value_type = Option<Binary>)]
+    weights: Option<Binary>,
+}
+
+/// Submit a mesh
+///
+/// The body is the mesh, or a form with the mesh and more. `Prefer: wait=N` waits up to N seconds for the job's end:
+/// 200 with the ended job, the problem of a failed one, or 202 when it takes longer.
+#[utoipa::path(
+    post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
+    params(
+        ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
+        ("mesh_url" = Option<String>, Query, example = "s3://bucket/meshes/horse.glb",
+         description = "Object of a bucket that is the mesh, below a prefix that the operator allows; the body is \
+                        empty then, or a form without a part `mesh`"),
+        ("priority" = Option<i8>, Query, minimum = -100, maximum = 100,
+         description = "Of your waiting jobs, those with a higher priority start first; 0 when left out"),
+        ("outputs" = Option<String>, Query, example = "mesh.glb,submeshes.zip",
+         description = "Files to make of the mesh, a list of names: it is gone when the job has ended. A name without \
+                        extension means the first format of that output"),
+        ("keep_mesh" = Option<bool>, Query,
+         description = "Keep the mesh with the result, so that every output can be made of it later; false when left \
+                        out"),
+        ("webhook" = Option<String>, Query,
+         description = "URL that is called at the end of the job, signed as Standard Webhooks says; on a host that \
+                        the operator allows"),
+        ("Prefer" = Option<String>, Header,
+         description = "`wait=N`: answer when the job has ended, or after N seconds"),
+        ("Idempotency-Key" = Option<String>, Header,
+         description = "A string that is new with every new request: the same request with the same key gives the same \
+                        job as long as that is kept, another request 422"),
+    ),
+    request_body(description = "The mesh, or a form", content(
+        (inline(Binary) = "application/octet-stream"),
+        (UploadForm = "multipart/form-data"),
+    )),
+    responses(
+        (status = 200, description = "The job has succeeded, or was cancelled, while the request waited for it",
+         body = JobView, headers(
+            ("Location" = String, description = "Path of the job"),
+            ("Preference-Applied" = String, description = "`wait`"),
+        )),
+        (status = 202, description = "The job was accepted", body = JobView,
+         headers(("Location" = String, description = "Path of the job"))),
+        (status = 400, response = Problematic),
+        (status = 409, response = Problematic),
+        (status = 413, response = Problematic),
+        (status = 415, response = Problematic),
+        (status = 422, response = Problematic),
+        (status = 507, response = Problematic),
+    ),
+)]
+pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
+    if shared.stop.is_cancelled() {
+        return Err(Shared::stopping().into());
+    }
+    let tenant = caller.tenant()?.clone();
+    let key = idempotency::key(request.headers())?;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
+        None => false,
+    };
+    let uploads = Arc::clone(&shared.traffic.uploads);
+    let traffic = &shared.settings.traffic;
+    let rules = Rules::new(shared.settings.max_upload_bytes, traffic.constants.body_timeout, uploads);
+    if !is_known {
+        let bytes = upload::content_length(request.headers()).unwrap_or(0);
+        let room = match shared.admission.check(&tenant).await {
+            // before the disk: an upload over the limit says nothing about the disk
+            Ok(()) if bytes > rules.limit => Err(rules.too_large(bytes).into()),
+            Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
+            Err(full) => Err(full),
+        };
+        if let Err(refusal) = room {
+            refusal::refuse(request);
+            return Err(refusal);
+        }
+    }
+    let wait = prefer::wait(request.headers());
+    let parent = request.extensions().get::<Origin>().map(|origin| origin.trace.to_string());
+    let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
+    upload.spec.trace_parent = parent;
+    if let Some(webhook) = &upload.spec.webhook {
+        shared.webhooks.check(webhook)?;
+    }
+    // On a task of its own, so that a client that hangs up now leaves no half of it.
+    let job = tokio::spawn(accept(Arc::clone(&shared), caller, upload, key).in_current_span())
+        .await
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
+    let location = urls::path(job.id);
+    let job = match wait {
+        Some(wait) => wait_for_end(&shared, job, wait).await,
+        None => job,
+    };
+    let mut headers = HeaderMap::new();
+    if let Ok(value) = HeaderValue::from_str(&location) {
+        headers.insert(header::LOCATION, value);
+    }
+    if !job.state.is_ended() {
+        return Ok(answer(&shared, StatusCode::ACCEPTED, headers, job));
+    }
+    if wait.is_some() {
+        headers.insert("preference-applied", HeaderValue::from_static("wait"));
+    }
+    Ok(match job.problem {
+        Some(error) => (headers, Failure { instance: Some(location), ..error.into() }).into_response(),
+        None => answer(&shared, StatusCode::OK, headers, job),
+    })
+}
+
+/// Makes a job of an upload, or finds the one that was made of it before.
+async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
+    let tenant = caller.tenant()?;
+    let Upload { mut folder, mut spec, digests, .. } = upload;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
+        None => false,
+    };
+    let _place = match is_known {
+        true => None,
+        false => Some(shared.admission.place(tenant).await?),
+    };
+    let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
+    let id = folder.id();
+    let upload = folder.settle().await?;
+    spec.is_small = !upload.is_empty();
+    match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
+        Ok(Created::New(job)) => {
+            folder.keep();
+            audit::record(Action::Accepted(job.spec.bytes), &caller, id);
+            shared.metrics.accepted(&job);
+            Ok(job)
+        }
+        Ok(Created::Known(job)) => {
+            audit::record(Action::Repeated, &caller, job.id);
+            Ok(job)
+        }
+        Err(error) => {
+            // its answer may be lost, and the job be there; a sweep removes the upload otherwise
+            if shared.store.is_shared() && error.is_of_storage() {
+                folder.keep();
+            }
+            Err(shared.admission.full(error).await)
+        }
+    }
+}
+
+/// The job after it ended, or after a while; as it was accepted when the store cannot be read now.
+async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
+    let Ok(Some(mut pulses)) = shared.store.watch(job.id).await else {
+        return job;
+    };
+    tokio::select! {
+        _ = pulses.wait_for(|pulse| pulse.ended) => {}
+        () = tokio::time::sleep(wait) => {}
+        () = shared.stop.cancelled() => {}
+    }
+    shared.store.get(job.id).await.ok().flatten().unwrap_or(job)
+}

@@ -1,0 +1,289 @@
+//! The events of a job as a stream (`text/event-stream`): what happened so far, then what happens.
+//!
+//! A stream holds no events of its own but reads the job's log by number, a page at a time, and waits for the job's
+//! pulse when it has read all. So nothing is lost between the past and the present, a reader that drops can go on
+//! anywhere, and a slow one costs a page of memory. A stream whose token is taken back or
+//! replaced ends.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Path, State as Extract};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
+use axum::response::sse::{Event as Sent, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures_util::stream;
+use serde::{Deserialize, Serialize};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tokio::sync::watch;
+use utoipa::{IntoParams, ToSchema};
+
+use crate::guard::access::Caller;
+use crate::guard::problem::{Answer, Problem, Problematic};
+use crate::guard::query;
+use crate::http::state::{App, Shared};
+use crate::store::live::{LabelsEvent, Watcher};
+use crate::store::{Event, JobId, Pulse, State, What, no_such_job};
+use crate::work::urls;
+
+/// Events that are read from the log at once.
+const PAGE: usize = 256;
+
+/// When a client of a stream that the service ended may come back.
+const RETRY: Duration = Duration::from_secs(2);
+
+/// The query of a stream.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(crate) struct EventsQuery {
+    /// Events `labels` too
+    #[serde(default)]
+    labels: bool,
+}
+
+/// Data of the event `state`.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct StateEvent {
+    /// The state that the job entered.
+    state: State,
+    /// Of `running`: the number of the attempt, which iterations and rounds up to the next state are of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    attempt: Option<u32>,
+    /// Of `running`: the name of the process that makes it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    worker: Option<String>,
+}
+
+/// Data of the event `end`.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct EndEvent {
+    /// The state that the job ended in.
+    state: State,
+    /// Why it failed.
+    problem: Option<Problem>,
+}
+
+/// One event of the stream, as its three fields
+#[expect(dead_code, reason = "describes the stream for openapi.yaml")]
+#[derive(ToSchema)]
+pub(crate) struct StreamEvent {
+    /// Number of the event, from 1 without gaps; none of `labels`.
+    #[schema(example = "7")]
+    id: String,
+    /// `state`, `iteration`, `round`, `labels` or `end`.
+    #[schema(example = "state")]
+    event: String,
+    /// JSON: a `StateEvent`, a row of the report's `iterations` or `levels`, a `LabelsEvent`, or an `EndEvent`.
+    #[schema(example = r#"{"state":"running"}"#)]
+    data: String,
+}
+
+/// Follow a job
+///
+/// Events `state` ({state}, and of `running` {attempt, worker}), `iteration` (a row of the report's `iterations`),
+/// `round` (a row of its `levels`) and `end` ({state, problem}), after which the stream closes unless the job was run
+/// again; comments keep a quiet stream open. An attempt that was broken off is made again from the beginning: `state`
+/// tells the number of the attempt that the following iterations and rounds are of, and their numbers begin again. The
+/// id of an event is its number, from 1 without gaps. With `Last-Event-ID` the stream begins after that event; when it
+/// is the last one of an ended job, the answer is 204, which tells an EventSource not to come back. A number beyond the
+/// last event counts as that event, and the stream of an ended job has its `end` then.
+///
+/// With `labels=true` there are events `labels` ({faces, changes}) without an id while the job is clustered: at most
+/// four a second, for meshes of up to 300,000 faces that are not subdivided, where this process runs the job. There are
+/// none of `acvd` and `vc`, and of a stream while 32 others have them.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
+    params(
+        EventsQuery,
+        ("Last-Event-ID" = Option<u64>, Header,
+         description = "Number of the last event that is known; 0 or absent for none"),
+    ),
+    responses(
+        (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
+        (status = 204, description = "The job has ended with that event"),
+        (status = 400, response = Problematic),
+        (status = 422, response = Problematic),
+    ),
+)]
+pub(crate) async fn stream(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Answer {
+    let EventsQuery { labels } = query::read(&uri)?;
+    let id = shared.job(&caller, &id).await?.id;
+    let mut after = last_event_id(&headers)?;
+    let mut pulses = shared.store.watch(id).await?.ok_or_else(|| no_such_job(id))?;
+    let pulse = *pulses.borrow_and_update();
+    if after > pulse.last_seq && is_beyond(&shared, id, after).await? {
+        after = pulse.last_seq.saturating_sub(u64::from(pulse.ended));
+    }
+    if pulse.ended && after >= pulse.last_seq {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let reader = Reader {
+        tokens: shared.access.changes(),
+        caller,
+        watcher: labels.then(|| shared.live.channel(id).watch()).flatten(),
+        shared,
+        id,
+        after,
+        page: VecDeque::new(),
+        pulses,
+        closing: false,
+    };
+    Ok(reader.into_response())
+}
+
+/// Whether the log has no event of that number: a pulse may be older than an event that a client has read.
+async fn is_beyond(shared: &Shared, id: JobId, number: u64) -> Result<bool> {
+    let page = shared.store.events(id, number.saturating_sub(1), 1).await?;
+    Ok(page.is_none_or(|page| page.is_empty()))
+}
+
+/// Time between the comments that keep a quiet stream open: proxies close one after a minute, the shortest after 20 s.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// One reader of a job's log.
+struct Reader {
+    shared: Arc<Shared>,
+    id: JobId,
+    /// Number of the last event that was read.
+    after: u64,
+    page: VecDeque<Event>,
+    pulses: watch::Receiver<Pulse>,
+    /// Gets labels of the running job, if the client does.
+    watcher: Option<Watcher>,
+    /// Who reads, and what changes when that may be over.
+    caller: Caller,
+    tokens: watch::Receiver<()>,
+    /// Whether the last event was the last one.
+    closing: bool,
+}
+
+impl Reader {
+    /// The next event, once there is one; none at the end.
+    async fn next(&mut self) -> Option<Sent> {
+        loop {
+            if self.closing || (self.tokens.has_changed().unwrap_or(false) && !self.may_read()) {
+                return None;
+            }
+            // the last labels come before the end; others when no event waits
+            if matches!(self.page.front(), Some(Event { what: What::End(..), .. }))
+                && let Some(labels) = self.watcher.as_mut().and_then(Watcher::now)
+            {
+                return labels_sent(&labels);
+            }
+            if let Some(event) = self.page.pop_front() {
+                self.after = event.seq;
+                let is_last = self.page.is_empty() && self.pulses.borrow().last_seq <= event.seq;
+                self.closing = is_last && matches!(event.what, What::End(..));
+                return self.sent(event);
+            }
+            // seen before reading, so that what happens while reading is noticed
+            self.pulses.borrow_and_update();
+            match self.shared.store.events(self.id, self.after, PAGE).await {
+                Ok(Some(page)) if !page.is_empty() => self.page = page.into(),
+                Ok(Some(_)) => {
+                    let stop = self.shared.stop.clone();
+                    tokio::select! {
+                        biased;
+                        changed = self.pulses.changed() => changed.ok()?,
+                        labels = next_labels(&mut self.watcher) => return labels_sent(&labels),
+                        // looked at above
+                        _ = self.tokens.changed() => self.tokens.mark_changed(),
+                        () = stop.cancelled() => {
+                            self.closing = true;
+                            return Some(Sent::default().retry(RETRY).comment("the service is stopping"));
+                        }
+                    }
+                }
+                Ok(None) => return None,
+                Err(error) => {
+                    tracing::error!(%error, job = %self.id, "events cannot be read");
+                    return None;
+                }
+            }
+        }
+    }
+
+    /// Whether the token that the stream was opened with is still there.
+    fn may_read(&mut self) -> bool {
+        self.tokens.borrow_and_update();
+        self.shared.access.still_knows(&self.caller)
+    }
+
+    /// An event as it is sent.
+    fn sent(&self, event: Event) -> Option<Sent> {
+        let (name, data) = match event.what {
+            What::State(state) => ("state", serde_json::to_string(&StateEvent { state, attempt: None, worker: None })),
+            What::Started(attempt, worker) => {
+                let event = StateEvent { state: State::Running, attempt: Some(attempt), worker: Some(worker) };
+                ("state", serde_json::to_string(&event))
+            }
+            What::Iteration(row) => ("iteration", Ok(row)),
+            What::Round(row) => ("round", Ok(row)),
+            What::End(state, error) => {
+                let problem = error.map(|error| Problem::new(&error, urls::path(self.id)));
+                ("end", serde_json::to_string(&EndEvent { state, problem }))
+            }
+        };
+        let sent = Sent::default().id(event.seq.to_string()).event(name);
+        match data {
+            Ok(data) => Some(sent.data(data)),
+            Err(error) => {
+                tracing::error!(%error, job = %self.id, "an event cannot be written");
+                None
+            }
+        }
+    }
+}
+
+/// The next labels of a job; without a watcher there are none.
+async fn next_labels(watcher: &mut Option<Watcher>) -> LabelsEvent {
+    match watcher {
+        Some(watcher) => watcher.next().await,
+        None => std::future::pending().await,
+    }
+}
+
+fn labels_sent(labels: &LabelsEvent) -> Option<Sent> {
+    Sent::default().event("labels").json_data(labels).ok()
+}
+
+impl IntoResponse for Reader {
+    fn into_response(self) -> Response {
+        let keep_alive = KeepAlive::new().interval(KEEP_ALIVE);
+        let events = stream::unfold(self, |mut reader| async move {
+            let event = reader.next().await?;
+            Some((Ok::<_, Infallible>(event), reader))
+        });
+        // nginx and proxies like it hold an answer back until they have much of it, but for this header
+        let unbuffered = [(HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"))];
+        (unbuffered, Sse::new(events).keep_alive(keep_alive)).into_response()
+    }
+}
+
+/// The number of the last event that the client knows.
+fn last_event_id(headers: &HeaderMap) -> Result<u64> {
+    let Some(value) = headers.get("last-event-id") else {
+        return Ok(0);
+    };
+    let text = value.to_str().unwrap_or("?").trim();
+    // as far as the signed 64 bits of the description go
+    text.parse().ok().filter(|&id: &u64| i64::try_from(id).is_ok()).ok_or_else(|| {
+        Error::new(
+            Kind::BadRequest,
+            format_args!("Last-Event-ID must be the id of an event of this job, a number, not {text:?}"),
+        )
+    })
+}

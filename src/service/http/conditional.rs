@@ -1,0 +1,254 @@
+//! Results that the client has already, or wants a part of: ETag, If-None-Match, Range (RFC 9110 §13 and §14).
+//!
+//! A layer around the routes of results. A result never changes while its job is there, and an id is never used again:
+//! path, query and media type say which bytes they are, so the tag is made of these, and no result is read for it.
+//! Labels whose digest is known have a tag made of that instead, which is the same wherever and whenever they were
+//! made.
+
+use std::io;
+use std::ops::Range;
+use std::sync::Arc;
+
+use axum::body::{Body, HttpBody};
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use futures_util::TryStreamExt as _;
+use futures_util::future::BoxFuture;
+use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind};
+use tokio::io::AsyncReadExt as _;
+use tokio_util::io::{ReaderStream, StreamReader};
+
+use crate::guard::problem::Failure;
+use crate::ingest::upload::content_length;
+
+/// What compression adds to a tag, because compressed bytes are other bytes.
+const CODINGS: [&str; 2] = ["gzip", "zstd"];
+
+/// Put into the extensions of a response: what decides its bytes besides the media type. Of labels their SHA-256, where
+/// it holds nothing else but their number; of outputs that are made on request, path, query and release.
+#[derive(Debug, Clone)]
+pub(crate) struct Content(pub String);
+
+/// Put into the extensions of a response: how to get at a part of its body without reading the rest.
+#[derive(Clone)]
+pub(crate) struct Parts(pub Arc<ReadPart>);
+
+/// Reads a part of a body.
+type ReadPart = dyn Fn(Range<u64>) -> BoxFuture<'static, Result<Body, Error>> + Send + Sync;
+
+/// Answers with nothing, a part or all of a result.
+pub(crate) async fn results(request: Request, next: Next) -> Response {
+    let asked = request.headers().clone();
+    let (is_get, uri) = (request.method() == Method::GET, request.uri().clone());
+    let mut response = next.run(request).await;
+    if response.status() != StatusCode::OK {
+        return response;
+    }
+    let media_type = response.headers().get(header::CONTENT_TYPE).map_or(&b""[..], HeaderValue::as_bytes);
+    let what = match response.extensions().get() {
+        Some(Content(digest)) => digest.as_str(),
+        None => uri.path_and_query().map_or("", |path| path.as_str()),
+    };
+    let digest = Sha256::new().chain_update(what).chain_update(media_type);
+    let tag: String = digest.finalize()[..16].iter().map(|byte| format!("{byte:02x}")).collect();
+    let headers = response.headers_mut();
+    if let Ok(value) = HeaderValue::try_from(format!("\"{tag}\"")) {
+        headers.insert(header::ETAG, value);
+    }
+    // kept by the client only, and validated before each use
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
+    headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+    if let Some(coding) = known(&asked, &tag) {
+        let headers = response.headers_mut();
+        if let Some(value) = coding.and_then(|coding| HeaderValue::try_from(format!("\"{tag}-{coding}\"")).ok()) {
+            headers.insert(header::ETAG, value);
+        }
+        headers.remove(header::CONTENT_TYPE);
+        headers.remove(header::CONTENT_LENGTH);
+        *response.body_mut() = Body::empty();
+        *response.status_mut() = StatusCode::NOT_MODIFIED;
+        return response;
+    }
+    let length = content_length(response.headers()).or_else(|| response.body().size_hint().exact());
+    match (is_get, length, asked.get(header::RANGE)) {
+        (true, Some(length), Some(range)) if if_range(&asked, &tag) => match parse(range, length) {
+            Some(Ok(range)) => part(response, range, length).await.unwrap_or_else(Failure::into_response),
+            Some(Err(error)) => Failure { complete_length: Some(length), ..error.into() }.into_response(),
+            None => response,
+        },
+        _ => response,
+    }
+}
+
+/// Adds the content coding to the tag of a response that was compressed since it got the tag. A response without any
+/// coding may be sent whatever the client accepts (RFC 9110 §12.5.3), so what refuses that is left out of the request:
+/// the layer that compresses would answer 406 after the request was handled.
+pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Response {
+    let accepted = request.headers().get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
+    let codings: Vec<&str> =
+        accepted.flat_map(|value| value.split(',')).filter(|coding| !refuses_none(coding)).collect();
+    match HeaderValue::try_from(codings.join(",")) {
+        Ok(codings) if !codings.is_empty() => _ = request.headers_mut().insert(header::ACCEPT_ENCODING, codings),
+        _ => _ = request.headers_mut().remove(header::ACCEPT_ENCODING),
+    }
+    let mut response = next.run(request).await;
+    let headers = response.headers();
+    let (Some(tag), Some(coding)) = (headers.get(header::ETAG), headers.get(header::CONTENT_ENCODING)) else {
+        return response;
+    };
+    let (tag, coding) = (tag.to_str().unwrap_or_default(), coding.to_str().unwrap_or_default());
+    let is_new = response.status() == StatusCode::OK;
+    if let Some(stem) = tag.strip_suffix('"').filter(|_| is_new)
+        && let Ok(value) = HeaderValue::try_from(format!("{stem}-{coding}\""))
+    {
+        let headers = response.headers_mut();
+        headers.insert(header::ETAG, value);
+        // parts are parts of what is not compressed
+        headers.remove(header::ACCEPT_RANGES);
+    }
+    response
+}
+
+/// Whether this part of `Accept-Encoding` refuses a response without a coding: `identity;q=0`, or `*;q=0`.
+fn refuses_none(coding: &str) -> bool {
+    let (name, weight) = coding.split_once(';').unwrap_or((coding, ""));
+    let is_zero = weight.trim().strip_prefix(['q', 'Q']).and_then(|weight| weight.trim_start().strip_prefix('='));
+    let is_zero = is_zero.is_some_and(|weight| weight.trim().parse::<f32>() == Ok(0.0));
+    is_zero && ["identity", "*"].iter().any(|all| name.trim().eq_ignore_ascii_case(all))
+}
+
+/// Whether the client has the result, and in which coding. A 304 carries the tag that a 200 would (RFC 9110 §15.4.5),
+/// which is always a strong one; the client may send it back as a weak one.
+fn known(asked: &HeaderMap, tag: &str) -> Option<Option<&'static str>> {
+    let values = asked.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
+    values.flat_map(|value| value.split(',')).map(str::trim).find_map(|candidate| {
+        let candidate = candidate.strip_prefix("W/").unwrap_or(candidate);
+        let candidate = candidate.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).unwrap_or(candidate);
+        if candidate == "*" || candidate == tag {
+            return Some(None);
+        }
+        let coding = candidate.strip_prefix(tag)?.strip_prefix('-')?;
+        CODINGS.into_iter().find(|known| *known == coding).map(Some)
+    })
+}
+
+/// Whether a range may be answered: `If-Range` is absent, or names these very bytes.
+fn if_range(asked: &HeaderMap, tag: &str) -> bool {
+    asked.get(header::IF_RANGE).is_none_or(|value| value.as_bytes() == format!("\"{tag}\"").as_bytes())
+}
+
+/// The bytes of a `Range` header. None for what may be ignored: other units, several ranges, and nonsense.
+fn parse(range: &HeaderValue, length: u64) -> Option<Result<Range<u64>, Error>> {
+    let range = range.to_str().ok()?.strip_prefix("bytes=")?.trim();
+    let (first, last) = range.split_once('-')?;
+    let number =
+        |text: &str| text.bytes().all(|byte| byte.is_ascii_digit()).then(|| text.parse::<u64>().ok()).flatten();
+    let found = match (first, last) {
+        ("", last) => length.saturating_sub(number(last)?)..length,
+        (first, "") => number(first)?..length,
+        (first, last) if number(first)? <= number(last)? => number(first)?..number(last)?.saturating_add(1).min(length),
+        _ => return None,
+    };
+    Some(if found.is_empty() {
+        let message =
+            format_args!("the result has {length} bytes, none of which is in the range that was asked for: {range}");
+        Err(Error::new(Kind::RangeNotSatisfiable, message))
+    } else {
+        Ok(found)
+    })
+}
+
+/// A part of a response.
+async fn part(response: Response, range: Range<u64>, length: u64) -> Result<Response, Failure> {
+    let (mut parts, body) = response.into_parts();
+    parts.status = StatusCode::PARTIAL_CONTENT;
+    parts.headers.insert(header::CONTENT_LENGTH, (range.end - range.start).into());
+    if let Ok(value) = HeaderValue::try_from(format!("bytes {}-{}/{length}", range.start, range.end - 1)) {
+        parts.headers.insert(header::CONTENT_RANGE, value);
+    }
+    let body = match parts.extensions.remove() {
+        Some(Parts(part)) => part(range).await?,
+        None => slice(body, range).await.map_err(|error| Error::io("the result cannot be read", error))?,
+    };
+    Ok(Response::from_parts(parts, body))
+}
+
+/// Some bytes of a body: those before are read and dropped, those after are not read.
+async fn slice(body: Body, range: Range<u64>) -> io::Result<Body> {
+    let mut bytes = StreamReader::new(body.into_data_stream().map_err(io::Error::other));
+    tokio::io::copy(&mut (&mut bytes).take(range.start), &mut tokio::io::sink()).await?;
+    Ok(Body::from_stream(ReaderStream::with_capacity(bytes.take(range.end - range.start), 1 << 16)))
+}
+
+/// Reads the headers.
+#[cfg(fuzzing)]
+pub(crate) fn for_fuzzing(headers: &HeaderMap, length: u64) {
+    let _ = known(headers, "abc");
+    if let Some(Some(Ok(range))) = headers.get(header::RANGE).map(|range| parse(range, length)) {
+        assert!(range.start < range.end && range.end <= length);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::body::Bytes;
+    use futures_util::stream;
+
+    use super::*;
+
+    #[test]
+    fn ranges_are_read_as_the_standard_says() {
+        let range = |text: &'static str| parse(&HeaderValue::from_static(text), 100).map(|found| found.ok());
+        for (text, expected) in [
+            ("bytes=0-9", Some(Some(0..10))),
+            ("bytes=90-", Some(Some(90..100))),
+            ("bytes=-10", Some(Some(90..100))),
+            ("bytes=-1000", Some(Some(0..100))),
+            ("bytes=99-99999999999", Some(Some(99..100))),
+            ("bytes=100-", Some(None)),
+            ("bytes=-0", Some(None)),
+            ("bytes=9-0", None),
+            ("bytes=0-1,5-6", None),
+            ("bytes=", None),
+            ("bytes=-", None),
+            ("bytes=+1-2", None),
+            ("lines=0-9", None),
+            ("bytes=99999999999999999999-", None),
+        ] {
+            assert_eq!(range(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_tag_is_known_in_every_coding_and_among_others() {
+        for (header, expected) in [
+            ("\"abc\"", Some(None)),
+            ("W/\"abc\"", Some(None)),
+            ("\"x\", W/\"abc-gzip\"", Some(Some("gzip"))),
+            ("*", Some(None)),
+            ("\"abc-br\"", None),
+            ("\"x\"", None),
+            ("", None),
+        ] {
+            let mut asked = HeaderMap::new();
+            asked.insert(header::IF_NONE_MATCH, HeaderValue::from_static(header));
+            assert_eq!(known(&asked, "abc"), expected, "{header}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_slice_has_the_bytes_that_were_asked_for_however_they_come() {
+        let all: Vec<u8> = (0..=255).collect();
+        for (chunk, range) in [(1, 0..256), (7, 3..4), (7, 6..8), (100, 99..201), (256, 255..256), (3, 0..1)] {
+            let chunks: Vec<_> =
+                all.chunks(chunk).map(|bytes| Ok::<_, io::Error>(Bytes::copy_from_slice(bytes))).collect();
+            let body = Body::from_stream(stream::iter(chunks));
+            let sliced = slice(body, range.clone()).await.expect("a slice");
+            let bytes = axum::body::to_bytes(sliced, 1000).await.expect("bytes");
+            assert_eq!(bytes, all[range.start as usize..range.end as usize], "{chunk} {range:?}");
+        }
+    }
+}

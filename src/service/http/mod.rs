@@ -1,0 +1,12 @@
+//! Routes, handlers, results, and their description.
+
+pub mod api;
+pub mod conditional;
+pub mod negotiate;
+pub mod openapi;
+pub mod page;
+pub mod prefer;
+pub mod results;
+pub mod router;
+pub mod state;
+pub mod yaml;

@@ -1,0 +1,63 @@
+//! What the page shows before there is a job: a knot and its hierarchy, made once, at the first request for either.
+
+use std::sync::{Arc, OnceLock};
+
+use axum::Router;
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::response::Response;
+use axum::routing::get;
+use tesserae_mesh::dev::sample::{Sample, generate, write_glb};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job;
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::{Algorithm, Parameters};
+
+use super::{digest, serve};
+use crate::guard::problem::Failure;
+use crate::http::conditional::Content;
+use crate::ops::blocking::blocking;
+
+const FACES: u64 = 20_000;
+
+/// The knot in its files.
+#[derive(Debug)]
+struct Knot {
+    glb: Bytes,
+    tsr: Bytes,
+}
+
+type Shared = Arc<OnceLock<Result<Knot>>>;
+
+/// The routes of the files.
+pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
+    let knot = Shared::default();
+    Router::new()
+        .route("/knot.glb", get(async |State(knot): State<Shared>| answer(&knot, |knot| &knot.glb).await))
+        .route("/knot.tsr", get(async |State(knot): State<Shared>| answer(&knot, |knot| &knot.tsr).await))
+        .with_state(knot)
+}
+
+async fn answer(knot: &Shared, file: fn(&Knot) -> &Bytes) -> Result<Response, Failure> {
+    let knot = Arc::clone(knot);
+    // on a thread that outlasts the request: requests that are given up begin nothing anew
+    let bytes = blocking(move || knot.get_or_init(make).as_ref().map(|knot| file(knot).clone()).map_err(Error::clone));
+    let bytes = bytes.await??;
+    let content = Content(digest(&bytes));
+    Ok(serve("application/octet-stream", bytes, content))
+}
+
+fn make() -> Result<Knot> {
+    let failed = |error| Error::new(Kind::Internal, format_args!("the knot of the page: {error}"));
+    let (mut glb, mut tsr) = (Vec::new(), Vec::new());
+    write_glb(&mut glb, &generate(Sample::Knot, FACES)?).map_err(failed)?;
+    let parameters = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };
+    let prepared = job::prepare(&job::Request::new(&glb, Format::Glb, &parameters))?;
+    let outcome = job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})?;
+    if let Some(hierarchy) = outcome.hierarchy {
+        hierarchy.write(&mut tsr).map_err(failed)?;
+    }
+    Ok(Knot { glb: glb.into(), tsr: tsr.into() })
+}

@@ -1,0 +1,185 @@
+//! Blobs of results, compared with what the store of jobs says that they held: no answer is made of a damaged one.
+//!
+//! | what is read | checked | when |
+//! |---|---|---|
+//! | a whole blob | length, SHA-256 | before the answer |
+//! | a part of one of up to [`HELD`] bytes | length, SHA-256 | before the answer |
+//! | a hierarchy that is cut | length; what is read of it, by checksums of its own | before the answer |
+//! | a part of a larger one | length | before the answer |
+//!
+//! A larger blob that is streamed is read twice: to be compared, and to be sent.
+
+use std::io::{self, Read};
+use std::sync::Arc;
+
+use axum::body::Bytes;
+use futures_util::StreamExt as _;
+use object_store::GetRange;
+use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::hierarchy::stored::Input;
+
+use super::encoded::HELD;
+use crate::blobs::Blob;
+use crate::files::Files;
+use crate::files::job_blobs;
+use crate::http::state::Shared;
+use crate::store::{Contents, Job, JobId};
+
+/// A whole blob of a result, whose length is right.
+pub(crate) struct Checked {
+    blob: Blob,
+    check: Check,
+}
+
+/// What the bytes of a blob must be, and what they are so far.
+struct Check {
+    job: JobId,
+    name: String,
+    expected: Contents,
+    sha256: Sha256,
+    files: Arc<Files>,
+}
+
+/// Opens a blob of the result of a job. [`Kind::NotFound`] if the job has none of this name.
+pub(crate) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Checked> {
+    let mut check = Check::of(shared, job, name)?;
+    let blob =
+        check.found(shared, job_blobs::result(&shared.files, shared.store.as_ref(), job, name, None).await).await?;
+    check.length(&blob)?;
+    if check.expected.bytes > HELD as u64 {
+        return Ok(Checked { blob, check });
+    }
+    let bytes = blob.bytes().await?;
+    check.add(&bytes);
+    check.digest()?;
+    Ok(Checked { blob: Blob::held(&bytes, None)?, check })
+}
+
+/// Opens a blob of the result of a job from one of its bytes on, after all of them were compared.
+pub(crate) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> Result<(u64, Blob)> {
+    let opened = open(shared, job, name).await?;
+    let length = opened.length();
+    let blob = match length > HELD as u64 {
+        true => {
+            opened.compare().await?;
+            part(shared, job, name, GetRange::Offset(from)).await?
+        }
+        false => Blob::held(&opened.blob.bytes().await?, Some(GetRange::Offset(from)))?,
+    };
+    Ok((length, blob))
+}
+
+/// Opens a part of a blob of the result of a job.
+pub(crate) async fn part(shared: &Shared, job: &Job, name: &str, range: GetRange) -> Result<Blob> {
+    let check = Check::of(shared, job, name)?;
+    if check.expected.bytes <= HELD as u64 {
+        return Blob::held(&open(shared, job, name).await?.blob.bytes().await?, Some(range));
+    }
+    let found = job_blobs::result(&shared.files, shared.store.as_ref(), job, name, Some(range)).await;
+    let blob = check.found(shared, found).await?;
+    check.length(&blob)?;
+    Ok(blob)
+}
+
+impl Checked {
+    /// Number of its bytes.
+    pub fn length(&self) -> u64 {
+        self.check.expected.bytes
+    }
+
+    /// All bytes.
+    pub async fn bytes(mut self) -> Result<Bytes> {
+        let bytes = self.blob.bytes().await?;
+        self.check.add(&bytes);
+        self.check.digest()?;
+        Ok(bytes)
+    }
+
+    /// Reads all bytes, and compares them.
+    async fn compare(self) -> Result<()> {
+        let Self { blob, mut check } = self;
+        let mut chunks = blob.into_body().into_data_stream();
+        while let Some(chunk) = chunks.next().await {
+            check.add(&chunk.map_err(|error| Error::new(Kind::Io, error))?);
+        }
+        check.digest()
+    }
+
+    /// The bytes for a thread that may block; to be called on the runtime.
+    pub fn into_reader(self) -> CheckedReader {
+        CheckedReader { from: self.blob.into_reader(), check: self.check }
+    }
+
+    /// The bytes of a hierarchy, whose file has checksums of its own, so that a cut need not read all of it.
+    pub fn into_hierarchy(self) -> Box<dyn Input + Send> {
+        self.blob.into_reader()
+    }
+}
+
+/// Reads a blob.
+pub(crate) struct CheckedReader {
+    from: Box<dyn Input + Send>,
+    check: Check,
+}
+
+impl CheckedReader {
+    /// What `read` makes of the bytes; of those that are damaged, an error whatever it makes of them.
+    pub fn read<T>(mut self, read: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        let made = read(&mut self);
+        match io::copy(&mut self, &mut io::sink()) {
+            Ok(_) => self.check.digest().and(made),
+            Err(error) => made.and(Err(Error::io("a stored result cannot be read", error))),
+        }
+    }
+}
+
+impl Read for CheckedReader {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.from.read(into)?;
+        self.check.add(&into[..count]);
+        Ok(count)
+    }
+}
+
+impl Check {
+    fn of(shared: &Shared, job: &Job, name: &str) -> Result<Self> {
+        let expected = job.summary.as_ref().and_then(|summary| summary.blobs.get(name)).cloned();
+        let expected = expected.ok_or_else(|| Error::new(Kind::NotFound, "the job has no such result"))?;
+        let (name, files) = (name.to_owned(), Arc::clone(&shared.files));
+        Ok(Self { job: job.id, name, expected, sha256: Sha256::new(), files })
+    }
+
+    /// A blob that is not there although its job is, is damaged.
+    async fn found(&self, shared: &Shared, found: Result<Blob>) -> Result<Blob> {
+        match found {
+            Err(error) if error.kind == Kind::NotFound && shared.store.get(self.job).await?.is_some() => {
+                Err(self.files.damaged(self.job, &self.name, "it is not there"))
+            }
+            found => found,
+        }
+    }
+
+    fn length(&self, blob: &Blob) -> Result<()> {
+        let (found, expected) = (blob.whole_length(), self.expected.bytes);
+        match found == expected {
+            true => Ok(()),
+            false => {
+                Err(self.files.damaged(self.job, &self.name, format_args!("it has {found} bytes, not {expected}")))
+            }
+        }
+    }
+
+    fn add(&mut self, bytes: &[u8]) {
+        self.sha256.update(bytes);
+    }
+
+    /// Compares the digest of all bytes that were added since it did so last.
+    fn digest(&mut self) -> Result<()> {
+        let sha256: String = self.sha256.finalize_reset().iter().map(|byte| format!("{byte:02x}")).collect();
+        match sha256 == self.expected.sha256 {
+            true => Ok(()),
+            false => Err(self.files.damaged(self.job, &self.name, "its SHA-256 is another")),
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Routes, and the layers around them.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::Router;
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
+use axum::middleware::{Next, from_fn, from_fn_with_state};
+use axum::response::Response;
+use tower::ServiceBuilder;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
+use tower_http::compression::{CompressionLayer, CompressionLevel};
+use tower_http::cors::CorsLayer;
+use tower_http::trace::TraceLayer;
+
+use crate::guard::access::Caller;
+use crate::guard::access_log;
+use crate::guard::problem;
+use crate::guard::traffic::sites::{self, Sites};
+use crate::guard::traffic::{self, heads, queries};
+use crate::http::state::Shared;
+use crate::http::{conditional, openapi, page};
+use crate::metrics::Metrics;
+
+/// Bytes from which on an answer is compressed if the client can read that.
+const COMPRESSED_FROM: u64 = 1024;
+
+/// All routes, and around them, from the outside in:
+///
+/// 1. an id for the request, its origin, its trace, and a span for what is logged about it; its line in the access log;
+/// 2. what every answer has, and counting it;
+/// 3. CORS, which answers preflights itself;
+/// 4. compression, of all but event streams, and tags that differ with it;
+/// 5. problem documents, of all that is refused further in;
+/// 6. a net for panics;
+/// 7. heads that are not valid HTTP/1.1, and query strings that are too long;
+/// 8. web pages that may not use a service without tokens;
+/// 9. access and traffic limits;
+/// 10. the routes; around those of results, ETag and Range.
+pub(crate) fn router(shared: Arc<Shared>) -> Router {
+    let proxies = shared.settings.traffic.trusted_proxies.clone().into();
+    let layers = ServiceBuilder::new()
+        .layer(from_fn_with_state(proxies, access_log::log))
+        .layer(
+            TraceLayer::new_for_http()
+                .make_span_with(access_log::span)
+                .on_request(())
+                .on_response(())
+                .on_eos(())
+                .on_failure(()),
+        )
+        .layer(from_fn_with_state(Arc::clone(&shared.metrics), every_answer))
+        .option_layer(cors(&shared.settings.access.cors_origins))
+        .layer(from_fn(conditional::distinguish_codings))
+        .layer(
+            CompressionLayer::new()
+                .quality(CompressionLevel::Fastest)
+                .compress_when(SizeAbove::new(COMPRESSED_FROM).and(NotForContentType::const_new("text/event-stream"))),
+        )
+        .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
+        .layer(CatchPanicLayer::custom(problem::panicked))
+        .layer(from_fn(heads::check))
+        .layer(from_fn(queries::limit))
+        .layer(from_fn_with_state(Arc::new(Sites::new(&shared.settings.access)), sites::check))
+        .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
+        // uploads have a limit of their own, counted as they come
+        .layer(DefaultBodyLimit::disable());
+    let page = page::routes().layer(from_fn(conditional::results));
+    let routes = openapi::routes().split_for_parts().0.merge(page).layer(from_fn(remember_route)).with_state(shared);
+    // Around the router rather than around each route, where the answers that the router makes itself pass through.
+    Router::new().fallback_service(routes).layer(layers)
+}
+
+/// The template of the route that answered, for the layers that count answers.
+#[derive(Debug, Clone)]
+struct Route(MatchedPath);
+
+/// Passes the route to the layers around the router, which do not see it.
+async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    if let Some(route) = route {
+        response.extensions_mut().insert(Route(route));
+    }
+    response
+}
+
+/// Counts answers, and adds the headers that every answer has.
+async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
+    let started = Instant::now();
+    let method = request.method().clone();
+    let mut response = next.run(request).await;
+    let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());
+    let status = response.status().as_u16();
+    metrics.answered(&method, route, status, started.elapsed());
+    metrics.answered_to(response.extensions().get::<Caller>().and_then(Caller::tenant_name), status);
+    complete(response.headers_mut());
+    response
+}
+
+/// Adds the headers that every answer has: browsers must not guess types, show answers as pages, or cache the data of a
+/// tenant. A route may set its own content security policy and caching.
+fn complete(headers: &mut HeaderMap) {
+    for (name, value) in [
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::REFERRER_POLICY, "no-referrer"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, "default-src 'none'; frame-ancestors 'none'"),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        headers.entry(name).or_insert(HeaderValue::from_static(value));
+    }
+}
+
+/// Lets the pages of these origins use the service; none without origins.
+fn cors(origins: &[String]) -> Option<CorsLayer> {
+    let origins: Vec<HeaderValue> = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
+    (!origins.is_empty()).then(|| {
+        CorsLayer::new()
+            .allow_origin(origins)
+            .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::DELETE])
+            .allow_headers(
+                [
+                    "authorization",
+                    "content-type",
+                    "content-encoding",
+                    "prefer",
+                    "last-event-id",
+                    "idempotency-key",
+                    "if-none-match",
+                    "if-range",
+                    "range",
+                    "traceparent",
+                ]
+                .map(HeaderName::from_static),
+            )
+            .expose_headers(
+                [
+                    "location",
+                    "retry-after",
+                    "etag",
+                    "link",
+                    "expires",
+                    "content-range",
+                    "content-disposition",
+                    "preference-applied",
+                    "x-request-id",
+                    "tesserae-cut",
+                    "tesserae-energy",
+                ]
+                .map(HeaderName::from_static),
+            )
+            .max_age(Duration::from_secs(3600))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_route_may_set_its_own_content_security_policy() {
+        let mut headers = HeaderMap::new();
+        complete(&mut headers);
+        assert_eq!(headers[header::CONTENT_SECURITY_POLICY], "default-src 'none'; frame-ancestors 'none'");
+        let own = HeaderValue::from_static("default-src 'self'");
+        headers.insert(header::CONTENT_SECURITY_POLICY, own.clone());
+        headers.insert(header::X_FRAME_OPTIONS, HeaderValue::from_static("SAMEORIGIN"));
+        complete(&mut headers);
+        assert_eq!(headers.get_all(header::CONTENT_SECURITY_POLICY).iter().collect::<Vec<_>>(), [&own]);
+        assert_eq!(headers[header::X_FRAME_OPTIONS], "DENY", "no route may be framed");
+    }
+}

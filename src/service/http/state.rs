@@ -1,0 +1,103 @@
+//! What handlers share.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use axum::extract::State;
+use serde::Serialize;
+use tesserae_mesh::device::select::AdapterReport;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::report::DeviceInfo;
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+use utoipa::ToSchema;
+
+use crate::files::Files;
+use crate::files::storage::Storage;
+use crate::guard::access::{Access, Caller};
+use crate::guard::traffic::Traffic;
+use crate::ingest::admission::Admission;
+use crate::metrics::Metrics;
+use crate::ops::health::Health;
+use crate::settings::Settings;
+use crate::store::live::Live;
+use crate::store::{Job, JobId, Store, no_such_job};
+use crate::work::pipeline::Memory;
+use crate::work::webhooks::Webhooks;
+
+/// The device of this process and why it is that one.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct DeviceDescription {
+    /// What it is.
+    #[serde(flatten)]
+    pub info: DeviceInfo,
+    /// How it was chosen, for people.
+    #[schema(example = "auto: there is no GPU")]
+    pub chosen: String,
+    /// Meshes with fewer faces are clustered by the processor, as is what the device cannot do or is slow at; null when
+    /// the device was chosen by name, and the processor takes no part.
+    #[schema(example = 200_000)]
+    pub cpu_below_faces: Option<u64>,
+    /// The graphics adapters that were looked at for it, usable or not; none when the device was chosen to be the
+    /// processor.
+    pub adapters: Vec<AdapterReport>,
+}
+
+/// What all handlers share.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    /// The settings.
+    pub settings: Settings,
+    /// The jobs.
+    pub store: Arc<Store>,
+    /// Their files.
+    pub files: Arc<Files>,
+    /// Whether these two work.
+    pub storage: Arc<Storage>,
+    /// What clusters.
+    pub device: DeviceDescription,
+    /// What is wrong with the service.
+    pub health: Arc<Health>,
+    /// Running jobs that are watched.
+    pub live: Arc<Live>,
+    /// Cancelled once the service is to stop.
+    pub stop: CancellationToken,
+    /// Large results that may be in memory at a time.
+    pub encoding: Arc<Semaphore>,
+    /// Memory for meshes.
+    pub memory: Memory,
+    /// Tokens and their tenants.
+    pub access: Arc<Access>,
+    /// Limits of traffic.
+    pub traffic: Arc<Traffic>,
+    /// Jobs that are being created.
+    pub admission: Admission,
+    /// What is counted.
+    pub metrics: Arc<Metrics>,
+    /// Hosts and secret of webhooks.
+    pub webhooks: Arc<Webhooks>,
+}
+
+/// The state that handlers extract.
+pub(crate) type App = State<Arc<Shared>>;
+
+impl Shared {
+    /// The job with that id, if it is the caller's: for another tenant it does not exist. Handlers have no other way
+    /// from an id to a job.
+    pub async fn job(&self, caller: &Caller, id: &str) -> Result<Job> {
+        let id: JobId = id.parse()?;
+        let tenant = caller.tenant()?;
+        let job = self.store.get(id).await?.filter(|job| job.spec.tenant == tenant.name);
+        job.ok_or_else(|| no_such_job(id))
+    }
+
+    /// When a job will be deleted.
+    pub fn expires_at(&self, job: &Job) -> Option<SystemTime> {
+        job.ended_at?.checked_add(self.settings.storage.retention()?)
+    }
+
+    /// The error of a service that is about to end.
+    pub fn stopping() -> Error {
+        Error::new(Kind::Unavailable, "the service is stopping")
+    }
+}

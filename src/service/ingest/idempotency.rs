@@ -1,0 +1,126 @@
+//! The `Idempotency-Key` header (draft-ietf-httpapi-idempotency-key-header-07): a client that got no answer repeats its
+//! request with the same key, and gets the same job.
+//!
+//! A key belongs to a tenant and to one request as long as the job is kept: its parameters, format, file names and
+//! every byte of its files. Headers about the answer (`Prefer`, `Accept`) do not count.
+
+use axum::http::HeaderMap;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use tesserae_mesh::error::{Error, Kind, Result};
+
+use crate::store::{Idempotency, Spec};
+
+/// Longest key, in characters.
+const MAX_KEY: usize = 255;
+
+/// The key of a request: a quoted string as the draft has it, or the same without its quotes.
+pub(crate) fn key(headers: &HeaderMap) -> Result<Option<String>> {
+    let mut values = headers.get_all("idempotency-key").iter();
+    let Some(value) = values.next() else {
+        return Ok(None);
+    };
+    let refuse = |what: &str| {
+        Err(Error::new(
+            Kind::BadRequest,
+            format_args!("Idempotency-Key must be one string of 1 to {MAX_KEY} printable ASCII characters, {what}"),
+        ))
+    };
+    if values.next().is_some() {
+        return refuse("not two");
+    }
+    let Ok(text) = value.to_str() else {
+        return refuse("not others");
+    };
+    let text = text.trim();
+    let key = match text.strip_prefix('"') {
+        None => text.to_owned(),
+        Some(rest) => match unquoted(rest) {
+            Some(key) => key,
+            None => return refuse("with both its quotes or none"),
+        },
+    };
+    match key.len() {
+        0 => refuse("not empty"),
+        1..=MAX_KEY => Ok(Some(key)),
+        _ => refuse("not more"),
+    }
+}
+
+/// A string of a structured field (RFC 9651) after its first quote.
+fn unquoted(rest: &str) -> Option<String> {
+    let mut key = String::new();
+    let mut characters = rest.chars();
+    loop {
+        match characters.next()? {
+            '"' => return characters.next().is_none().then_some(key),
+            '\\' => key.push(characters.next().filter(|next| matches!(next, '"' | '\\'))?),
+            other => key.push(other),
+        }
+    }
+}
+
+/// The key with what it stands for.
+pub(crate) fn idempotency(key: String, spec: &Spec, digests: &[[u8; 32]]) -> Result<Idempotency> {
+    /// What makes a request another one.
+    #[derive(Serialize)]
+    struct Request<'a> {
+        spec: Spec,
+        digests: &'a [[u8; 32]],
+    }
+    let request = Request {
+        // the key is the tenant's already, each attempt has its own trace, and the digests cover what the mesh claims
+        spec: Spec { tenant: String::new(), trace_parent: None, ..spec.clone() },
+        digests,
+    };
+    let json = serde_json::to_vec(&request)
+        .map_err(|error| Error::new(Kind::Internal, format_args!("a request cannot be written as JSON: {error}")))?;
+    let request = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok(Idempotency { key, request })
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::http::HeaderValue;
+
+    use super::*;
+    use crate::store::tests::new_job;
+
+    fn of(values: &[&str]) -> Result<Option<String>> {
+        let mut headers = HeaderMap::new();
+        for value in values {
+            headers.append("idempotency-key", HeaderValue::from_str(value).expect("a value"));
+        }
+        key(&headers)
+    }
+
+    #[test]
+    fn keys_are_read_with_quotes_and_without() {
+        assert_eq!(of(&[]), Ok(None));
+        for (value, expected) in
+            [("\"8e03978e\"", "8e03978e"), ("8e03978e", "8e03978e"), (r#""a\"b\\c d""#, r#"a"b\c d"#)]
+        {
+            assert_eq!(of(&[value]), Ok(Some(expected.to_owned())), "{value}");
+        }
+        let long = "x".repeat(256);
+        for values in [&[""][..], &["\"\""], &["\"a"], &["\"a\"b"], &["\"a\\b\""], &["a", "a"], &[&long]] {
+            assert_eq!(of(values).expect_err("no key").kind, Kind::BadRequest, "{values:?}");
+        }
+        assert!(of(&[&long[1..]]).is_ok());
+    }
+
+    #[test]
+    fn any_other_byte_or_parameter_is_another_request() {
+        let spec = new_job().spec;
+        let digest = |spec: &Spec, digests: &[[u8; 32]]| idempotency("k".into(), spec, digests).expect("JSON").request;
+        let first = digest(&spec, &[[0; 32]]);
+        let another_trace = Spec { tenant: "other".into(), trace_parent: Some("x".into()), ..spec.clone() };
+        assert_eq!(digest(&another_trace, &[[0; 32]]), first);
+        assert_ne!(digest(&spec, &[[1; 32]]), first);
+        assert_ne!(digest(&spec, &[[0; 32], [0; 32]]), first);
+        let mut other = spec.clone();
+        other.parameters.seed = 1;
+        assert_ne!(digest(&other, &[[0; 32]]), first);
+        assert_ne!(digest(&Spec { file_name: Some("x".into()), ..spec }, &[[0; 32]]), first);
+    }
+}

@@ -1,0 +1,251 @@
+//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name),
+//! `seeds` and `weights`, in any order.
+
+use std::collections::HashSet;
+use std::error::Error as StdError;
+
+use axum::body::Body;
+use axum::extract::multipart::{Field, Multipart, MultipartError};
+use axum::extract::{FromRequest, Request};
+use axum::http::request::Parts;
+use futures_util::{Stream, TryStreamExt};
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job;
+use tesserae_mesh::mesh::Format;
+
+use super::{Destination, Saved, Upload, agreed, kept_name, referred};
+use crate::files;
+use crate::ingest::intake::Content;
+use crate::ingest::request::{MAX_PARAMETERS_BYTES, Wanted};
+use crate::store::Spec;
+
+/// Largest number of buffers of a mesh.
+const MAX_BUFFERS: usize = 1024;
+
+/// Receives a form.
+pub(super) async fn receive(
+    parts: Parts,
+    content: Content,
+    wanted: Wanted,
+    into: Destination,
+    referred: Option<referred::Mesh>,
+) -> Result<Upload> {
+    let allowance = content.allowance();
+    allowance.between_parts();
+    let request = Request::from_parts(parts, Body::from_stream(content));
+    let mut multipart = Multipart::from_request(request, &())
+        .await
+        .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
+    let mut form = Form {
+        into,
+        wanted,
+        mesh: None,
+        referred,
+        buffers: Vec::new(),
+        names: HashSet::new(),
+        digests: Vec::new(),
+        seeds: None,
+        weights: None,
+        has_parameters: false,
+    };
+    while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
+        allowance.within_part();
+        form.add(field).await?;
+        allowance.between_parts();
+    }
+    form.finish()
+}
+
+/// What came so far.
+struct Form {
+    into: Destination,
+    wanted: Wanted,
+    mesh: Option<Mesh>,
+    /// The mesh, if it lies in a bucket.
+    referred: Option<referred::Mesh>,
+    buffers: Vec<String>,
+    /// Of the buffers.
+    names: HashSet<String>,
+    /// Of the buffers.
+    digests: Vec<[u8; 32]>,
+    seeds: Option<Saved>,
+    weights: Option<Saved>,
+    has_parameters: bool,
+}
+
+/// The part `mesh`.
+struct Mesh {
+    saved: Saved,
+    file_name: Option<String>,
+    format: Option<Format>,
+}
+
+impl Form {
+    /// Takes one part.
+    async fn add(&mut self, field: Field<'_>) -> Result<()> {
+        match field.name().unwrap_or_default() {
+            "mesh" => self.add_mesh(field).await,
+            "parameters" => {
+                once("parameters", self.has_parameters)?;
+                self.has_parameters = true;
+                self.wanted.add_json(&small(field).await?)
+            }
+            "buffer" => self.add_buffer(field).await,
+            "seeds" => {
+                once("seeds", self.seeds.is_some())?;
+                self.seeds = Some(self.into.save(content(field), files::SEEDS, |_| Ok(())).await?);
+                Ok(())
+            }
+            "weights" => {
+                once("weights", self.weights.is_some())?;
+                let weights = self.into.save(content(field), files::WEIGHTS, |_| Ok(())).await?;
+                job::check_head_of_weights(&weights.head)?;
+                self.weights = Some(weights);
+                Ok(())
+            }
+            "" => Err(Error::new(
+                Kind::BadRequest,
+                "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
+            )),
+            other => Err(Error::parameter(format_args!(
+                "a part must be one of mesh, parameters, buffer, seeds, weights, not {other:?}"
+            ))),
+        }
+    }
+
+    async fn add_mesh(&mut self, field: Field<'_>) -> Result<()> {
+        if self.referred.is_some() {
+            return Err(Error::parameter(
+                "mesh_url in the query says where the mesh lies: leave out the part mesh, or mesh_url",
+            ));
+        }
+        once("mesh", self.mesh.is_some())?;
+        let file_name = file_name(&field).map(|name| kept_name(&name));
+        let by_type = field.content_type().and_then(Format::from_media_type);
+        let format = agreed(by_type, self.wanted.format)?;
+        let early = |head: &[u8]| match format {
+            Some(format) => format.check_head(head, None),
+            None => Format::recognise(file_name.as_deref(), head, None)?.check_head(head, None),
+        };
+        let saved = self.into.save(content(field), files::MESH, early).await?;
+        self.mesh = Some(Mesh { saved, file_name, format });
+        Ok(())
+    }
+
+    async fn add_buffer(&mut self, field: Field<'_>) -> Result<()> {
+        let name = file_name(&field).unwrap_or_default();
+        if name.is_empty() {
+            return Err(Error::parameter("a part buffer needs a file name: the URI that the mesh refers to it by"));
+        }
+        if !self.names.insert(name.clone()) {
+            return Err(Error::parameter(format_args!("two parts buffer have the same file name: {name:?}")));
+        }
+        if self.buffers.len() == MAX_BUFFERS {
+            return Err(Error::too_large(format_args!(
+                "there are more parts named buffer than the limit of {MAX_BUFFERS}"
+            )));
+        }
+        let blob = files::buffer(self.buffers.len());
+        self.digests.extend(self.into.save(content(field), &blob, |_| Ok(())).await?.digest);
+        self.buffers.push(name);
+        Ok(())
+    }
+
+    /// Checks the whole.
+    fn finish(self) -> Result<Upload> {
+        let (saved, file_name, format, referred) = match (self.mesh, self.referred) {
+            (Some(mesh), _) => {
+                let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
+                (mesh.saved, mesh.file_name, format, None)
+            }
+            (None, Some(mesh)) => {
+                let format = mesh.saved.format(self.wanted.format, mesh.file_name.as_deref())?;
+                (mesh.saved, mesh.file_name, format, Some(mesh.referred))
+            }
+            (None, None) => {
+                return Err(Error::parameter(
+                    "the form has no part named mesh: send the mesh as one, or name it in the query (mesh_url)",
+                ));
+            }
+        };
+        if !self.buffers.is_empty() && !format.has_buffers() {
+            return Err(Error::parameter(format_args!(
+                "{} refers to no buffers: leave out the part buffer with file name {:?}",
+                format.noun(),
+                self.buffers[0]
+            )));
+        }
+        let (priority, kept) = (self.wanted.priority(), self.wanted.kept());
+        let (parameters, webhook) = self.wanted.finish(self.seeds.is_some())?;
+        if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.weights.is_some()) {
+            return Err(Error::parameter(format_args!(
+                "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
+            )));
+        }
+        let files = [Some(&saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
+        let digests: Vec<_> = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
+        let spec = Spec {
+            tenant: String::new(),
+            trace_parent: None,
+            webhook,
+            parameters,
+            file_name,
+            format,
+            bytes: saved.bytes,
+            buffers: self.buffers,
+            listed_seeds: self.seeds.is_some(),
+            has_weights: self.weights.is_some(),
+            is_small: false,
+            priority,
+            kept,
+            referred,
+        };
+        Ok(Upload { folder: self.into.folder, spec, digests })
+    }
+}
+
+/// Refuses a part that was there before.
+fn once(name: &str, there: bool) -> Result<()> {
+    if there {
+        return Err(Error::parameter(format_args!("there is more than one part of that name: {name}")));
+    }
+    Ok(())
+}
+
+/// The content of a part as a stream.
+fn content(field: Field<'_>) -> impl Stream<Item = Result<axum::body::Bytes>> + Unpin {
+    field.map_err(unreadable)
+}
+
+/// The content of a small part.
+async fn small(field: Field<'_>) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let mut content = content(field);
+    while let Some(chunk) = content.try_next().await? {
+        bytes.extend_from_slice(&chunk);
+        if bytes.len() as u64 > MAX_PARAMETERS_BYTES {
+            return Err(Error::too_large(format_args!(
+                "the part \"parameters\" has more bytes than the limit of {MAX_PARAMETERS_BYTES}"
+            )));
+        }
+    }
+    Ok(bytes)
+}
+
+/// The file name of a part. Browsers write a quotation mark in it as `%22` (HTML Standard §4.10.22.8), and nothing else
+/// that a file name has is encoded.
+fn file_name(field: &Field<'_>) -> Option<String> {
+    field.file_name().map(|name| name.replace("%22", "\""))
+}
+
+/// The error of a form that cannot be read on: what [`Content`] refused, or what is wrong with the form.
+fn unreadable(error: MultipartError) -> Error {
+    let mut source: Option<&(dyn StdError + 'static)> = Some(&error);
+    while let Some(cause) = source {
+        if let Some(ours) = cause.downcast_ref::<Error>() {
+            return ours.clone();
+        }
+        source = cause.source();
+    }
+    Error::new(Kind::BadRequest, format_args!("the form cannot be read: {}", error.body_text()))
+}

@@ -1,0 +1,61 @@
+//! Uploads whose mesh lies in a bucket: `mesh_url` in the query names it.
+
+use futures_util::StreamExt as _;
+use object_store::GetRange;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::mesh::HEAD_BYTES;
+
+use super::{Destination, Saved, Upload, kept_name, spec_of};
+use crate::files::{Files, Incoming};
+use crate::ingest::intake::{Content, Rules};
+use crate::ingest::request::Wanted;
+use crate::store::Referred;
+
+/// A mesh in a bucket.
+pub(super) struct Mesh {
+    pub saved: Saved,
+    pub file_name: Option<String>,
+    pub referred: Referred,
+}
+
+/// Finds the mesh of an upload, and reads its head.
+pub(super) async fn find(url: &str, files: &Files, folder: &mut Incoming, tenant: &str, rules: &Rules) -> Result<Mesh> {
+    let found = files.find_referred(tenant, url).await?;
+    if found.bytes > rules.limit {
+        return Err(rules.too_large(found.bytes));
+    }
+    let referred = Referred { url: url.to_owned(), tag: found.tag };
+    let head = match found.bytes {
+        0 => Vec::new(),
+        bytes => {
+            let range = GetRange::Bounded(0..bytes.min(HEAD_BYTES as u64));
+            files.read_referred(tenant, &referred, Some(range)).await?.bytes().await?.into()
+        }
+    };
+    folder.is_referred();
+    let saved = Saved { bytes: found.bytes, head, digest: None };
+    Ok(Mesh { saved, file_name: url.rsplit('/').next().map(kept_name), referred })
+}
+
+/// Makes an upload of a request without a body.
+pub(super) async fn without_body(
+    mut content: Content,
+    wanted: Wanted,
+    into: Destination,
+    mesh: Mesh,
+) -> Result<Upload> {
+    while let Some(chunk) = content.next().await {
+        if !chunk?.is_empty() {
+            return Err(Error::new(
+                Kind::BadRequest,
+                "mesh_url in the query says where the mesh lies, so the body must be empty, or a form without a part \
+                 named mesh",
+            ));
+        }
+    }
+    let format = mesh.saved.format(wanted.format, mesh.file_name.as_deref())?;
+    let mut spec = spec_of(wanted, format, mesh.saved.bytes)?;
+    spec.file_name = mesh.file_name;
+    spec.referred = Some(mesh.referred);
+    Ok(Upload { folder: into.folder, spec, digests: Vec::new() })
+}

@@ -1,0 +1,122 @@
+//! What a job keeps of its mesh, which is otherwise gone when the job ends: named outputs, which are made while the
+//! mesh is in memory, and the mesh itself, of which every output can be made later.
+
+use serde::{Deserialize, Serialize};
+use tesserae_mesh::artifacts::{ALL, Artifact, Form, Need};
+use tesserae_mesh::error::{Error, Quoted, Result};
+use tesserae_mesh::parameters::{Name, Parameters};
+
+/// What a job keeps of its mesh.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct Kept {
+    /// Names of the files that are made of it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outputs: Vec<String>,
+    /// Whether it is kept itself.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub mesh: bool,
+}
+
+impl Kept {
+    /// Whether it is nothing.
+    pub fn is_nothing(&self) -> bool {
+        self.outputs.is_empty() && !self.mesh
+    }
+
+    /// The forms of the named outputs.
+    pub fn forms(&self) -> impl Iterator<Item = &'static Form> {
+        made_of_mesh().flat_map(|artifact| artifact.forms).filter(|form| self.has(form))
+    }
+
+    /// Whether a form is among the named outputs.
+    pub fn has(&self, form: &Form) -> bool {
+        self.outputs.iter().any(|name| name == form.file)
+    }
+
+    /// Whether some form of an output can be had.
+    pub fn gives(&self, artifact: &Artifact) -> bool {
+        self.mesh || artifact.forms.iter().any(|form| self.has(form))
+    }
+
+    /// Refuses outputs that jobs with these parameters do not have.
+    pub fn check(&self, parameters: &Parameters) -> Result<()> {
+        if self.mesh && parameters.subdivide.is_some() {
+            return Err(Error::parameter(format_args!(
+                "keep_mesh does not go with {}, by which another mesh is clustered: name what is to be made of that \
+                 with outputs",
+                Name::SUBDIVIDE
+            )));
+        }
+        match self.outputs.first().filter(|_| !Need::Labels.is_met(parameters)) {
+            Some(name) => Err(Error::parameter(format_args!(
+                "a whole hierarchy has labels at every number of clusters: give clusters, or keep_mesh=true instead of \
+                 outputs, {name}"
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The outputs that are made of a mesh.
+pub(crate) fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {
+    ALL.into_iter().filter(|artifact| artifact.is_served && artifact.needs(Need::Mesh))
+}
+
+/// The files that a list of names means: `mesh.ply` that file, `mesh` the first form of that output.
+pub(crate) fn files<'a>(names: impl Iterator<Item = &'a str>) -> Result<Vec<String>> {
+    let mut files = Vec::new();
+    for name in names.map(str::trim) {
+        let by_name = made_of_mesh().find(|artifact| artifact.name == name).and_then(|artifact| artifact.forms.first());
+        let form =
+            by_name.or_else(|| made_of_mesh().flat_map(|artifact| artifact.forms).find(|form| form.file == name));
+        let form = form.ok_or_else(|| {
+            let known: Vec<&str> = made_of_mesh().flat_map(|artifact| artifact.forms).map(|form| form.file).collect();
+            Error::parameter(format_args!("outputs must be of {}, not {}", known.join(", "), Quoted(name)))
+        })?;
+        if !files.iter().any(|file| file == form.file) {
+            files.push(form.file.to_owned());
+        }
+    }
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tesserae_mesh::parameters::{Algorithm, Subdivide};
+
+    #[test]
+    fn outputs_are_named_by_file_or_by_name() {
+        let named = |text: &str| files(text.split(','));
+        assert_eq!(named("mesh, mesh.ply,mesh.glb"), Ok(vec!["mesh.glb".to_owned(), "mesh.ply".to_owned()]));
+        for text in ["labels.npy", "report", "mesh.stl", "", "mesh,,"] {
+            let error = named(text).expect_err(text);
+            assert!(error.message.contains("mesh.glb"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_whole_hierarchy_has_no_named_outputs_but_may_keep_its_mesh() {
+        let whole = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };
+        let cut = Parameters { clusters: Some(3), ..whole.clone() };
+        let named = Kept { outputs: vec!["mesh.glb".to_owned()], mesh: false };
+        let mesh = Kept { outputs: Vec::new(), mesh: true };
+        assert!(named.check(&cut).is_ok() && mesh.check(&whole).is_ok());
+        assert!(named.check(&whole).is_err());
+        let divided = Parameters { clusters: Some(3), subdivide: Some(Subdivide::Auto), ..Parameters::default() };
+        assert!(named.check(&divided).is_ok());
+        assert!(mesh.check(&divided).expect_err("another mesh").message.contains("outputs"));
+        assert_eq!(named.forms().count(), 1);
+        for artifact in made_of_mesh() {
+            assert!(mesh.gives(artifact));
+            assert_eq!(named.gives(artifact), artifact.name == "mesh");
+        }
+    }
+
+    #[test]
+    fn nothing_leaves_no_trace_in_what_is_stored() {
+        assert_eq!(serde_json::to_string(&Kept::default()).expect("JSON"), "{}");
+        assert_eq!(serde_json::from_str::<Kept>("{}").expect("JSON"), Kept::default());
+    }
+}

@@ -1,0 +1,187 @@
+//! Labels of running jobs for clients that watch them. They live in the process that runs the job; other processes have
+//! none. A job without a watcher copies no labels.
+//!
+//! There are at most [`MOST_WATCHERS`] watchers. Each costs at most [`MOST_FACES`] labels in memory, and each of its
+//! events 8 bytes a face that changed, in base64. There is one event in [`PACE`] at most, and a slow client misses
+//! labels in between.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use parking_lot::Mutex;
+use serde::Serialize;
+use tesserae_mesh::job::Viewer;
+use tokio::sync::watch;
+use utoipa::ToSchema;
+
+use crate::store::JobId;
+
+/// Faces of the largest mesh whose labels can be watched.
+pub(crate) const MOST_FACES: u64 = 300_000;
+
+/// Watchers of all jobs together; a stream beyond them has no labels.
+const MOST_WATCHERS: usize = 32;
+
+/// Least time between two sets of labels of a job.
+const PACE: Duration = Duration::from_millis(250);
+
+/// One label a face, in upload order.
+type Labels = Arc<[u32]>;
+
+/// The jobs that are watched.
+#[derive(Debug, Default)]
+pub(crate) struct Live(Mutex<HashMap<JobId, watch::Sender<Labels>>>);
+
+/// A job, for the thread that works on it.
+#[derive(Debug, Clone)]
+pub(crate) struct Channel {
+    live: Arc<Live>,
+    id: JobId,
+    /// When the next labels are due.
+    next: Arc<Mutex<Instant>>,
+}
+
+/// A client that watches a job, until this is dropped.
+#[derive(Debug)]
+pub(crate) struct Watcher {
+    channel: Channel,
+    labels: watch::Receiver<Labels>,
+    /// What the client has.
+    sent: Labels,
+}
+
+/// Data of the event `labels`.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct LabelsEvent {
+    /// Faces of the mesh.
+    faces: u64,
+    /// Base64: for each face whose label changed since the event before, and at first for every face, the face and its
+    /// label, 32 bits each, little endian. Labels below the number of faces; the numbers are those of this attempt, not
+    /// of the result.
+    changes: String,
+}
+
+impl Live {
+    /// A job, watched or not.
+    pub fn channel(self: &Arc<Self>, id: JobId) -> Channel {
+        Channel { live: Arc::clone(self), id, next: Arc::new(Mutex::new(Instant::now())) }
+    }
+}
+
+impl Channel {
+    /// Watches the job from now on; none where there are too many watchers.
+    pub fn watch(self) -> Option<Watcher> {
+        let mut jobs = self.live.0.lock();
+        if jobs.values().map(watch::Sender::receiver_count).sum::<usize>() >= MOST_WATCHERS {
+            return None;
+        }
+        let labels = jobs.entry(self.id).or_default().subscribe();
+        drop(jobs);
+        Some(Watcher { channel: self, labels, sent: Labels::default() })
+    }
+}
+
+impl Viewer for Channel {
+    /// Whether a client watches.
+    fn watches(&self) -> bool {
+        self.live.0.lock().contains_key(&self.id)
+    }
+
+    /// Whether a client watches, and the last labels are long enough ago.
+    fn is_due(&self) -> bool {
+        Instant::now() >= *self.next.lock() && self.watches()
+    }
+
+    fn show(&self, labels: Vec<u32>) {
+        *self.next.lock() = Instant::now() + PACE;
+        if let Some(watched) = self.live.0.lock().get(&self.id) {
+            watched.send_replace(labels.into());
+        }
+    }
+}
+
+impl Watcher {
+    /// The next labels, once there are any.
+    pub async fn next(&mut self) -> LabelsEvent {
+        match self.labels.changed().await {
+            Ok(()) => self.changes(),
+            // it is there as long as this is
+            Err(_) => std::future::pending().await,
+        }
+    }
+
+    /// Labels that are there and were not sent.
+    pub fn now(&mut self) -> Option<LabelsEvent> {
+        self.labels.has_changed().unwrap_or(false).then(|| self.changes())
+    }
+
+    fn changes(&mut self) -> LabelsEvent {
+        let labels = Arc::clone(&self.labels.borrow_and_update());
+        let is_first = self.sent.len() != labels.len();
+        let mut bytes = Vec::new();
+        for (face, &label) in labels.iter().enumerate() {
+            if is_first || self.sent[face] != label {
+                bytes.extend((face as u32).to_le_bytes());
+                bytes.extend(label.to_le_bytes());
+            }
+        }
+        let faces = labels.len() as u64;
+        self.sent = labels;
+        LabelsEvent { faces, changes: STANDARD.encode(bytes) }
+    }
+}
+
+impl Drop for Watcher {
+    fn drop(&mut self) {
+        let mut jobs = self.channel.live.0.lock();
+        if jobs.get(&self.channel.id).is_some_and(|watched| watched.receiver_count() <= 1) {
+            jobs.remove(&self.channel.id);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pairs(event: &LabelsEvent) -> Vec<[u32; 2]> {
+        let bytes = STANDARD.decode(&event.changes).expect("base64");
+        let numbers: Vec<u32> = bytes.as_chunks().0.iter().map(|&four| u32::from_le_bytes(four)).collect();
+        numbers.as_chunks().0.to_vec()
+    }
+
+    #[test]
+    fn each_watcher_gets_what_changed_since_its_last_labels() {
+        let live = Arc::<Live>::default();
+        let channel = live.channel(JobId::random());
+        channel.show(vec![9, 9]);
+        let mut watcher = channel.clone().watch().expect("a watcher");
+        assert!(watcher.now().is_none(), "nothing was shown since");
+        channel.show(vec![0, 1, 1]);
+        assert_eq!(watcher.now().map(|event| pairs(&event)), Some(vec![[0, 0], [1, 1], [2, 1]]));
+        assert!(watcher.now().is_none());
+        let mut late = channel.clone().watch().expect("a watcher");
+        channel.show(vec![0, 2, 1]);
+        channel.show(vec![0, 0, 1]);
+        assert_eq!(watcher.now().map(|event| pairs(&event)), Some(vec![[1, 0]]));
+        assert_eq!(late.now().map(|event| pairs(&event).len()), Some(3));
+    }
+
+    #[test]
+    fn a_job_is_watched_as_long_as_it_has_watchers_of_which_there_are_not_too_many() {
+        let live = Arc::<Live>::default();
+        let channel = live.channel(JobId::random());
+        let mut watchers: Vec<Watcher> = (0..MOST_WATCHERS).filter_map(|_| channel.clone().watch()).collect();
+        assert_eq!(watchers.len(), MOST_WATCHERS);
+        assert!(live.channel(JobId::random()).watch().is_none());
+        watchers.pop();
+        assert!(live.channel(JobId::random()).watch().is_some());
+        watchers.truncate(1);
+        assert!(channel.watches());
+        watchers.clear();
+        assert!(!channel.watches() && live.0.lock().is_empty());
+    }
+}

@@ -1,0 +1,369 @@
+//! The one thread that uses the device: it clusters prepared meshes one after the other. A cpu device works in a thread
+//! pool, for which this thread waits.
+//!
+//! The turn of a job ends when the device has delivered labels and energies; results are made of them on the cpu pool.
+//!
+//! Failures of the device are handled here. A device that was lost is opened anew before the next mesh. A device that
+//! shows no sign of life is abandoned with its thread, and a new thread starts. If the service may use the cpu instead,
+//! the cpu takes meshes that lost the device before, and all meshes while there is no device. Otherwise a device that
+//! cannot be opened makes the service not ready, and no job begins until it can be opened.
+//!
+//! A device that computed wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes
+//! no part otherwise.
+//!
+//! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
+//! [short](Beside) one beside a long one. The others take [turns](Line), shared fairly among tenants.
+
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
+use rayon::ThreadPool;
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::{Clustered, Outcome, instead_of_gpu};
+use tesserae_mesh::report::DeviceKind;
+use tokio::sync::oneshot;
+
+use super::beside::Beside;
+use super::bounds::{caught, pool, within};
+use super::small::{SMALL_FACES, SmallMeshes};
+use super::task::{Done, Task};
+use super::turns::{Line, Place, Visit};
+use crate::metrics::Metrics;
+use crate::ops::blocking::blocking;
+use crate::ops::faults::Faults;
+use crate::ops::health::{Health, Part, Severity};
+
+/// Opens the device of the service anew.
+pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
+
+/// Time between two attempts to open a device that could not be opened.
+const REOPEN: Duration = Duration::from_secs(10);
+
+/// A task and the way back for its outcome, whose receiver may be gone.
+struct Submitted {
+    /// None only opens the device.
+    task: Option<Task>,
+    reply: oneshot::Sender<Result<Done>>,
+}
+
+/// The way to the thread. It ends when this is dropped.
+pub(crate) struct DeviceThread {
+    shared: Arc<Shared>,
+    /// For small meshes, which then need not wait for others.
+    like: Mutex<Option<Box<dyn Device>>>,
+    thread: Mutex<Thread>,
+    /// The meshes that wait for the thread.
+    line: Arc<Line>,
+    /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
+    beside: Option<Beside>,
+    timeout: Duration,
+}
+
+/// A thread that was started.
+#[derive(Clone)]
+struct Thread {
+    tasks: mpsc::Sender<Submitted>,
+    /// Counts signs of life of this thread only: not of small meshes beside it, nor of an abandoned thread.
+    life: Arc<AtomicU64>,
+}
+
+/// What all threads share.
+struct Shared {
+    reopen: Option<Reopen>,
+    faults: Faults,
+    /// None when the cpu takes no part.
+    cpu_below_faces: Option<u64>,
+    health: Arc<Health>,
+    metrics: Arc<Metrics>,
+    /// Threads that were abandoned: their failures are not reported any more.
+    left: AtomicU64,
+}
+
+impl fmt::Debug for DeviceThread {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("DeviceThread").finish_non_exhaustive()
+    }
+}
+
+impl DeviceThread {
+    /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device
+    /// cannot, or is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another
+    /// one.
+    pub fn start(
+        device: Box<dyn Device>,
+        cpu_below_faces: Option<u64>,
+        reopen: Option<Reopen>,
+        faults: Faults,
+        timeout: Duration,
+        health: Arc<Health>,
+        metrics: Arc<Metrics>,
+    ) -> Result<Self> {
+        let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics, left: AtomicU64::default() });
+        shared.opened(device.as_ref());
+        let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
+        let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
+        let beside = Beside::start(device.as_ref())?;
+        let like = Mutex::new(device.another().or_else(cpu));
+        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
+        Ok(Self { shared, like, thread, line: Arc::default(), beside, timeout })
+    }
+
+    /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
+    /// that beside the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it
+    /// takes longer than `limit`, not counting the time that it waits for others.
+    pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
+        if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
+            let thread = small.thread().await?;
+            let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
+            let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
+            return within(limit, thread.run(work)).await;
+        }
+        let turn = match &self.beside {
+            None => self.line.turn(task.visit.clone()).await,
+            Some(beside) => match self.line.place(task.visit.clone()).await {
+                Place::Turn(turn) => turn,
+                Place::Beside => {
+                    let (metrics, faults) = (Arc::clone(&self.shared.metrics), self.shared.faults.clone());
+                    return beside.run(task, metrics, faults, limit).await;
+                }
+            },
+        };
+        let work = async {
+            let done = self.submit(Some(task)).await;
+            drop(turn);
+            let (done, faults, span) = (done?, self.shared.faults.clone(), tracing::info_span!("finish"));
+            blocking(move || caught(|| span.in_scope(|| done.finish(&faults)))).await?
+        };
+        within(limit, work).await
+    }
+
+    fn another(&self) -> Option<Box<dyn Device>> {
+        self.like.lock().as_ref()?.another()
+    }
+
+    /// Completes once there is a device, or the cpu instead.
+    pub(super) async fn is_there(&self) {
+        while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
+            tokio::time::sleep(REOPEN).await;
+            let _turn = self.line.turn(Visit::of_nobody()).await;
+            let _ = self.submit(None).await;
+        }
+    }
+
+    async fn submit(&self, task: Option<Task>) -> Result<Done> {
+        let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
+        let (reply, mut outcome) = oneshot::channel();
+        let Thread { tasks, life } = self.thread.lock().clone();
+        let work = async {
+            tasks.send(Submitted { task, reply }).map_err(|_| gone())?;
+            (&mut outcome).await.map_err(|_| gone())?
+        };
+        tokio::select! {
+            outcome = work => outcome,
+            () = self.lifeless(&life) => {
+                tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is abandoned");
+                self.shared.lost("it showed no sign of life");
+                self.shared.left.fetch_add(1, Ordering::SeqCst);
+                let thread = Thread::start(Devices::new(None, &self.shared)?)?;
+                *self.thread.lock() = thread;
+                Err(Error::new(
+                    Kind::DeviceLost,
+                    format_args!("the device showed no sign of life for {:?}", self.timeout),
+                ))
+            }
+        }
+    }
+
+    /// Completes when there was no sign of life for too long.
+    async fn lifeless(&self, life: &AtomicU64) {
+        let mut seen = None;
+        loop {
+            let looks = life.load(Ordering::Relaxed);
+            if seen.replace(looks) == Some(looks) {
+                return;
+            }
+            tokio::time::sleep(self.timeout).await;
+        }
+    }
+}
+
+impl Thread {
+    fn start(mut devices: Devices) -> Result<Self> {
+        // a sender has the turn, or has given up waiting: there are never many
+        let (tasks, queue) = mpsc::channel::<Submitted>();
+        let life = Arc::<AtomicU64>::default();
+        let looks = Arc::clone(&life);
+        std::thread::Builder::new()
+            .name("device".to_owned())
+            .spawn(move || {
+                while let Ok(Submitted { task, reply }) = queue.recv() {
+                    let outcome = match task {
+                        Some(mut task) => {
+                            task.cancel = task.cancel.counting(Arc::clone(&looks));
+                            task.run(|task| devices.run(task))
+                        }
+                        None => devices.open().map(drop).and(Err(Error::cancelled())),
+                    };
+                    let _ = reply.send(outcome);
+                }
+            })
+            .map_err(|error| Error::io("the thread of the device cannot be started", error))?;
+        Ok(Self { tasks, life })
+    }
+}
+
+impl Shared {
+    /// Whether the cpu is faster with a mesh.
+    fn is_few(&self, task: &Task) -> bool {
+        self.cpu_below_faces.is_some_and(|faces| (task.prepared.surface.faces() as u64) < faces)
+    }
+
+    /// Whether the cpu takes a mesh, if it takes part.
+    fn is_for_cpu(&self, task: &Task) -> bool {
+        task.prepared.plan.is_sequential() || task.is_retry || self.is_few(task)
+    }
+
+    fn opened(&self, device: &dyn Device) {
+        self.metrics.device_opened(device.memory_meter());
+    }
+
+    fn lost(&self, how: &str) {
+        self.health.degrade(Part::Device, format!("the device was lost and is opened anew: {how}"));
+    }
+}
+
+/// The devices of the thread.
+struct Devices {
+    shared: Arc<Shared>,
+    /// None after it was lost.
+    device: Option<Box<dyn Device>>,
+    /// For what the device cannot do.
+    cpu: Option<CpuDevice>,
+    /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, so that none of those
+    /// holds it up.
+    workers: Option<Arc<ThreadPool>>,
+    /// When a device that cannot be opened is tried again.
+    next_attempt: Option<Instant>,
+    /// Threads that had been abandoned when it was made.
+    left: u64,
+}
+
+impl Devices {
+    fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Result<Self> {
+        let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
+        let cpu = (shared.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
+        let left = shared.left.load(Ordering::SeqCst);
+        let is_cpu = device.as_ref().is_some_and(|device| device.info().kind == DeviceKind::Cpu);
+        let workers = (is_cpu || cpu.is_some()).then(|| pool(0, |index| format!("cluster-{index}")).map(Arc::new));
+        let workers = workers.transpose()?;
+        Ok(Self { shared: Arc::clone(shared), device, cpu, workers, next_attempt: None, left })
+    }
+
+    /// Whether its thread was abandoned.
+    fn is_left(&self) -> bool {
+        self.shared.left.load(Ordering::SeqCst) != self.left
+    }
+
+    fn run(&mut self, task: &mut Task) -> Result<Clustered> {
+        let is_few = self.shared.is_few(task);
+        let suits_cpu = self.shared.is_for_cpu(task);
+        let metrics = Arc::clone(&self.shared.metrics);
+        let workers = self.workers.clone();
+        let mut run = |device: &mut dyn Device| match &workers {
+            Some(workers) if device.info().kind == DeviceKind::Cpu => {
+                workers.install(|| task.cluster(device, &metrics))
+            }
+            _ => task.cluster(device, &metrics),
+        };
+        if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
+            let outcome = run(cpu);
+            if is_few {
+                // a device that was lost is opened though no mesh needs it now, so that its part of the health is
+                // cleared
+                let _ = self.open();
+            }
+            return outcome;
+        }
+        let opened = self.open();
+        let outcome = match opened {
+            Ok(()) => match &mut self.device {
+                Some(device) => run(device.as_mut()),
+                None => Err(Error::new(Kind::Internal, "a device that was opened is not there")),
+            },
+            Err(error) => match &mut self.cpu {
+                Some(cpu) => return run(cpu),
+                None => return Err(error),
+            },
+        };
+        match (outcome, &mut self.cpu) {
+            (Err(error), Some(cpu)) if error.kind == Kind::DeviceUnsuitable => {
+                tracing::warn!(%error, "taking the cpu instead of the gpu");
+                run(cpu).map(|clustered| clustered.with_warning(instead_of_gpu(&error)))
+            }
+            (Err(error), cpu) if error.kind == Kind::DeviceWrong => {
+                tracing::error!(%error, "the cpu runs the job again");
+                self.shared.metrics.device_wrong();
+                self.shared.lost(&error.message);
+                if self.shared.reopen.is_some() {
+                    self.device = None;
+                }
+                let outcome = run(cpu.get_or_insert_with(CpuDevice::new));
+                outcome.map(|clustered| clustered.with_warning(instead_of_gpu(&error)))
+            }
+            (Err(error), _) if error.kind == Kind::DeviceLost => {
+                if self.is_left() {
+                    return Err(error);
+                }
+                self.shared.lost(&error.message);
+                if self.shared.reopen.is_some() {
+                    self.device = None;
+                }
+                Err(error)
+            }
+            (outcome, _) => {
+                if outcome.is_ok() {
+                    self.shared.health.clear(Part::Device);
+                }
+                outcome
+            }
+        }
+    }
+
+    /// Opens the device, if it is not.
+    fn open(&mut self) -> Result<()> {
+        if self.device.is_some() {
+            return Ok(());
+        }
+        let refuse = |why: &str| Error::new(Kind::DeviceLost, format_args!("the device cannot be opened again: {why}"));
+        let error = match &self.shared.reopen {
+            // not at every mesh: looking for a device takes its time
+            _ if self.next_attempt.is_some_and(|next| Instant::now() < next) => {
+                return Err(refuse("it could not be a moment ago"));
+            }
+            Some(reopen) => match caught(|| reopen()) {
+                Ok(device) => {
+                    tracing::info!(device = device.info().name, "the device was opened anew");
+                    self.shared.opened(device.as_ref());
+                    self.device = Some(device);
+                    self.next_attempt = None;
+                    self.shared.health.clear(Part::Device);
+                    return Ok(());
+                }
+                Err(error) => refuse(&error.message),
+            },
+            None => refuse("there is no way to"),
+        };
+        self.next_attempt = Some(Instant::now() + REOPEN / 2);
+        match self.cpu {
+            Some(_) => self.shared.health.degrade(Part::Device, format!("the cpu stands in: {error}")),
+            None => self.shared.health.fail(Part::Device, error.message.clone()),
+        }
+        Err(error)
+    }
+}

@@ -1,0 +1,34 @@
+//! From the queue to results: read → cluster → write, for several jobs at a time.
+//!
+//! Jobs are claimed fairly among tenants ([`crate::store`]). A job holds a slot until it ends, which bounds the meshes
+//! in memory. One more slot is for tenants without a running job, so that a tenant that fills all other slots does not
+//! delay another tenant. A job waits for its share of [`memory`] before its mesh is read. Reading and writing run on
+//! tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job
+//! that fails, or panics, fails alone.
+//!
+//! An attempt at a job has one of three verdicts. The job has ended. Or it is released, because the device or the
+//! process failed and not the mesh. Or another process has it by now. Work on files that fails is repeated for a while
+//! ([`patience`]), and writes to the store until the disk works.
+//!
+//! `parts` holds the state, `stages` the work on one job, `run` the loop around them.
+
+mod beside;
+mod bounds;
+pub(crate) mod device_thread;
+mod leases;
+mod memory;
+mod parts;
+mod patience;
+mod rows;
+mod run;
+mod slot;
+mod small;
+mod stages;
+mod task;
+mod turns;
+mod virtual_times;
+mod watched;
+
+pub(crate) use self::memory::Memory;
+pub(crate) use self::parts::{Costs, Parts, Pipeline};
+pub(crate) use self::patience::PATIENCE;

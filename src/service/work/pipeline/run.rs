@@ -1,0 +1,333 @@
+//! The run of a pipeline: jobs are claimed, worked on and ended, or given back.
+
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::job::Outcome;
+use tokio::sync::{OwnedSemaphorePermit, watch};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tracing::Instrument;
+
+use super::bounds::AGAIN;
+use super::leases::Lease;
+use super::parts::Pipeline;
+use super::patience::Patience;
+use super::rows::Log;
+use super::slot::Slot;
+use super::stages::Written;
+use crate::ops::trace::TraceParent;
+use crate::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
+
+/// Least wait for the next start, so that a start that is due does not spin.
+const EARLY: Duration = Duration::from_millis(1);
+
+/// The outcome of an attempt.
+#[derive(Debug)]
+enum Verdict {
+    /// The job has ended.
+    Ended(Ending),
+    /// It is to be tried again.
+    Released(Release),
+    /// It is not this process's any more.
+    Lost,
+}
+
+/// A job that was claimed, and its slot.
+type Claimed = (OwnedSemaphorePermit, Ticket, Job);
+
+impl Pipeline {
+    /// Works on jobs until `stop`; jobs claimed by then end, or are released when `abort` breaks them off.
+    pub async fn run(self, stop: CancellationToken, abort: CancellationToken) {
+        let this = Arc::new(self);
+        let jobs = TaskTracker::new();
+        let done = CancellationToken::new();
+        let (keeper, until) = (Arc::clone(&this), done.clone());
+        let leases = tokio::spawn(async move { keeper.leases.keep(keeper.store.as_ref(), until).await });
+        let mut arrivals = this.store.arrivals();
+        while let Some(claimed) = this.next(&mut arrivals, &stop).await {
+            for (slot, ticket, job) in claimed {
+                let span = tracing::info_span!(
+                    "job",
+                    id = %job.id,
+                    attempt = ticket.attempt,
+                    trace = tracing::field::Empty,
+                    tenant = job.spec.tenant,
+                    faces = tracing::field::Empty,
+                    clusters = job.spec.parameters.clusters,
+                );
+                if let Some(parent) = job.spec.trace_parent.as_deref().and_then(TraceParent::parse) {
+                    span.record("trace", parent.trace());
+                }
+                let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
+                jobs.spawn(work.instrument(span));
+            }
+        }
+        jobs.close();
+        jobs.wait().await;
+        done.cancel();
+        let _ = leases.await;
+    }
+
+    /// The next jobs, once there are slots and jobs, and what it takes to work on them; none when it is time to stop.
+    async fn next(
+        self: &Arc<Self>,
+        arrivals: &mut watch::Receiver<u64>,
+        stop: &CancellationToken,
+    ) -> Option<Vec<Claimed>> {
+        let (mut slots, mut newcomer) = (Vec::new(), None);
+        let mut shares = self.shares.clone();
+        loop {
+            let ready = async {
+                if slots.is_empty() && newcomer.is_none() {
+                    tokio::select! {
+                        slot = Arc::clone(&self.slots).acquire_owned() => slots.push(slot.ok()?),
+                        slot = Arc::clone(&self.newcomer).acquire_owned() => newcomer = Some(slot.ok()?),
+                    }
+                }
+                while let Ok(slot) = Arc::clone(&self.slots).try_acquire_owned() {
+                    slots.push(slot);
+                }
+                if newcomer.is_none() {
+                    newcomer = Arc::clone(&self.newcomer).try_acquire_owned().ok();
+                }
+                self.storage.works().await;
+                self.device.is_there().await;
+                Some(())
+            };
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => return None,
+                ready = ready => ready?,
+            }
+            // seen before looking, so that what arrives while looking is noticed
+            arrivals.borrow_and_update();
+            let claiming = Claiming {
+                limit: slots.len(),
+                newcomers: usize::from(newcomer.is_some()),
+                lease: super::leases::TERM,
+                worker: Arc::clone(&self.worker),
+                shares: Arc::clone(&shares.borrow_and_update()),
+            };
+            // Not broken off in the middle: what it takes would stay taken.
+            let again = match self.store.claim_as(claiming).await {
+                Ok(claimed) if claimed.is_empty() => self.store.next_start().map(|wait| wait.max(EARLY)),
+                Ok(claimed) => {
+                    let with_slot = |(ticket, job)| Some((slots.pop().or_else(|| newcomer.take())?, ticket, job));
+                    return Some(claimed.into_iter().filter_map(with_slot).collect());
+                }
+                Err(error) => {
+                    tracing::error!(%error, "no job can be claimed");
+                    Some(AGAIN)
+                }
+            };
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => return None,
+                changed = arrivals.changed() => changed.ok()?,
+                changed = shares.changed() => changed.ok()?,
+                slot = Arc::clone(&self.slots).acquire_owned(), if slots.is_empty() => slots.push(slot.ok()?),
+                () = tokio::time::sleep(again.unwrap_or_default()), if again.is_some() => {}
+            }
+        }
+    }
+
+    /// Works on one job until it ends or is released.
+    async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
+        let started = Instant::now();
+        self.metrics.claimed(&job);
+        tracing::debug!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
+        let lease = self.leases.hold(ticket);
+        let cancel = Cancel::default();
+        let slot = Slot::new(slot);
+        let log = Arc::<Log>::default();
+        let broken_off = CancellationToken::new();
+        let _break_off = broken_off.clone().drop_guard();
+        let outcome = tokio::select! {
+            biased;
+            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(judge),
+            verdict = self.broken_off(&job, &lease, &abort) => Err(verdict),
+        };
+        // What still runs for this job writes nothing any more, and stops soon.
+        cancel.cancel();
+        let verdict = match outcome {
+            Ok(outcome) => {
+                self.metrics.reported(&outcome.report);
+                let writing = Instant::now();
+                let span = tracing::info_span!("write");
+                let written = self.write_or_wait(slot, &job, outcome, started, self.broken_off(&job, &lease, &abort));
+                let verdict = written.instrument(span).await;
+                self.metrics.written(&job, writing.elapsed());
+                verdict
+            }
+            Err(verdict) => verdict,
+        };
+        self.conclude(ticket, &job, verdict, &log, started, &abort).await;
+    }
+
+    /// Writes the result of an attempt, until that works, takes too long, or is broken off. Nothing is broken off while
+    /// files are being written.
+    async fn write_or_wait(
+        &self,
+        slot: Slot,
+        job: &Job,
+        outcome: Outcome,
+        started: Instant,
+        broken_off: impl Future<Output = Verdict>,
+    ) -> Verdict {
+        let outcome = Arc::new(Mutex::new(outcome));
+        let mut patience = Patience::new(&self.files, self.patience);
+        let mut broken_off = pin!(broken_off);
+        loop {
+            let error = match self.write(&slot, job, &outcome, started).await {
+                Ok(Written { summary, small }) => {
+                    return Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small });
+                }
+                Err(error) => error,
+            };
+            tokio::select! {
+                biased;
+                verdict = &mut broken_off => return verdict,
+                waited = patience.wait(error) => if let Err(error) = waited { return judge(error) },
+            }
+        }
+    }
+
+    /// Completes when the attempt is not to go on, with its verdict.
+    async fn broken_off(&self, job: &Job, lease: &Lease, abort: &CancellationToken) -> Verdict {
+        tokio::select! {
+            biased;
+            () = self.cancel_requested(job) => Verdict::Ended(End::Cancelled.into()),
+            () = lease.lost() => Verdict::Lost,
+            () = abort.cancelled() => self.stopped(),
+        }
+    }
+
+    /// Stores the outcome of an attempt, and removes the files that are not needed any more.
+    async fn conclude(
+        &self,
+        ticket: Ticket,
+        job: &Job,
+        verdict: Verdict,
+        log: &Log,
+        started: Instant,
+        abort: &CancellationToken,
+    ) {
+        let milliseconds = started.elapsed().as_millis() as u64;
+        let mut may_have_files = true;
+        // for a retry, if it has failed
+        let mut keeps_upload = matches!(verdict, Verdict::Released(_));
+        let state = match verdict {
+            Verdict::Ended(mut ending) => {
+                log_end(&ending.end, milliseconds);
+                let (state, problem, _) = ending.end.parts();
+                keeps_upload = store::keeps_upload(problem);
+                self.metrics.ended(job, state, started.elapsed(), problem.map(|problem| problem.kind));
+                may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
+                ending.rest = log.rest();
+                loop {
+                    match self.store.end(ticket, ending.clone()).await {
+                        Err(error) if self.may_try_again(&error, abort).await => {
+                            // its end makes room, and on a full disk it takes some
+                            let is_full = error.kind == Kind::InsufficientStorage;
+                            if is_full && state != State::Succeeded {
+                                self.files.give_up_ballast().await;
+                            }
+                        }
+                        outcome => break outcome.map(|()| state),
+                    }
+                }
+            }
+            Verdict::Released(release) => {
+                match &release {
+                    Release::Failed(error) => {
+                        tracing::warn!(milliseconds, "the attempt failed: {error}");
+                        self.metrics.attempt_failed(error.kind);
+                    }
+                    Release::Free => tracing::info!(milliseconds, "broken off; it waits again"),
+                }
+                let outcome = loop {
+                    match self.store.release(ticket, release.clone()).await {
+                        Err(error) if self.may_try_again(&error, abort).await => {}
+                        outcome => break outcome,
+                    }
+                };
+                if let (Ok(State::Failed), Release::Failed(error)) = (&outcome, &release) {
+                    self.metrics.poisoned(error.kind);
+                }
+                outcome
+            }
+            Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
+        };
+        if may_have_files && state != Ok(State::Succeeded) {
+            self.files.remove_result(job.id, ticket.attempt).await;
+        }
+        match state {
+            Ok(State::Failed) if keeps_upload => {}
+            Ok(state) if state.is_ended() && !job.spec.is_small => self.files.remove_upload(job.id).await,
+            Ok(_) => {}
+            Err(error) if error.kind == Kind::Conflict => tracing::warn!("nothing of this attempt counts: {error}"),
+            Err(error) => tracing::error!(%error, "the end of a job cannot be stored; it will be run again"),
+        }
+    }
+
+    /// Waits a while when the disk failed; whether to try again then: until it is time to go.
+    async fn may_try_again(&self, error: &Error, abort: &CancellationToken) -> bool {
+        if !error.is_of_storage() || abort.is_cancelled() {
+            return false;
+        }
+        tracing::warn!(%error, "what happened cannot be stored yet");
+        tokio::select! {
+            () = tokio::time::sleep(AGAIN) => {}
+            () = abort.cancelled() => {}
+        }
+        true
+    }
+
+    /// Completes when the job is to be cancelled.
+    async fn cancel_requested(&self, job: &Job) {
+        let asked = loop {
+            match self.store.watch(job.id).await {
+                Ok(Some(mut pulses)) => break pulses.wait_for(|pulse| pulse.cancel_requested).await.is_ok(),
+                Err(error) if error.is_of_storage() => tokio::time::sleep(AGAIN).await,
+                Ok(None) | Err(_) => break false,
+            }
+        };
+        if !asked {
+            std::future::pending::<()>().await;
+        }
+    }
+
+    /// The outcome of a job that the service does not wait for when it stops.
+    fn stopped(&self) -> Verdict {
+        match self.store.is_durable() {
+            true => Verdict::Released(Release::Free),
+            false => {
+                let why = "the service was stopped before the job ended, and keeps no jobs; submit it again";
+                Verdict::Ended(End::Failed(Error::new(Kind::Unavailable, why)).into())
+            }
+        }
+    }
+}
+
+/// The outcome of an attempt that ended with an error.
+fn judge(error: Error) -> Verdict {
+    match error.kind {
+        Kind::Cancelled => Verdict::Ended(End::Cancelled.into()),
+        Kind::Conflict => Verdict::Lost,
+        Kind::DeviceLost => Verdict::Released(Release::Failed(error)),
+        _ => Verdict::Ended(End::Failed(error).into()),
+    }
+}
+
+fn log_end(end: &End, milliseconds: u64) {
+    match end {
+        End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
+        End::Cancelled => tracing::info!(milliseconds, "cancelled"),
+        End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
+    }
+}

@@ -1,0 +1,400 @@
+//! The stages of one job.
+
+use std::collections::HashMap;
+use std::iter;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
+
+use axum::body::Bytes;
+use parking_lot::Mutex;
+use tesserae_mesh::artifacts::{self, Content};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::{self, Outcome, Plan, Prepared, milliseconds};
+use tesserae_mesh::mesh::Resources;
+use tokio::runtime::Handle;
+use tokio_util::sync::CancellationToken;
+use tracing::Span;
+
+use super::bounds::{AGAIN, caught};
+use super::memory::Reading;
+use super::parts::Pipeline;
+use super::patience::Patience;
+use super::rows::{Inbox, Log};
+use super::slot::Slot;
+use super::task::Task;
+use super::turns::Visit;
+use crate::blobs::Blob;
+use crate::files::{self, BlobWriter, BlockingWriter, settle};
+use crate::files::{job_blobs, kept_mesh};
+use crate::ops::blocking::blocking;
+use crate::store::kept::Kept;
+use crate::store::live;
+use crate::store::{Job, SmallBlob, Summary, Ticket};
+
+impl Pipeline {
+    /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
+    pub(super) async fn cluster(
+        &self,
+        slot: &Slot,
+        ticket: Ticket,
+        job: &Job,
+        cancel: &Cancel,
+        log: &Arc<Log>,
+        broken_off: CancellationToken,
+    ) -> Result<Outcome> {
+        let mut prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
+        // the labels of divided faces are not those of the mesh
+        if prepared.input.faces <= live::MOST_FACES && prepared.origin.is_none() {
+            prepared.viewer = Some(Arc::new(self.live.channel(job.id)));
+        }
+        Span::current().record("faces", prepared.input.faces);
+        if job.spec.parameters.clusters.is_none() {
+            Span::current().record("clusters", prepared.spec.clustering.clusters());
+        }
+
+        let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
+        let (on_row, inbox) = Inbox::open();
+        let task = Task {
+            prepared: Arc::new(prepared),
+            cancel: cancel.clone(),
+            visit: Visit {
+                tenant: job.spec.tenant.as_str().into(),
+                share: self.shares.borrow().of(&job.spec.tenant),
+                cost,
+            },
+            is_retry: ticket.attempt > 1,
+            on_row,
+            span: tracing::info_span!("cluster"),
+            slot: slot.clone(),
+        };
+        let telling = tokio::spawn(inbox.tell(self.store.clone(), ticket, Arc::clone(log)));
+        let outcome = self.device.run(task, &self.small, self.time).await?;
+        telling.await.map_err(|error| {
+            Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
+        })??;
+        Ok(outcome)
+    }
+
+    /// From labels to files. Must not be dropped in the middle: it would go on, and leave files of no job.
+    pub(super) async fn write(
+        &self,
+        slot: &Slot,
+        job: &Job,
+        outcome: &Arc<Mutex<Outcome>>,
+        started: Instant,
+    ) -> Result<Written> {
+        let (files, slot, outcome) = (Arc::clone(&self.files), slot.clone(), Arc::clone(outcome));
+        let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
+        let (mut summary, blobs) = blocking(move || {
+            let (_slot, outcome) = (slot, &mut *outcome.lock());
+            caught(|| write(outcome, &kept, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
+        })
+        .await??;
+        let small = settle(blobs).await?;
+        summary.is_small = !small.is_empty();
+        Ok(Written { summary, small })
+    }
+
+    /// Reads the files of an upload, when there is memory for them. The wait for memory is no failure.
+    async fn read(&self, ticket: Ticket, job: &Job) -> Result<Upload> {
+        let spec = &job.spec;
+        let mut patience = Patience::new(&self.files, self.patience);
+        let uploads = loop {
+            match self.open(job).await {
+                Ok(uploads) => break uploads,
+                Err(error) => patience.wait(error).await?,
+            }
+        };
+        drop(patience);
+        // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
+        let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
+        let memory = self.memory.read(bytes).await?;
+        // a small upload began with its claim
+        while !spec.is_small
+            && let Err(error) = self.store.begin(ticket).await
+        {
+            // a database that is away is waited for
+            if error.kind != Kind::Unavailable {
+                return Err(error);
+            }
+            tokio::time::sleep(AGAIN).await;
+        }
+        self.faults.abort_at(spec.file_name.as_deref());
+        let reading = Instant::now();
+        let mut patience = Patience::new(&self.files, self.patience);
+        let mut opened = Some(uploads);
+        let (contents, seeds, weights) = loop {
+            match self.contents(job, opened.take()).await {
+                Ok(read) => break read,
+                Err(error) => patience.wait(error).await?,
+            }
+        };
+        Ok(Upload { memory, contents, seeds, weights, milliseconds: milliseconds(reading.elapsed()) })
+    }
+
+    /// Reads the mesh and its buffers, opened again where they were not, then the lists of seeds and weights.
+    async fn contents(
+        &self,
+        job: &Job,
+        opened: Option<Vec<Blob>>,
+    ) -> Result<(Vec<Bytes>, Option<Bytes>, Option<Bytes>)> {
+        let uploads = match opened {
+            Some(uploads) => uploads,
+            None => self.open(job).await?,
+        };
+        let mut contents = Vec::new();
+        for upload in uploads {
+            contents.push(upload.bytes().await.map_err(upload_is_gone)?);
+        }
+        let list = async |name: &str, is_there: bool| match is_there {
+            true => self.open_file(job, name).await?.bytes().await.map(Some),
+            false => Ok(None),
+        };
+        let seeds = list(files::SEEDS, job.spec.listed_seeds).await?;
+        Ok((contents, seeds, list(files::WEIGHTS, job.spec.has_weights).await?))
+    }
+
+    /// Opens the mesh of an upload and its buffers.
+    async fn open(&self, job: &Job) -> Result<Vec<Blob>> {
+        let mut uploads = Vec::new();
+        for name in iter::once(files::MESH.to_owned()).chain((0..job.spec.buffers.len()).map(files::buffer)) {
+            uploads.push(self.open_file(job, &name).await?);
+        }
+        Ok(uploads)
+    }
+
+    async fn open_file(&self, job: &Job, name: &str) -> Result<Blob> {
+        job_blobs::upload(&self.files, self.store.as_ref(), job, name, None).await.map_err(upload_is_gone)
+    }
+
+    /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
+    /// A file that is small and has too many faces is opened twice.
+    async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
+        let upload = self.read(ticket, job).await?;
+        let (spec, Upload { memory, contents, seeds, weights, milliseconds }) = (job.spec.clone(), upload);
+        let limits = self.limits;
+        let span = tracing::info_span!("read");
+        let open = move |admits: &mut Admits<'_>| {
+            let mut contents = contents.iter().cloned();
+            let mesh = contents.next().unwrap_or_default();
+            let request = job::Request {
+                bytes: &mesh,
+                format: spec.format,
+                resources: &Parts::new(&spec.buffers, contents),
+                limits,
+                parameters: &spec.parameters,
+                seeds: seeds.as_deref(),
+                weights: weights.as_deref(),
+                outputs: if spec.kept.is_nothing() { &[] } else { &[&artifacts::MESH] },
+            };
+            let build =
+                |opened: job::Opened<'_>| match admits(opened.faces(), opened.spec().clustering.is_hierarchical())? {
+                    true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
+                    false => Ok(None),
+                };
+            span.in_scope(|| job::open(&request, build)).map_err(|refusal| refusal.error).flatten()
+        };
+        let (open, memory, prepared) = match memory.may_be_small() {
+            true => {
+                let slot = slot.clone();
+                let work = move || open_small(open, memory, &slot);
+                self.small.thread().await?.run(work).await?
+            }
+            false => (open, Some(memory), None),
+        };
+        let mut prepared = match (prepared, memory) {
+            (None, Some(memory)) => {
+                let wait = Waiting { runtime: Handle::current(), broken_off };
+                blocking(move || caught(|| open_in_turn(open, memory, wait, &slot))).await??
+            }
+            (prepared, _) => prepared,
+        }
+        .ok_or_else(|| Error::new(Kind::Internal, "a mesh was not read"))?;
+        prepared.timings.read = milliseconds;
+        Ok(prepared)
+    }
+}
+
+/// The files of an upload, in memory.
+struct Upload {
+    memory: Reading,
+    /// The mesh, then its buffers.
+    contents: Vec<Bytes>,
+    seeds: Option<Bytes>,
+    weights: Option<Bytes>,
+    /// Time that their reading took.
+    milliseconds: f64,
+}
+
+/// Gets memory for so many faces of a flat clustering or a hierarchy; false leaves the mesh to a later call.
+type Admits<'a> = dyn FnMut(u64, bool) -> Result<bool> + 'a;
+
+/// Reads a mesh that may be small. Gives back what reads it, and its memory, when it is not. Waits for nothing: what a
+/// thread for small meshes waits for may itself wait for such a thread.
+fn open_small<F>(open: F, memory: Reading, slot: &Slot) -> Result<(F, Option<Reading>, Option<Prepared>)>
+where
+    F: Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
+{
+    let mut left = Some(memory);
+    let prepared = open(&mut |faces, is_hierarchical| {
+        let Some(memory) = left.take() else { return Ok(true) };
+        match memory.build_small(faces, is_hierarchical) {
+            Ok(held) => slot.holds(held),
+            Err(memory) => left = Some(memory),
+        }
+        Ok(left.is_none())
+    })?;
+    Ok((open, left, prepared))
+}
+
+/// Reads a mesh, on all threads once it has its memory.
+fn open_in_turn(
+    open: impl Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
+    memory: Reading,
+    wait: Waiting,
+    slot: &Slot,
+) -> Result<Option<Prepared>> {
+    let mut left = Some(memory);
+    open(&mut |faces, is_hierarchical| {
+        if let Some(memory) = left.take() {
+            slot.holds(wait.until(memory.build(faces, is_hierarchical))?);
+        }
+        Ok(true)
+    })
+}
+
+/// About how much work a mesh is, to tell short jobs from long ones: faces, times what hierarchies and sequential
+/// algorithms take longer (the order of magnitude; measured on 20,000 to 1,000,000 faces).
+fn cost(faces: u64, plan: &Plan) -> u64 {
+    let factor = match plan {
+        plan if plan.is_sequential() => 16,
+        Plan::Hierarchy { .. } => 4,
+        Plan::Coarse(..) | Plan::Seeded(..) => 1,
+    };
+    faces.saturating_mul(factor)
+}
+
+/// How a blocking thread waits: for a future, or until the job is broken off.
+struct Waiting {
+    runtime: Handle,
+    broken_off: CancellationToken,
+}
+
+impl Waiting {
+    fn until<T>(&self, future: impl Future<Output = Result<T>>) -> Result<T> {
+        self.runtime.block_on(async {
+            tokio::select! {
+                done = future => done,
+                () = self.broken_off.cancelled() => Err(Error::cancelled()),
+            }
+        })
+    }
+}
+
+/// The error of an upload that cannot be read: it belongs to a job, so it must be there.
+fn upload_is_gone(error: Error) -> Error {
+    match error.kind {
+        Kind::NotFound => Error::new(Kind::Io, "the upload of the job is gone from the data folder"),
+        _ => error,
+    }
+}
+
+/// A result that was written. It means nothing until the job has ended with it.
+pub(super) struct Written {
+    pub summary: Summary,
+    /// All of it, where it is small.
+    pub small: Vec<SmallBlob>,
+}
+
+/// Writes the result of a job to blobs, which are still to be settled.
+fn write(
+    outcome: &mut Outcome,
+    kept: &Kept,
+    blob: impl Fn(&str) -> BlockingWriter,
+    started: Instant,
+) -> Result<(Summary, Vec<BlobWriter>)> {
+    let writing = Instant::now();
+    let mut blobs = Vec::new();
+    let mut warnings = Vec::new();
+    let remesh = OnceLock::new();
+    for form in kept.forms() {
+        match (form.encode)(&Content { remesh: Some(&remesh), ..outcome.content() }) {
+            Ok(encoding) => blobs.push(blob(form.file).fill(encoding)?),
+            // the clustering is worth keeping without it
+            Err(error) => warnings.push(format!("{} was not written: {}", form.file, error.message)),
+        }
+    }
+    // there already where the writing is repeated
+    warnings.retain(|warning| !outcome.report.warnings.contains(warning));
+    outcome.report.warnings.extend(warnings);
+    outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
+    if let Some(mesh) = outcome.mesh.as_ref().filter(|_| kept.mesh) {
+        blobs.push(blob(kept_mesh::NAME).fill(|out| kept_mesh::write(out, mesh))?);
+    }
+    for form in artifacts::stored(&outcome.report.parameters) {
+        // the report comes last, and has the times
+        outcome.report.timings_ms.write = milliseconds(writing.elapsed());
+        outcome.report.timings_ms.total = milliseconds(started.elapsed());
+        let encoding = (form.encode)(&outcome.content())?;
+        blobs.push(blob(form.file).fill(encoding)?);
+    }
+    let contents = blobs.iter().map(BlobWriter::contents).collect();
+    let report = &outcome.report;
+    let summary = Summary {
+        faces: report.input.faces,
+        clusters: report.clusters,
+        labels_sha256: report.labels_sha256.clone(),
+        is_small: false,
+        blobs: contents,
+    };
+    Ok((summary, blobs))
+}
+
+/// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.
+struct Parts {
+    contents: HashMap<String, Bytes>,
+}
+
+impl Parts {
+    fn new(names: &[String], contents: impl Iterator<Item = Bytes>) -> Self {
+        Self { contents: names.iter().cloned().zip(contents).collect() }
+    }
+}
+
+impl Resources for Parts {
+    fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
+        let content = self.contents.get(uri).ok_or_else(|| {
+            Error::mesh(format_args!(
+                "the mesh refers to a buffer that did not come with it (send it as a part named buffer with this file \
+                 name): {uri:?}"
+            ))
+        })?;
+        let bytes = content.len() as u64;
+        if bytes > max_bytes {
+            return Err(Error::too_large(format_args!(
+                "a buffer has more bytes than the limit of {max_bytes}, {bytes}: {uri:?}"
+            )));
+        }
+        Ok(content.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mesh_gets_at_the_parts_by_their_names_and_at_nothing_else() {
+        let contents = ["first", "second"].map(|content| Bytes::from_static(content.as_bytes()));
+        let parts = Parts::new(&["a/b c.bin".into(), "../x".into()], contents.into_iter());
+        assert_eq!(parts.load("a/b c.bin", 5).as_deref(), Ok(&b"first"[..]));
+        // a name is a name, whatever it looks like
+        assert_eq!(parts.load("../x", 9).as_deref(), Ok(&b"second"[..]));
+        assert_eq!(parts.load("a/b c.bin", 4).map_err(|error| error.kind), Err(Kind::TooLarge));
+        for uri in ["buffer-0", "mesh", "/etc/passwd", "../buffer-0", "b c.bin", ""] {
+            let error = parts.load(uri, 100).expect_err(uri);
+            assert_eq!(error.kind, Kind::InvalidMesh);
+        }
+    }
+}

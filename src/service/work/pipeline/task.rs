@@ -1,0 +1,74 @@
+//! A mesh on its way through the device, and the results after it.
+
+use std::sync::Arc;
+
+use tesserae_mesh::device::{Cancel, Device};
+use tesserae_mesh::error::{Error, Result};
+use tesserae_mesh::job::{self, Clustered, Outcome, Prepared};
+
+use super::bounds::caught;
+use super::rows::OnRow;
+use super::slot::Slot;
+use super::turns::Visit;
+use super::watched::Watched;
+
+use crate::metrics::Metrics;
+use crate::ops::faults::{FaultPoint, Faults};
+
+/// A mesh to be clustered.
+pub(super) struct Task {
+    /// The mesh.
+    pub prepared: Arc<Prepared>,
+    /// Requests a stop. Every look at it counts as a sign of life of the device's thread.
+    pub cancel: Cancel,
+    /// Its place in the line before the device.
+    pub visit: Visit,
+    /// Whether an earlier attempt at this mesh failed, maybe with the device.
+    pub is_retry: bool,
+    /// Receives every row of the report.
+    pub on_row: OnRow,
+    /// Where the lines of the log belong.
+    pub span: tracing::Span,
+    /// Freed when the mesh is: other meshes wait for its place in memory.
+    pub slot: Slot,
+}
+
+/// A mesh that the device is done with.
+pub(super) struct Done {
+    prepared: Arc<Prepared>,
+    clustered: Clustered,
+    /// As that of the [`Task`].
+    _slot: Slot,
+}
+
+impl Task {
+    /// Runs `work` on a device. All rows of the job are delivered, and after a failure its place is free, when this
+    /// returns.
+    pub fn run(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
+        let span = self.span.clone();
+        let clustered = span.in_scope(|| caught(|| work(&mut self)))?;
+        Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
+    }
+
+    /// The same on a device of its own.
+    pub fn run_on(self, mut device: Box<dyn Device>, metrics: &Metrics) -> Result<Done> {
+        self.run(|task| task.cluster(device.as_mut(), metrics))
+    }
+
+    /// What a device has to do with it.
+    pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
+        let _working = metrics.device_works();
+        match Watched::new(&mut *device, &self.prepared) {
+            Some(mut watched) => job::cluster(&self.prepared, &mut watched, &self.cancel, &mut *self.on_row),
+            None => job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row),
+        }
+    }
+}
+
+impl Done {
+    /// Makes results, and frees the mesh.
+    pub fn finish(self, faults: &Faults) -> Result<Outcome> {
+        faults.hit(FaultPoint::Finish).map_err(|error| Error::io("the results cannot be made", error))?;
+        job::finish(&self.prepared, self.clustered)
+    }
+}

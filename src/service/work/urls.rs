@@ -1,0 +1,60 @@
+//! The paths of a job's resources.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use tesserae_mesh::artifacts::Artifact;
+use utoipa::ToSchema;
+
+use crate::store::{Job, JobId, kept};
+
+/// Where everything about a job is: paths on this service.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Urls {
+    /// The job itself.
+    #[serde(rename = "self")]
+    #[schema(rename = "self")]
+    job: String,
+    /// Its events.
+    events: String,
+    /// Its labels, once it has succeeded; of a whole hierarchy, with `?clusters=K`.
+    labels: String,
+    /// Its hierarchy, once it has succeeded; null for flat algorithms.
+    hierarchy: Option<String>,
+    /// Its report, once it has succeeded.
+    report: String,
+    /// Its mesh as it was uploaded, while the job waits and runs and of a job that was given up; null otherwise.
+    upload: Option<String>,
+    /// What it can give of its mesh, by name, once it has succeeded: what was named, or all if it keeps the mesh. Of a
+    /// whole hierarchy, with `?clusters=K`.
+    #[serde(flatten)]
+    derived: BTreeMap<&'static str, String>,
+}
+
+/// Path of a job.
+pub(crate) fn path(id: JobId) -> String {
+    format!("/v1/jobs/{id}")
+}
+
+/// The route of an output.
+pub(crate) fn route(artifact: &Artifact) -> String {
+    format!("/v1/jobs/{{id}}/{}", artifact.name)
+}
+
+impl Urls {
+    /// Those of a job.
+    pub fn of(job: &Job) -> Self {
+        let path = path(job.id);
+        let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
+        let given = kept::made_of_mesh().filter(|artifact| job.spec.kept.gives(artifact));
+        Self {
+            events: format!("{path}/events"),
+            labels: format!("{path}/labels"),
+            hierarchy: is_hierarchical.then(|| format!("{path}/hierarchy")),
+            report: format!("{path}/report"),
+            upload: job.has_upload().then(|| format!("{path}/upload")),
+            derived: given.map(|artifact| (artifact.name, format!("{path}/{}", artifact.name))).collect(),
+            job: path,
+        }
+    }
+}

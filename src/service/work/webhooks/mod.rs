@@ -1,0 +1,385 @@
+//! Webhooks: the end of a job is sent to the URL of its parameter `webhook`.
+//!
+//! The store keeps the notices that are not settled, so that a restart loses none: [`Teller`] reads them at the start
+//! and whenever a job with a webhook ended. A delivery is signed as [Standard
+//! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
+//! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
+//! twice: receivers recognise it by its `webhook-id`, the id of the job, with `.2` behind it for the second end of a
+//! job that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays another
+//! one's.
+
+mod schedule;
+mod target;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use hmac::{Hmac, KeyInit as _, Mac as _};
+use reqwest::{StatusCode, Url};
+use serde::Serialize;
+use sha2::Sha256;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tokio::task::JoinSet;
+use tokio_util::sync::CancellationToken;
+
+use self::schedule::{GIVEN_UP_AFTER, Outcome, Schedule};
+use self::target::Targets;
+use crate::guard::problem::Problem;
+use crate::metrics::Metrics;
+use crate::ops::timestamp::rfc3339;
+use crate::settings::WebhookSettings;
+use crate::store::{JobId, Notice, State, Store};
+use crate::work::urls;
+
+/// Time for one delivery.
+const PATIENCE: Duration = Duration::from_secs(15);
+
+/// How long the store is left alone after it failed.
+const BREATHER: Duration = Duration::from_secs(5);
+
+/// What a secret begins with.
+const SECRET_PREFIX: &str = "whsec_";
+
+/// What is allowed, and how deliveries are signed.
+#[derive(Debug)]
+pub(crate) struct Webhooks {
+    targets: Targets,
+    /// None where no webhooks are allowed.
+    sender: Option<Sender>,
+}
+
+struct Sender {
+    client: reqwest::Client,
+    key: Vec<u8>,
+}
+
+impl std::fmt::Debug for Sender {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Sender").finish_non_exhaustive()
+    }
+}
+
+/// The body of a delivery.
+#[derive(Debug, Serialize)]
+struct Message<'a> {
+    #[serde(rename = "type")]
+    kind: &'static str,
+    timestamp: String,
+    data: Data<'a>,
+}
+
+#[derive(Debug, Serialize)]
+struct Data<'a> {
+    id: JobId,
+    state: State,
+    problem: Option<Problem>,
+    /// Path of the job on this service, valid until the job is deleted.
+    url: &'a str,
+}
+
+impl Webhooks {
+    /// What the settings say.
+    pub fn new(settings: &WebhookSettings) -> Result<Self> {
+        let targets = Targets::new(&settings.webhook_hosts);
+        if settings.webhook_secret.is_some() && settings.webhook_hosts.is_empty() {
+            tracing::warn!("--webhook-secret without --webhook-hosts: no webhook is sent, because no host is allowed");
+        }
+        let sender = match &settings.webhook_secret {
+            Some(path) if !settings.webhook_hosts.is_empty() => {
+                let client = reqwest::Client::builder()
+                    .user_agent(concat!("tesserae/", env!("CARGO_PKG_VERSION")))
+                    // what is allowed is one host, not wherever that points to
+                    .redirect(reqwest::redirect::Policy::none())
+                    .no_proxy()
+                    .timeout(PATIENCE)
+                    .dns_resolver(Arc::new(targets.clone()))
+                    .build()
+                    .map_err(|error| {
+                        Error::new(
+                            Kind::Unavailable,
+                            format_args!("webhooks cannot be sent (are there CA certificates?): {error:?}"),
+                        )
+                    })?;
+                Some(Sender { client, key: read_secret(path)? })
+            }
+            _ => None,
+        };
+        Ok(Self { targets, sender })
+    }
+
+    /// Refuses a webhook that would go where none may.
+    pub fn check(&self, webhook: &str) -> Result<()> {
+        self.targets.check(webhook).map(drop)
+    }
+}
+
+/// Reads the secret that deliveries are signed with.
+fn read_secret(path: &Path) -> Result<Vec<u8>> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| Error::io(format_args!("the secret of webhooks cannot be read: {}", path.display()), error))?;
+    let text = text.trim();
+    let key = STANDARD.decode(text.strip_prefix(SECRET_PREFIX).unwrap_or(text)).ok();
+    key.filter(|key| (24..=64).contains(&key.len())).ok_or_else(|| {
+        Error::parameter(format_args!(
+            "the secret of webhooks must be {SECRET_PREFIX} and 24 to 64 bytes in base64 (`echo {SECRET_PREFIX}$(head \
+             -c 32 /dev/urandom | base64)` makes one); it is not, in {}",
+            path.display()
+        ))
+    })
+}
+
+/// Delivers notices.
+#[derive(Debug)]
+pub(crate) struct Teller {
+    store: Arc<Store>,
+    webhooks: Arc<Webhooks>,
+    metrics: Arc<Metrics>,
+}
+
+impl Teller {
+    pub fn new(store: Arc<Store>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
+        Self { store, webhooks, metrics }
+    }
+
+    /// Delivers ends until `stop`.
+    pub async fn run(self, stop: CancellationToken) {
+        let this = Arc::new(self);
+        let mut schedule = Schedule::default();
+        let mut endings = this.store.endings();
+        let mut under_way: JoinSet<(JobId, Outcome, Option<SystemTime>)> = JoinSet::new();
+        while !stop.is_cancelled() {
+            endings.borrow_and_update();
+            let untold = match this.untold(&mut schedule).await {
+                Ok(untold) => untold,
+                Err(error) => {
+                    tracing::error!(%error, "it cannot be read which ends are to be told");
+                    let _ = stop.run_until_cancelled(tokio::time::sleep(BREATHER)).await;
+                    continue;
+                }
+            };
+            this.metrics.webhooks_pending(untold.len());
+            let due = schedule.due(&untold, Instant::now(), SystemTime::now());
+            for id in due.begin {
+                let this = Arc::clone(&this);
+                under_way.spawn(async move {
+                    let (outcome, ended_at) = this.attempt(id).await;
+                    (id, outcome, ended_at)
+                });
+            }
+            if !due.give_up.is_empty() {
+                let mut is_stored = true;
+                for (id, ended_at) in due.give_up {
+                    match this.settle(id, Outcome::GivenUp, Some(ended_at)).await {
+                        true => schedule.forget(id),
+                        false => is_stored = false,
+                    }
+                }
+                if !is_stored {
+                    let _ = stop.run_until_cancelled(tokio::time::sleep(BREATHER)).await;
+                }
+                continue;
+            }
+            let pause = async {
+                match due.next {
+                    Some(due) => tokio::time::sleep_until(due.into()).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                () = stop.cancelled() => break,
+                changed = endings.changed() => if changed.is_err() { break },
+                Some(done) = under_way.join_next() => {
+                    let Ok((id, outcome, ended_at)) = done else {
+                        // a defect, which was logged: everything is tried again
+                        under_way.shutdown().await;
+                        schedule.reset();
+                        continue;
+                    };
+                    let is_stored = this.settle(id, outcome, ended_at).await;
+                    schedule.done(id, outcome, Instant::now());
+                    if is_stored && outcome.is_last() {
+                        // a retried job may have ended again meanwhile: that end begins anew
+                        schedule.forget(id);
+                    }
+                }
+                () = pause => {}
+            }
+        }
+    }
+
+    /// Ends that are not settled, in the order of the ends; new ones are added to the schedule.
+    async fn untold(&self, schedule: &mut Schedule) -> Result<Vec<JobId>> {
+        let untold = self.store.untold().await?;
+        schedule.keep_only(&untold);
+        for id in &untold {
+            if !schedule.knows(*id)
+                && let Some(notice) = self.store.notice(*id).await?
+            {
+                schedule.add(*id, host(&notice.webhook), notice.ended_at, Instant::now());
+            }
+        }
+        Ok(untold)
+    }
+
+    /// Counts an outcome and stores it, unless the job has ended again since `ended_at`. False when it cannot be
+    /// stored: the end is delivered again after a pause then.
+    async fn settle(&self, id: JobId, outcome: Outcome, ended_at: Option<SystemTime>) -> bool {
+        self.metrics.told(match outcome {
+            Outcome::Delivered => "delivered",
+            Outcome::Refused | Outcome::Unanswered => "failed",
+            Outcome::GivenUp => "given_up",
+        });
+        if outcome.is_last()
+            && let Some(ended_at) = ended_at
+            && let Err(error) = self.store.settle_webhook(id, ended_at).await
+        {
+            tracing::error!(%error, job = %id, "it cannot be stored that an end was told");
+            return false;
+        }
+        true
+    }
+
+    /// Delivers the end of a job once; the outcome, and when the job ended. None when there is nothing to deliver.
+    async fn attempt(&self, id: JobId) -> (Outcome, Option<SystemTime>) {
+        let notice = match self.store.notice(id).await {
+            Ok(Some(notice)) => notice,
+            Ok(None) => return (Outcome::GivenUp, None),
+            // nothing is known about the receiver: as if it had answered
+            Err(_) => return (Outcome::Refused, None),
+        };
+        let ended_at = Some(notice.ended_at);
+        let (outcome, why) = match self.send(&notice).await {
+            Ok(status) if status.is_success() => return (Outcome::Delivered, ended_at),
+            Ok(StatusCode::GONE) => return (Outcome::GivenUp, ended_at),
+            Ok(status) => (Outcome::Refused, format!("the receiver answered {status}")),
+            Err(error) => (Outcome::Unanswered, error.message),
+        };
+        let age = notice.ended_at.elapsed().unwrap_or_default();
+        tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
+        (if age > GIVEN_UP_AFTER { Outcome::GivenUp } else { outcome }, ended_at)
+    }
+
+    /// Sends a notice, if that is allowed now: the list of hosts may be another than when the job was accepted, and may
+    /// be the same again later.
+    async fn send(&self, notice: &Notice) -> Result<StatusCode> {
+        let url = self.webhooks.targets.check(&notice.webhook)?;
+        let sender = self.webhooks.sender.as_ref();
+        let sender = sender.ok_or_else(|| Error::new(Kind::Unavailable, "there is no secret to sign it with"))?;
+        sender.send(url, notice).await
+    }
+}
+
+/// Scheme, host and port of a URL; empty for what is none.
+fn host(url: &str) -> String {
+    Url::parse(url).map(|url| url.origin().ascii_serialization()).unwrap_or_default()
+}
+
+/// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.
+fn webhook_id(notice: &Notice) -> String {
+    match notice.end {
+        0 | 1 => notice.job.to_string(),
+        end => format!("{}.{end}", notice.job),
+    }
+}
+
+impl Sender {
+    async fn send(&self, url: Url, notice: &Notice) -> Result<StatusCode> {
+        let path = urls::path(notice.job);
+        let message = Message {
+            kind: "job.ended",
+            timestamp: rfc3339(notice.ended_at),
+            data: Data {
+                id: notice.job,
+                state: notice.state,
+                problem: notice.problem.as_ref().map(|error| Problem::new(error, &path)),
+                url: &path,
+            },
+        };
+        let internal = |error: &dyn std::fmt::Display| {
+            Error::new(Kind::Internal, format_args!("a webhook cannot be written: {error}"))
+        };
+        let body = serde_json::to_string(&message).map_err(|error| internal(&error))?;
+        let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+        let id = webhook_id(notice);
+        let signature = sign(&self.key, &id, timestamp, &body).ok_or_else(|| internal(&"no key"))?;
+        let mut request = self
+            .client
+            .post(url)
+            .header("content-type", "application/json")
+            .header("webhook-id", id)
+            .header("webhook-timestamp", timestamp)
+            .header("webhook-signature", signature);
+        if let Some(parent) = &notice.trace_parent {
+            request = request.header("traceparent", parent);
+        }
+        let response = request.body(body).send().await;
+        // without the URL, which may hold a secret
+        response.map(|response| response.status()).map_err(|error| {
+            let error = error.without_url();
+            let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}")).unwrap_or_default();
+            Error::new(Kind::Unavailable, format_args!("{error}{cause}"))
+        })
+    }
+}
+
+/// The signature of a delivery: `v1,` and the HMAC-SHA256 of id, timestamp and body, joined by dots.
+fn sign(key: &[u8], id: impl std::fmt::Display, timestamp: u64, body: &str) -> Option<String> {
+    let mut mac = Hmac::<Sha256>::new_from_slice(key).ok()?;
+    mac.update(format!("{id}.{timestamp}.{body}").as_bytes());
+    Some(format!("v1,{}", STANDARD.encode(mac.finalize().into_bytes())))
+}
+
+/// Reads a URL and a host.
+#[cfg(fuzzing)]
+pub(crate) fn for_fuzzing(text: &str) {
+    let host: std::result::Result<crate::settings::WebhookHost, _> = text.parse();
+    let targets = Targets::new(&host.into_iter().collect::<Vec<_>>());
+    let _ = targets.check(text);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example of the standard's own libraries.
+    #[test]
+    fn deliveries_are_signed_as_the_standard_says() {
+        let key = STANDARD.decode("MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").expect("base64");
+        let signature = sign(&key, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);
+        assert_eq!(signature.as_deref(), Some("v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="));
+    }
+
+    #[test]
+    fn a_later_end_of_a_retried_job_has_an_id_of_its_own() {
+        let notice = Notice {
+            job: JobId::random(),
+            webhook: String::new(),
+            trace_parent: None,
+            state: State::Succeeded,
+            problem: None,
+            ended_at: UNIX_EPOCH,
+            end: 1,
+        };
+        assert_eq!(webhook_id(&notice), notice.job.to_string());
+        assert_eq!(webhook_id(&Notice { end: 2, ..notice.clone() }), format!("{}.2", notice.job));
+    }
+
+    #[test]
+    fn a_secret_that_is_none_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("secret");
+        for (text, good) in [
+            ("whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw\n", true),
+            ("MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw", true),
+            ("whsec_short", false),
+            ("", false),
+        ] {
+            std::fs::write(&path, text).expect("written");
+            assert_eq!(read_secret(&path).is_ok(), good, "{text:?}");
+        }
+        assert!(read_secret(&folder.path().join("missing")).is_err());
+    }
+}

@@ -1,0 +1,198 @@
+//! Where webhooks may go: to hosts that the operator listed, and by no name into the operator's network.
+
+use std::collections::HashSet;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::Arc;
+
+use reqwest::Url;
+use reqwest::dns::{Addrs, Name, Resolve, Resolving};
+use tesserae_mesh::error::{Error, Result};
+
+use crate::settings::WebhookHost;
+
+/// Longest URL of a webhook, in bytes.
+const MAX_BYTES: usize = 2048;
+
+/// The hosts that webhooks may go to.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Targets {
+    hosts: Arc<HashSet<WebhookHost>>,
+    addresses: Arc<HashSet<IpAddr>>,
+}
+
+impl Targets {
+    pub fn new(hosts: &[WebhookHost]) -> Self {
+        let addresses = hosts.iter().filter_map(WebhookHost::address).collect();
+        Self { hosts: Arc::new(hosts.iter().cloned().collect()), addresses: Arc::new(addresses) }
+    }
+
+    /// The URL, if webhooks may go there.
+    pub fn check(&self, text: &str) -> Result<Url> {
+        if text.len() > MAX_BYTES {
+            return Err(Error::parameter(format_args!(
+                "webhook must have at most {MAX_BYTES} bytes, not {}",
+                text.len()
+            )));
+        }
+        let url = Url::parse(text)
+            .map_err(|error| Error::parameter(format_args!("webhook must be a URL ({error}), not {text:?}")))?;
+        let host = WebhookHost::of(&url).ok_or_else(|| {
+            Error::parameter(format_args!("webhook must be an https URL without user and password, not {text:?}"))
+        })?;
+        if !self.hosts.contains(&host) {
+            return Err(Error::parameter(format_args!(
+                "webhooks go only to hosts that the operator allows (the service's --webhook-hosts), not to {}://{}:{}",
+                host.scheme, host.host, host.port
+            )));
+        }
+        Ok(url)
+    }
+
+    /// Whether a name may lead to that address.
+    fn may_reach(&self, address: IpAddr) -> bool {
+        is_public(address) || self.addresses.contains(&address.to_canonical())
+    }
+}
+
+/// Resolves names, and leaves out private addresses unless they are listed themselves.
+impl Resolve for Targets {
+    fn resolve(&self, name: Name) -> Resolving {
+        let this = self.clone();
+        Box::pin(async move {
+            let found = tokio::net::lookup_host((name.as_str(), 0)).await?;
+            let allowed: Vec<SocketAddr> = found.filter(|address| this.may_reach(address.ip())).collect();
+            if allowed.is_empty() {
+                return Err(format!("{} leads to no address that webhooks may go to", name.as_str()).into());
+            }
+            Ok(Box::new(allowed.into_iter()) as Addrs)
+        })
+    }
+}
+
+/// Whether an address is one of the public internet's (RFC 6890 and the registries that it made).
+fn is_public(address: IpAddr) -> bool {
+    match address.to_canonical() {
+        IpAddr::V4(address) => is_public_v4(address),
+        IpAddr::V6(address) => is_public_v6(address),
+    }
+}
+
+fn is_public_v4(address: Ipv4Addr) -> bool {
+    let [a, b, c, _] = address.octets();
+    let is_special = a == 0
+        || a >= 224
+        || (a == 100 && b & 0xc0 == 64)
+        || (a == 192 && b == 0 && c == 0)
+        || (a == 198 && b & 0xfe == 18);
+    !(is_special
+        || address.is_private()
+        || address.is_loopback()
+        || address.is_link_local()
+        || address.is_documentation()
+        || address.is_broadcast())
+}
+
+fn is_public_v6(address: Ipv6Addr) -> bool {
+    let segments = address.segments();
+    let embedded = |high: u16, low: u16| Ipv4Addr::from(u32::from(high) << 16 | u32::from(low));
+    match segments {
+        // addresses of the old kind in the new: translated, 6to4
+        [0x64, 0xff9b, 0, 0, 0, 0, high, low] | [0x2002, high, low, ..] => is_public_v4(embedded(high, low)),
+        // Teredo, benchmarks, ORCHID and documentation
+        [0x2001, second, ..] if second < 0x200 || second == 0xdb8 => false,
+        [0x3fff, second, ..] if second < 0x1000 => false,
+        // public addresses are those of 2000::/3
+        [first, ..] => first & 0xe000 == 0x2000,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn targets(hosts: &[&str]) -> Targets {
+        Targets::new(&hosts.iter().map(|host| host.parse().expect("a host")).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn only_listed_hosts_are_allowed_and_by_their_scheme_and_port() {
+        let targets =
+            targets(&["hooks.example", "other.example:8443", "http://plain.example:81", "10.0.0.5", "[fd00::1]"]);
+        for good in [
+            "https://hooks.example/x?y=1",
+            "https://HOOKS.example:443/",
+            "https://other.example:8443/",
+            "http://plain.example:81/",
+            "https://10.0.0.5/a",
+            "https://[fd00::1]/a",
+        ] {
+            assert!(targets.check(good).is_ok(), "{good}: {:?}", targets.check(good));
+        }
+        for bad in [
+            "http://hooks.example/",
+            "https://hooks.example:444/",
+            "https://hooks.example.evil/",
+            "https://evil@hooks.example/",
+            "https://user:pw@hooks.example/",
+            "https://hooks.example@evil/",
+            "https://other.example/",
+            "ftp://hooks.example/",
+            "file:///etc/passwd",
+            "/etc/passwd",
+            "hooks.example",
+            "https://167772165.evil/",
+            "https://10.0.0.6/",
+            "",
+        ] {
+            assert!(targets.check(bad).is_err(), "{bad}");
+        }
+        assert!(Targets::default().check("https://hooks.example/").is_err(), "nobody is allowed by default");
+        for wrong in ["", "a/b", "https://a/", "http://u@a", "a?b", "ftp://a"] {
+            assert!(wrong.parse::<WebhookHost>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn addresses_of_private_networks_are_reached_only_when_they_are_listed() {
+        let targets = targets(&["hooks.example", "10.0.0.5"]);
+        let may = |text: &str| targets.may_reach(text.parse().expect("an address"));
+        for public in ["1.1.1.1", "93.184.216.34", "2606:4700::1111", "64:ff9b::101:101", "10.0.0.5", "::ffff:10.0.0.5"]
+        {
+            assert!(may(public), "{public}");
+        }
+        for private in [
+            "127.0.0.1",
+            "10.0.0.6",
+            "172.16.0.1",
+            "192.168.1.1",
+            "169.254.169.254",
+            "100.64.0.1",
+            "0.0.0.0",
+            "224.0.0.1",
+            "255.255.255.255",
+            "198.18.0.1",
+            "192.0.0.8",
+            "::1",
+            "::",
+            "fe80::1",
+            "fd00::1",
+            "ff02::1",
+            "::ffff:127.0.0.1",
+            "64:ff9b::7f00:1",
+            "2002:7f00:1::",
+            "2001::1",
+            "2001:db8::1",
+            "::7f00:1",
+        ] {
+            assert!(!may(private), "{private}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_name_that_leads_into_the_private_network_leads_nowhere() {
+        let resolved = targets(&["localhost"]).resolve("localhost".parse().expect("a name")).await;
+        assert!(resolved.is_err());
+        let resolved = targets(&["localhost", "127.0.0.1"]).resolve("localhost".parse().expect("a name")).await;
+        assert!(resolved.is_ok());
+    }
+}
