@@ -13,18 +13,12 @@ use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, BodyDataStream, Bytes};
-use axum::extract::Request;
-use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use tokio::time::Sleep;
 
 pub(super) use self::inflate::Coding;
 use super::budget::{Budget, Held};
 use crate::error::{Error, Kind, Result};
-
-/// For how long the rest of a refused body is read and thrown away, so that the answer reaches a client that is still
-/// sending: closing at once would reset the connection, and the answer with it.
-const LINGER: Duration = Duration::from_secs(2);
 
 /// Largest number of bytes between the contents of two parts: their headers, and what one read brings along.
 const BETWEEN_PARTS: u64 = 4 << 20;
@@ -34,9 +28,8 @@ const CHUNKS_BETWEEN_PARTS: u64 = 512;
 
 /// Chunks that may come however small they are,
 const ANY_CHUNKS: u64 = 4096;
-/// and bytes that all chunks must have on average after that: a line of most OBJ files has more. A chunk takes some
-/// 2 µs.
-const BYTES_PER_CHUNK: u64 = 16;
+/// and bytes that all chunks must have on average after that. A chunk takes some 2 µs.
+const BYTES_PER_CHUNK: u64 = 64;
 
 /// Bytes after which a stream gives way to other tasks.
 const TURN: usize = 1 << 16;
@@ -119,14 +112,8 @@ impl Allowance {
 }
 
 /// Takes over a body, of `length` bytes where that is declared, compressed by `coding` if at all.
-pub(super) fn open(
-    body: Body,
-    headers: &HeaderMap,
-    coding: Option<Coding>,
-    length: Option<u64>,
-    rules: Rules,
-) -> Result<Content> {
-    let intake = Intake::new(body, headers, rules.clone());
+pub(super) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rules: Rules) -> Result<Content> {
+    let intake = Intake::new(body, rules.clone());
     if let Some(length) = length.filter(|length| *length > rules.limit) {
         return Err(rules.too_large(length));
     }
@@ -225,12 +212,10 @@ struct Intake {
     began: Instant,
     /// Ends when nothing came for too long.
     quiet: Pin<Box<Sleep>>,
-    /// Nothing may be read from a client that waits for leave to send (`Expect: 100-continue`) just to throw it away.
-    drain: bool,
 }
 
 impl Intake {
-    fn new(body: Body, headers: &HeaderMap, rules: Rules) -> Self {
+    fn new(body: Body, rules: Rules) -> Self {
         Self {
             body: Some(body.into_data_stream()),
             quiet: Box::pin(tokio::time::sleep(rules.patience)),
@@ -238,7 +223,6 @@ impl Intake {
             received: Arc::default(),
             chunks: 0,
             began: Instant::now(),
-            drain: !headers.contains_key(header::EXPECT),
         }
     }
 
@@ -277,7 +261,6 @@ impl Stream for Intake {
     type Item = Result<Bytes>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        self.drain = true;
         let Some(body) = &mut self.body else {
             return Poll::Ready(None);
         };
@@ -307,30 +290,4 @@ impl Stream for Intake {
             Poll::Ready(Some(Ok(data))) => Poll::Ready(Some(self.check(&data).map(|()| data))),
         }
     }
-}
-
-impl Drop for Intake {
-    fn drop(&mut self) {
-        if let Some(body) = self.body.take().filter(|_| self.drain) {
-            throw_away(body);
-        }
-    }
-}
-
-/// Lets go of a request that is refused before anything of its body was read.
-pub(super) fn refuse(request: Request) {
-    if !request.headers().contains_key(header::EXPECT) {
-        throw_away(request.into_body().into_data_stream());
-    }
-}
-
-/// Reads the rest of a body for a while.
-fn throw_away(mut body: BodyDataStream) {
-    let Ok(runtime) = tokio::runtime::Handle::try_current() else {
-        return;
-    };
-    runtime.spawn(async move {
-        let rest = async { while let Some(Ok(_)) = body.next().await {} };
-        let _ = tokio::time::timeout(LINGER, rest).await;
-    });
 }

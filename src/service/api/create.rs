@@ -24,7 +24,7 @@ use crate::service::state::{App, Shared};
 use crate::service::store::{Created, Job, NewJob};
 use crate::service::trace::Origin;
 use crate::service::upload::{self, Upload};
-use crate::service::{idempotency, intake, prefer, urls};
+use crate::service::{idempotency, prefer, urls};
 
 /// The form of an upload.
 #[derive(ToSchema)]
@@ -110,16 +110,12 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
     let rules = Rules::new(shared.settings.max_upload_bytes, traffic.constants.body_timeout, uploads);
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
-        let room = match shared.admission.check(&tenant).await {
-            // before the disk: an upload over the limit says nothing about the disk
-            Ok(()) if bytes > rules.limit => Err(rules.too_large(bytes).into()),
-            Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
-            Err(full) => Err(full),
-        };
-        if let Err(refusal) = room {
-            intake::refuse(request);
-            return Err(refusal);
+        shared.admission.check(&tenant).await?;
+        // before the disk: an upload over the limit says nothing about the disk
+        if bytes > rules.limit {
+            return Err(rules.too_large(bytes).into());
         }
+        shared.files.check_room(bytes)?;
     }
     let wait = prefer::wait(request.headers());
     let parent = request.extensions().get::<Origin>().map(|origin| origin.trace.to_string());

@@ -7,7 +7,6 @@ use axum::http::{HeaderValue, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::super::intake;
 use super::super::problem::Failure;
 use crate::error::{Error, Kind, Result};
 
@@ -16,7 +15,6 @@ pub(in crate::service) async fn check(request: Request, next: Next) -> Response 
     let Err(error) = check_host(&request).and_then(|()| check_codings(&request)) else {
         return next.run(request).await;
     };
-    intake::refuse(request);
     let mut response = Failure::from(error).into_response();
     response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     response

@@ -38,7 +38,7 @@ use super::faults::{FaultPoint, Faults};
 use super::problem::Failure;
 use super::settings::{Settings, TrafficSettings};
 use super::trace::Origin;
-use super::{LOCAL_TENANT, audit, intake, urls};
+use super::{LOCAL_TENANT, audit, urls};
 use crate::error::{Error, Kind};
 
 /// Paths of probes, which get an answer even when their address is over its limits.
@@ -109,7 +109,6 @@ pub(super) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
                 let origin = request.extensions().get::<Origin>();
                 audit::denied(failure.error.kind, request.method(), urls::cut(request.uri().path()), origin);
             }
-            intake::refuse(request);
             failure.into_response()
         }
     }

@@ -5,7 +5,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::super::problem::Failure;
-use super::super::{intake, query};
+use super::super::query;
 use crate::error::{Error, Kind, Result};
 
 /// Longest query string, in bytes.
@@ -16,11 +16,10 @@ const MAX_PARAMETERS: usize = 64;
 
 /// Refuses requests with a longer query string or more parameters, before any of it is parsed.
 pub(in crate::service) async fn limit(request: Request, next: Next) -> Response {
-    let Err(error) = check_size(request.uri().query().unwrap_or_default()) else {
-        return next.run(request).await;
-    };
-    intake::refuse(request);
-    Failure::from(error).into_response()
+    match check_size(request.uri().query().unwrap_or_default()) {
+        Ok(()) => next.run(request).await,
+        Err(error) => Failure::from(error).into_response(),
+    }
 }
 
 fn check_size(query: &str) -> Result<()> {

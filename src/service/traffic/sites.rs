@@ -19,7 +19,6 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use crate::error::{Error, Kind, Quoted, Result};
-use crate::service::intake;
 use crate::service::problem::Failure;
 use crate::service::settings::AccessSettings;
 
@@ -83,10 +82,7 @@ impl Sites {
 pub(in crate::service) async fn check(State(sites): State<Arc<Sites>>, request: Request, next: Next) -> Response {
     match sites.check(&request) {
         Ok(()) => next.run(request).await,
-        Err(error) => {
-            intake::refuse(request);
-            Failure::from(error).into_response()
-        }
+        Err(error) => Failure::from(error).into_response(),
     }
 }
 
