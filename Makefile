@@ -36,12 +36,13 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end bucket farm page outputs python memory crash fuzz deploy
+	@$(MAKE) --no-print-directory unit costs end-to-end bucket farm page outputs python memory crash fuzz deploy
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
 	cargo fmt --check
 	cargo clippy --locked --all-targets $(FEATURES) -- -D warnings
+	cargo clippy --locked --test costs $(FEATURES) -- -D warnings
 	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
 	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
 	tests/scripts/features.sh
@@ -53,7 +54,7 @@ unit: install-test bundle  ## the tests of the crate
 	cargo test --locked $(FEATURES) --no-fail-fast
 
 .PHONY: costs
-costs: debug-binary  ## processor time of hostile inputs, with the optimisation of the debug binary; `make unit` has a wider bound
+costs: debug-binary  ## processor time of hostile inputs, with the optimisation of the debug binary
 	CARGO_PROFILE_DEV_OPT_LEVEL=1 cargo test --locked $(FEATURES) --test costs
 
 .PHONY: end-to-end

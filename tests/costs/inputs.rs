@@ -110,6 +110,14 @@ pub const MESHES: &[(&str, Format, Make)] = &[
     ("nodes that touch", Format::Gltf, |n| {
         gltf_with(n, "nodes", |i| format!("{{\"mesh\":0,\"translation\":[{i}e-12,0,0]}}"))
     }),
+    ("nodes that touch in groups", Format::Gltf, |n| {
+        // in a scene of 2,048 units, vertices lie in two groups about each place where eight cells meet
+        let place = |i: usize| match i {
+            0 => 2047.0,
+            _ => (i / 30) as f64 + [-4.4e-4, 4.4e-4][i % 2] + (i % 30) as f64 * 1e-7,
+        };
+        gltf_with(n, "nodes", |i| format!("{{\"mesh\":0,\"translation\":[{:.7},0,0]}}", place(i)))
+    }),
     ("names of nodes", Format::Gltf, |n| gltf_with(n, "nodes", |i| format!("{{\"mesh\":0,\"name\":\"{i}\"}}"))),
     ("many meshes", Format::Gltf, |n| {
         gltf_with(n, "meshes", |_| "{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}".into())
@@ -182,7 +190,7 @@ fn header(name: &str, unit: &str, bytes: usize) -> [String; 2] {
 /// Targets of requests, for every route.
 pub const TARGETS: &[(&str, Head)] = &[
     // V2
-    ("many parameters", |n| target(repeated("?a", |i| format!("&{i:x}"), "", n))),
+    ("many parameters", |n| target(repeated("?a", |i| format!("&b{i:x}"), "", n))),
     ("one parameter again and again", |n| target(repeated("?a=1", |_| "&a=1".to_owned(), "", n))),
     ("empty parameters", |n| target(repeated("?", |_| "&".to_owned(), "", n))),
     ("one long value", |n| target(repeated("?clusters=", |_| "9".to_owned(), "", n))),
@@ -226,6 +234,10 @@ fn parameters(json: Vec<u8>) -> Vec<u8> {
     part("parameters", "", &json)
 }
 
+fn carriage_returns(bytes: usize) -> Vec<u8> {
+    part("mesh", "; filename=\"a.obj\"", &vec![b'\r'; bytes])
+}
+
 /// Bodies of requests for jobs, with their headers.
 pub const BODIES: &[(&str, &str, Make)] = &[
     ("many buffers", FORM, |n| buffers(n, usize::MAX)),
@@ -236,7 +248,7 @@ pub const BODIES: &[(&str, &str, Make)] = &[
     ("headers of a part", FORM, |n| repeated("--b\r\n", |i| format!("x{i}: y\r\n"), "\r\n", n)),
     ("no boundary", FORM, |n| repeated("", |_| "--a\r\n".to_owned(), "", n)),
     ("nearly boundaries", FORM, |n| part("mesh", "; filename=\"a.obj\"", "\r\n--a".repeat(n / 5).as_bytes())),
-    ("carriage returns", FORM, |n| part("mesh", "; filename=\"a.obj\"", "\r".repeat(n).as_bytes())),
+    ("carriage returns", FORM, carriage_returns),
     ("members of JSON", FORM, |n| parameters(repeated("{\"a\":0", |i| format!(",\"{i}\":0"), "}", n.min(65_536)))),
     ("a member again and again", FORM, |n| {
         parameters(repeated("{\"a\":0", |_| ",\"a\":0".to_owned(), "}", n.min(65_536)))
@@ -260,13 +272,12 @@ pub const BODIES: &[(&str, &str, Make)] = &[
     ("skipped frames of zstd", ZSTD, |n| [0x50, 0x2a, 0x4d, 0x18, 0, 0, 0, 0].repeat(n / 8)),
     ("empty blocks of zstd", ZSTD, |n| zstd(&[0, 0, 0], n / 3)),
     ("repeated bytes of zstd", ZSTD, |n| zstd(&[0x0a, 0x40, 0, b' '], n / 4)),
-    ("chunks of a byte", CHUNKED, |n| ["1\r\n \r\n".repeat(n / 6), "0\r\n\r\n".to_owned()].concat().into_bytes()),
+    ("chunks of a byte", CHUNKED, |n| chunked(&vec![b' '; n / 6], 1)),
+    ("chunks of seventy bytes", CHUNKED, |n| chunked(&vec![b' '; n / 76 * 70], 70)),
     ("chunks of a byte of a part's head", CHUNKED_FORM, |n| {
-        chunks_of_a_byte(&format!("--b\r\nx: {}", "y".repeat(n / 6)))
+        chunked(format!("--b\r\nx: {}", "y".repeat(n / 6)).as_bytes(), 1)
     }),
-    ("chunks of a byte before a part", CHUNKED_FORM, |n| chunks_of_a_byte(&"y".repeat(n / 6))),
-    ("chunks of a byte of a part", CHUNKED_FORM, |n| {
-        let mesh = part("mesh", "; filename=\"a.obj\"", "\r".repeat(n / 6).as_bytes());
-        chunks_of_a_byte(&String::from_utf8(mesh).expect("text"))
-    }),
+    ("chunks of a byte before a part", CHUNKED_FORM, |n| chunked(&vec![b'y'; n / 6], 1)),
+    ("chunks of a byte of a part", CHUNKED_FORM, |n| chunked(&carriage_returns(n / 6), 1)),
+    ("chunks of seventy bytes of a part", CHUNKED_FORM, |n| chunked(&carriage_returns(n / 76 * 70), 70)),
 ];

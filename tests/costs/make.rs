@@ -366,7 +366,8 @@ pub fn zstd(blocks: &[u8], times: usize) -> Vec<u8> {
     [&[0x28, 0xb5, 0x2f, 0xfd, 0, 0x58][..], &blocks.repeat(times), &[1, 0, 0]].concat()
 }
 
-/// A chunked body.
-pub fn chunks_of_a_byte(text: &str) -> Vec<u8> {
-    text.bytes().flat_map(|byte| [b'1', b'\r', b'\n', byte, b'\r', b'\n']).chain(*b"0\r\n\r\n").collect()
+/// A content in chunks of some bytes each.
+pub fn chunked(content: &[u8], bytes: usize) -> Vec<u8> {
+    let chunk = |chunk: &[u8]| [format!("{:x}\r\n", chunk.len()).as_bytes(), chunk, b"\r\n"].concat();
+    content.chunks(bytes).flat_map(chunk).chain(*b"0\r\n\r\n").collect()
 }

@@ -1,6 +1,6 @@
 //! Building the mesh: every primitive of every placement, transformed.
 
-use std::collections::BTreeMap;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::document::Document;
@@ -27,7 +27,7 @@ pub struct Builder<'a> {
     /// Vertices that no triangle uses and that are not kept, each placement counted.
     pub vertices_left_out: u64,
     /// Transforms so far, each with its number.
-    transforms: BTreeMap<[u64; 12], u32>,
+    transforms: HashMap<[u64; 12], u32>,
     /// Number of corners at the end.
     all_corners: usize,
     document: &'a Document,
@@ -52,7 +52,7 @@ impl<'a> Builder<'a> {
             parts: Vec::with_capacity(parts as usize),
             placed: Vec::new(),
             vertices_left_out: 0,
-            transforms: BTreeMap::new(),
+            transforms: HashMap::new(),
             all_corners: 3 * triangles as usize,
             document,
             spare: allowance.spare_vertices(),

@@ -45,14 +45,14 @@ pub struct Document {
     extensions_required: Vec<String>,
 }
 
-/// A node of the scene graph.
+/// A node of the scene graph. What few nodes have is boxed: a mebibyte has 90,000 nodes.
 #[derive(Debug, Default, Deserialize)]
 pub struct Node {
     /// Its name.
-    pub name: Option<String>,
+    pub name: Option<Box<str>>,
     /// Its children.
     #[serde(default)]
-    pub children: Vec<u32>,
+    pub children: Box<[u32]>,
     /// The mesh it places.
     pub mesh: Option<u32>,
     /// The skin that would deform the mesh.
@@ -60,11 +60,11 @@ pub struct Node {
     /// Transform as a matrix, column by column.
     pub matrix: Option<Box<[f64; 16]>>,
     /// Otherwise: translation,
-    pub translation: Option<[f64; 3]>,
+    pub translation: Option<Box<[f64; 3]>>,
     /// rotation as a quaternion x, y, z, w,
-    pub rotation: Option<[f64; 4]>,
+    pub rotation: Option<Box<[f64; 4]>>,
     /// and scale.
-    pub scale: Option<[f64; 3]>,
+    pub scale: Option<Box<[f64; 3]>>,
     /// Extensions.
     #[serde(default)]
     pub extensions: NodeExtensions,

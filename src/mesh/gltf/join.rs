@@ -9,6 +9,8 @@
 //! would become one, none of the set is moved. The result depends on no order and no number of threads; only + − × on
 //! f64 decide. A scene with one transform stays as it is.
 
+use std::collections::HashSet;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -58,7 +60,7 @@ pub fn across_placements(positions: &mut [[f64; 3]], corners: &[u32], placed: &[
             join_cell(cell, positions, &transforms, &grid, &mut parents);
         }
     }
-    move_to_first(positions, &transforms, &mut parents, &entries)
+    move_to_first(positions, &transforms, &mut parents)
 }
 
 /// The transform of a vertex that no triangle uses.
@@ -142,36 +144,47 @@ impl Neighbourhoods {
 /// Joins the vertices of a cell that are near each other: those under different transforms, and those at one position.
 fn join_cell(cell: &[(u64, u32)], positions: &[[f64; 3]], transforms: &[u32], grid: &Frame, parents: &mut [u32]) {
     let key = |vertex: u32| (transforms[vertex as usize], bits(positions[vertex as usize]));
-    let mut vertices: Vec<u32> = cell.iter().map(|&(_, vertex)| vertex).collect();
-    vertices.sort_unstable_by_key(|&vertex| (key(vertex), vertex));
-    let distinct: Vec<&[u32]> = vertices.chunk_by(|&a, &b| key(a) == key(b)).collect();
-    let first_transform = key(vertices[0]).0;
-    if distinct.len() > MOST_IN_CELL || vertices.iter().all(|&vertex| key(vertex).0 == first_transform) {
+    let (first, first_transform) = (root(parents, cell[0].1), transforms[cell[0].1 as usize]);
+    if cell.iter().all(|&(_, vertex)| transforms[vertex as usize] == first_transform)
+        || cell.iter().all(|&(_, vertex)| root(parents, vertex) == first)
+    {
         return;
     }
-    let places: Vec<DVec3> = distinct.iter().map(|same| grid.position(positions[same[0] as usize])).collect();
-    for (at, same) in distinct.iter().enumerate() {
-        same.iter().for_each(|&vertex| _ = join(parents, same[0], vertex));
-        for (other, &place) in places.iter().enumerate().take(at) {
-            let is_near = (place - places[at]).abs().max_element() <= TOLERANCE;
-            if is_near && key(distinct[other][0]).0 != key(same[0]).0 {
-                join(parents, distinct[other][0], same[0]);
+    if cell.len() > MOST_IN_CELL {
+        let mut keys = HashSet::new();
+        if cell.iter().any(|&(_, vertex)| keys.insert(key(vertex)) && keys.len() > MOST_IN_CELL) {
+            return;
+        }
+    }
+    let mut vertices: Vec<_> = cell.iter().map(|&(_, vertex)| (key(vertex), vertex)).collect();
+    vertices.sort_unstable();
+    let mut distinct: Vec<(u32, DVec3, u32)> = Vec::new();
+    for same in vertices.chunk_by(|a, b| a.0 == b.0) {
+        let ((transform, _), first) = same[0];
+        same.iter().for_each(|&(_, vertex)| _ = join(parents, first, vertex));
+        let place = grid.position(positions[first as usize]);
+        for &(other_transform, other_place, other) in &distinct {
+            if other_transform != transform && (other_place - place).abs().max_element() <= TOLERANCE {
+                join(parents, other, first);
             }
         }
+        distinct.push((transform, place, first));
     }
 }
 
 /// Moves the vertices of each set to its first, unless that would join different positions under one transform; returns
 /// how many were moved.
-fn move_to_first(positions: &mut [[f64; 3]], transforms: &[u32], parents: &mut [u32], entries: &[(u64, u32)]) -> u64 {
-    let mut members: Vec<u32> = entries.iter().map(|&(_, vertex)| vertex).collect();
+fn move_to_first(positions: &mut [[f64; 3]], transforms: &[u32], parents: &mut [u32]) -> u64 {
+    let mut members: Vec<(u32, u32, [u64; 3], u32)> = Vec::new();
+    for vertex in 0..parents.len() as u32 {
+        let first = root(parents, vertex);
+        if first != vertex {
+            let own = |vertex: u32| (first, transforms[vertex as usize], bits(positions[vertex as usize]), vertex);
+            members.extend([own(first), own(vertex)]);
+        }
+    }
     members.sort_unstable();
     members.dedup();
-    let mut members: Vec<(u32, u32, [u64; 3], u32)> = members
-        .into_iter()
-        .map(|vertex| (root(parents, vertex), transforms[vertex as usize], bits(positions[vertex as usize]), vertex))
-        .collect();
-    members.sort_unstable();
     let mut moved = 0;
     for set in members.chunk_by(|a, b| a.0 == b.0) {
         if set.windows(2).any(|pair| pair[0].1 == pair[1].1 && pair[0].2 != pair[1].2) {

@@ -21,9 +21,9 @@ impl Affine {
     pub fn of_node(node: &Node, whence: impl Display) -> Result<Self> {
         let Some(matrix) = &node.matrix else {
             return Self::compose(
-                node.translation.unwrap_or([0.0; 3]),
-                node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]),
-                node.scale.unwrap_or([1.0; 3]),
+                node.translation.as_deref().copied().unwrap_or([0.0; 3]),
+                node.rotation.as_deref().copied().unwrap_or([0.0, 0.0, 0.0, 1.0]),
+                node.scale.as_deref().copied().unwrap_or([1.0; 3]),
                 whence,
             );
         };

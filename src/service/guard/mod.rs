@@ -8,5 +8,4 @@ pub mod budget;
 pub mod path;
 pub mod problem;
 pub mod query;
-pub mod refusal;
 pub mod traffic;

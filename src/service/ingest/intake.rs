@@ -13,14 +13,12 @@ use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, BodyDataStream, Bytes};
-use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::Sleep;
 
 pub(crate) use self::inflate::Coding;
 use crate::guard::budget::{Budget, Held};
-use crate::guard::refusal::throw_away;
 
 /// Largest number of bytes between the contents of two parts: their headers, and what one read brings along.
 const BETWEEN_PARTS: u64 = 4 << 20;
@@ -30,9 +28,8 @@ const CHUNKS_BETWEEN_PARTS: u64 = 512;
 
 /// Chunks that may come however small they are,
 const ANY_CHUNKS: u64 = 4096;
-/// and bytes that all chunks must have on average after that: a line of most OBJ files has more. A chunk takes some
-/// 2 µs.
-const BYTES_PER_CHUNK: u64 = 16;
+/// and bytes that all chunks must have on average after that. A chunk takes some 2 µs.
+const BYTES_PER_CHUNK: u64 = 64;
 
 /// Bytes after which a stream gives way to other tasks.
 const TURN: usize = 1 << 16;
@@ -115,14 +112,8 @@ impl Allowance {
 }
 
 /// Takes over a body, of `length` bytes where that is declared, compressed by `coding` if at all.
-pub(crate) fn open(
-    body: Body,
-    headers: &HeaderMap,
-    coding: Option<Coding>,
-    length: Option<u64>,
-    rules: Rules,
-) -> Result<Content> {
-    let intake = Intake::new(body, headers, rules.clone());
+pub(crate) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rules: Rules) -> Result<Content> {
+    let intake = Intake::new(body, rules.clone());
     if let Some(length) = length.filter(|length| *length > rules.limit) {
         return Err(rules.too_large(length));
     }
@@ -221,12 +212,10 @@ struct Intake {
     began: Instant,
     /// Ends when nothing came for too long.
     quiet: Pin<Box<Sleep>>,
-    /// Nothing may be read from a client that waits for leave to send (`Expect: 100-continue`) just to throw it away.
-    drain: bool,
 }
 
 impl Intake {
-    fn new(body: Body, headers: &HeaderMap, rules: Rules) -> Self {
+    fn new(body: Body, rules: Rules) -> Self {
         Self {
             body: Some(body.into_data_stream()),
             quiet: Box::pin(tokio::time::sleep(rules.patience)),
@@ -234,7 +223,6 @@ impl Intake {
             received: Arc::default(),
             chunks: 0,
             began: Instant::now(),
-            drain: !headers.contains_key(header::EXPECT),
         }
     }
 
@@ -273,7 +261,6 @@ impl Stream for Intake {
     type Item = Result<Bytes>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        self.drain = true;
         let Some(body) = &mut self.body else {
             return Poll::Ready(None);
         };
@@ -301,14 +288,6 @@ impl Stream for Intake {
                 ))))
             }
             Poll::Ready(Some(Ok(data))) => Poll::Ready(Some(self.check(&data).map(|()| data))),
-        }
-    }
-}
-
-impl Drop for Intake {
-    fn drop(&mut self) {
-        if let Some(body) = self.body.take().filter(|_| self.drain) {
-            throw_away(body);
         }
     }
 }

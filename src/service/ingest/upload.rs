@@ -57,15 +57,13 @@ pub(crate) async fn receive(
     rules: Rules,
 ) -> Result<Upload> {
     let (parts, body) = request.into_parts();
-    let wanted = Wanted::from_query(&parts.uri);
-    let coding = coding(&parts.headers);
-    let length = content_length(&parts.headers);
-    // opened whatever is wrong, so that the answer reaches a client that is still sending
-    let content = intake::open(body, &parts.headers, coding.clone().unwrap_or(None), length, rules.clone());
-    let (wanted, coding) = (wanted?, coding?);
+    let wanted = Wanted::from_query(&parts.uri)?;
+    let coding = coding(&parts.headers)?;
     let kind = body_kind(&parts.headers)?;
     wanted.check_early(kind == BodyKind::Form)?;
-    let (content, length) = (content?, length.filter(|_| coding.is_none()));
+    let length = content_length(&parts.headers);
+    let content = intake::open(body, coding, length, rules.clone())?;
+    let length = length.filter(|_| coding.is_none());
     let mut folder = files.incoming();
     let referred = match &wanted.mesh_url {
         None => None,

@@ -18,7 +18,7 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use parking_lot::Mutex;
-use tokio::io::AsyncReadExt as _;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::{Semaphore, oneshot};
@@ -44,6 +44,10 @@ const PROBE_HEAD: usize = 8 << 10;
 /// For how long the accepting thread waits for the beginning, which a probe sends at once; and for how long others wait
 /// for a place.
 const BEGINNING: Duration = Duration::from_secs(1);
+
+/// For how long the rest of a refused body is read and thrown away, so that the answer reaches a client that is still
+/// sending: closing at once would reset the connection, and the answer with it.
+const LINGER: Duration = Duration::from_secs(2);
 
 /// Serves `router` until `close`; then requests under way are answered first. What this returns completes afterwards,
 /// or when the accepting thread ends by a defect.
@@ -179,23 +183,33 @@ async fn connection(
     });
     // from now on, the runtime of this task wakes it
     let Ok(stream) = TcpStream::from_std(stream) else { return };
-    let socket = TokioIo::new(Socket::new(stream, begun, settings.constants.write_timeout));
+    let mut socket = Socket::new(stream, begun, settings.constants.write_timeout);
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(settings.constants.header_timeout);
     if is_probe {
         http.keep_alive(false).max_buf_size(PROBE_HEAD);
     }
-    let mut connection = std::pin::pin!(http.serve_connection(socket, TowerToHyperService::new(service)));
-    let ended = tokio::select! {
-        ended = connection.as_mut() => ended,
-        () = close.cancelled() => {
-            connection.as_mut().graceful_shutdown();
-            connection.await
+    let serve = async {
+        let io = TokioIo::new(&mut socket);
+        let mut connection = std::pin::pin!(http.serve_connection(io, TowerToHyperService::new(service)));
+        tokio::select! {
+            ended = connection.as_mut() => ended,
+            () = close.cancelled() => {
+                connection.as_mut().graceful_shutdown();
+                connection.await
+            }
         }
     };
-    if let Err(error) = ended {
+    if let Err(error) = serve.await {
         tracing::debug!(%error, "a connection ended early");
     }
+    let _ = timeout(LINGER, linger(socket)).await;
+}
+
+/// Ends the answers, and reads the rest of what the client sends: not as HTTP, which costs more.
+async fn linger(mut socket: Socket) -> io::Result<u64> {
+    socket.shutdown().await?;
+    tokio::io::copy(&mut socket, &mut tokio::io::sink()).await
 }
 
 /// Connections that are open, by the address at the other end.

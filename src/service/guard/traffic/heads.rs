@@ -9,14 +9,12 @@ use axum::response::{IntoResponse, Response};
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use crate::guard::problem::Failure;
-use crate::guard::refusal;
 
 /// Answers requests with such a head, and closes their connections: where the next request begins is then uncertain.
 pub(crate) async fn check(request: Request, next: Next) -> Response {
     let Err(error) = check_host(&request).and_then(|()| check_codings(&request)) else {
         return next.run(request).await;
     };
-    refusal::refuse(request);
     let mut response = Failure::from(error).into_response();
     response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
     response

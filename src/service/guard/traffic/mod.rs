@@ -38,7 +38,6 @@ use crate::guard::audit;
 use crate::guard::budget::Budget;
 use crate::guard::path;
 use crate::guard::problem::Failure;
-use crate::guard::refusal;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::trace::Origin;
 use crate::settings::{Settings, TrafficSettings};
@@ -112,7 +111,6 @@ pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
                 let origin = request.extensions().get::<Origin>();
                 audit::denied(failure.error.kind, request.method(), path::cut(request.uri().path()), origin);
             }
-            refusal::refuse(request);
             failure.into_response()
         }
     }

@@ -7,7 +7,6 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use crate::guard::problem::Failure;
 use crate::guard::query;
-use crate::guard::refusal;
 
 /// Longest query string, in bytes.
 const MAX_BYTES: usize = 8 << 10;
@@ -17,11 +16,10 @@ const MAX_PARAMETERS: usize = 64;
 
 /// Refuses requests with a longer query string or more parameters, before any of it is parsed.
 pub(crate) async fn limit(request: Request, next: Next) -> Response {
-    let Err(error) = check_size(request.uri().query().unwrap_or_default()) else {
-        return next.run(request).await;
-    };
-    refusal::refuse(request);
-    Failure::from(error).into_response()
+    match check_size(request.uri().query().unwrap_or_default()) {
+        Ok(()) => next.run(request).await,
+        Err(error) => Failure::from(error).into_response(),
+    }
 }
 
 fn check_size(query: &str) -> Result<()> {

@@ -20,7 +20,6 @@ use axum::response::{IntoResponse, Response};
 use tesserae_mesh::error::{Error, Kind, Quoted, Result};
 
 use crate::guard::problem::Failure;
-use crate::guard::refusal;
 use crate::settings::AccessSettings;
 
 /// Which pages may reach the service.
@@ -83,10 +82,7 @@ impl Sites {
 pub(crate) async fn check(State(sites): State<Arc<Sites>>, request: Request, next: Next) -> Response {
     match sites.check(&request) {
         Ok(()) => next.run(request).await,
-        Err(error) => {
-            refusal::refuse(request);
-            Failure::from(error).into_response()
-        }
+        Err(error) => Failure::from(error).into_response(),
     }
 }
 

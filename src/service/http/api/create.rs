@@ -19,7 +19,6 @@ use super::view::{JobView, answer};
 use crate::guard::access::Caller;
 use crate::guard::audit::{self, Action};
 use crate::guard::problem::{Answer, Failure, Problematic};
-use crate::guard::refusal;
 use crate::http::prefer;
 use crate::http::state::{App, Shared};
 use crate::ingest::idempotency;
@@ -113,16 +112,12 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let rules = Rules::new(shared.settings.max_upload_bytes, traffic.constants.body_timeout, uploads);
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
-        let room = match shared.admission.check(&tenant).await {
-            // before the disk: an upload over the limit says nothing about the disk
-            Ok(()) if bytes > rules.limit => Err(rules.too_large(bytes).into()),
-            Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
-            Err(full) => Err(full),
-        };
-        if let Err(refusal) = room {
-            refusal::refuse(request);
-            return Err(refusal);
+        shared.admission.check(&tenant).await?;
+        // before the disk: an upload over the limit says nothing about the disk
+        if bytes > rules.limit {
+            return Err(rules.too_large(bytes).into());
         }
+        shared.files.check_room(bytes)?;
     }
     let wait = prefer::wait(request.headers());
     let parent = request.extensions().get::<Origin>().map(|origin| origin.trace.to_string());

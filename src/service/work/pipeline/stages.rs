@@ -110,19 +110,19 @@ impl Pipeline {
         // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
         let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
         let memory = self.memory.read(bytes).await?;
+        let mut patience = Patience::new(&self.files, self.patience);
         // a small upload began with its claim
         while !spec.is_small
             && let Err(error) = self.store.begin(ticket).await
         {
-            // a database that is away is waited for
-            if error.kind != Kind::Unavailable {
-                return Err(error);
+            // a database that is away is waited for, room for its row no longer than for a file
+            match error.kind {
+                Kind::Unavailable => tokio::time::sleep(AGAIN).await,
+                _ => patience.wait(error).await?,
             }
-            tokio::time::sleep(AGAIN).await;
         }
         self.faults.abort_at(spec.file_name.as_deref());
         let reading = Instant::now();
-        let mut patience = Patience::new(&self.files, self.patience);
         let mut opened = Some(uploads);
         let (contents, seeds, weights) = loop {
             match self.contents(job, opened.take()).await {
