@@ -34,9 +34,12 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
+# What the suites need is built first; then two of them run at a time, since most of them wait for much of their time.
+SUITES := unit page farm python end-to-end costs fuzz bucket outputs memory crash deploy
 .PHONY: test
-test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit costs end-to-end bucket farm page outputs python memory crash fuzz deploy
+test: lint debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
+	cargo test --locked $(FEATURES) --no-run
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target $(SUITES)
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -55,7 +58,7 @@ unit: install-test bundle  ## the tests of the crate
 
 .PHONY: costs
 costs: debug-binary  ## processor time of hostile inputs, with the optimisation of the debug binary
-	CARGO_PROFILE_DEV_OPT_LEVEL=1 cargo test --locked $(FEATURES) --test costs
+	cargo test --locked --profile dev $(FEATURES) --test costs
 
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
@@ -250,11 +253,10 @@ picture: debug-binary $(VENV)/ready  ## draw docs/knot.png, remesh.png and chunk
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 40 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/chunks.png apart=0.35
 
-# The program that is tried from outside: with checks and named faults, and some optimisation, which three minutes of
-# compiling take and the service under load gives back (`memory` alone takes 43 s in place of 4.6 minutes).
+# The program that is tried from outside: with checks and named faults.
 .PHONY: debug-binary
 debug-binary: install-test bundle
-	CARGO_PROFILE_DEV_OPT_LEVEL=1 cargo build --locked $(FEATURES)
+	cargo build --locked $(FEATURES)
 
 .PHONY: bundle
 bundle: $(PAGE_BUNDLE)/page.js

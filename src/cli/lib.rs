@@ -140,7 +140,7 @@ pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             1
         }
         Err(Failure::Stopped) => {
-            complain(&signals::stopped());
+            signals::say_stopped();
             1
         }
         Err(Failure::Said | Failure::BrokenPipe) => 1,

@@ -5,8 +5,8 @@
 
 use std::io;
 use std::process;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering, fence};
+use std::sync::{Once, OnceLock};
 
 use tesserae_mesh::device::Cancel;
 
@@ -31,7 +31,7 @@ pub fn cancel_when_asked() -> Cancel {
         raised.cancel();
         fence(Ordering::SeqCst); // either this thread sees the mark or `Blocking::begin` sees the flag
         if BLOCKING.load(Ordering::SeqCst) > 0 {
-            complain(&stopped());
+            say_stopped();
             process::exit(1);
         }
     };
@@ -57,8 +57,13 @@ fn handle(on_request: impl Fn(&'static str) + Send + 'static) -> Result<(), ctrl
     ctrlc::set_handler(move || on_request("Ctrl-C"))
 }
 
-/// What is said when a request to stop has ended the command.
-pub fn stopped() -> String {
+/// Says once that a request to stop has ended the command: its thread may notice it as well as that of the signals.
+pub fn say_stopped() {
+    static SAID: Once = Once::new();
+    SAID.call_once(|| complain(&stopped()));
+}
+
+fn stopped() -> String {
     format!("stopped by {} before the end", SIGNAL.get().copied().unwrap_or("a signal"))
 }
 
