@@ -173,15 +173,15 @@ impl CoarseStart {
         Ok(start)
     }
 
-    /// The phases on a coarse graph, and repairs: a cluster in pieces has an energy that it cannot keep. Where
+    /// The phases on a coarse graph, and a repair: a cluster in pieces has an energy that it cannot keep. Where
     /// iterations are limited, no energies are compared, and nothing is repaired.
-    fn settle(&self, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
+    fn settle(&self, graph: &DualGraph, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
         if self.effort.iterations_a_graph < u32::MAX {
             return self.optimise(steps, self.effort.iterations_a_graph, cancel);
         }
         let on_row = &mut |_| {};
         let mut run = Run::new(steps, cancel, on_row);
-        run.complete(false, |run| run.optimise(self.effort.refine))?;
+        run.complete(graph, false, |run| run.optimise(self.effort.refine))?;
         Ok(())
     }
 
@@ -212,7 +212,7 @@ impl CoarseStart {
         loop {
             let is_last = surplus.iter().all(|&surplus| surplus == 0);
             if is_last {
-                self.settle(steps.as_mut(), cancel)?;
+                self.settle(graph, steps.as_mut(), cancel)?;
                 break;
             }
             self.optimise(steps.as_mut(), self.effort.iterations_a_round, cancel)?;
@@ -258,7 +258,7 @@ impl CoarseStart {
                 break;
             };
             steps.set_labels(&labels)?;
-            self.settle(steps, cancel)?;
+            self.settle(graph, steps, cancel)?;
             let energy = steps.energy()?;
             if energy > best.0 {
                 best = (energy, steps.labels()?);

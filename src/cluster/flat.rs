@@ -1,5 +1,5 @@
 //! Boundary-based clustering (P§3): its definition, why it ends, and the driver of flat clusterings.
-//! [`super::refinement`] continues it.
+//! [`super::refinement`] continues it, and [`super::connected`] makes clusters connected.
 //!
 //! # Definition
 //!
@@ -46,13 +46,6 @@
 //! No refinement follows a flood ([`super::run::Run::optimise`]): it exchanges some two faces a pair of clusters and
 //! iteration, so that it has as far to go as the borders had. With k = 10 those boxes end at an energy of 7,778 after
 //! 515 iterations; refinement without floods stood at 14,948 after 3,000.
-//!
-//! # Connectivity
-//!
-//! Moves at the same time can cut a cluster in two. When the phases have converged, a repair frees all but the largest
-//! piece of each cluster; growth hands the freed faces to their neighbours, and the phases begin anew. Repair may raise
-//! F, and is its own row in the report. After [`super::run::MAX_REPAIRS`] repairs, connected refinement ends the run
-//! ([`super::refinement`]): what grew from connected pieces is connected, and stays so.
 
 use super::record::Record;
 use super::run::{Phase, Row, Run};
@@ -60,6 +53,7 @@ use super::run::{Phase, Row, Run};
 use crate::device::FLOOD_FROM;
 use crate::device::{Cancel, Ending, FREE, Steps};
 use crate::error::Result;
+use crate::surface::DualGraph;
 
 /// Options of a flat clustering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,11 +77,12 @@ pub struct Clustering {
     pub ending: Ending,
 }
 
-/// Clusters a surface from a start: one label a face, or [`FREE`] for faces that clusters grow
-/// over. The device was opened with the same surface and clusters.
+/// Clusters the faces of a graph from a start: one label a face, or [`FREE`] for faces that clusters grow over. The
+/// device was opened with the same graph and clusters.
 ///
 /// `on_row` is called with every step as it happens; `record` keeps the labels of the iterations that it wants.
 pub fn boundary_based(
+    graph: &DualGraph,
     start: &[u32],
     options: Options,
     steps: &mut dyn Steps,
@@ -96,7 +91,7 @@ pub fn boundary_based(
     record: &mut Record,
 ) -> Result<Clustering> {
     let (mut run, initial) = grown(start, options, steps, cancel, on_row, record)?;
-    let ending = run.complete(options.allow_disconnected, |run| run.optimise(options.refine))?;
+    let ending = run.complete(graph, options.allow_disconnected, |run| run.optimise(options.refine))?;
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
 

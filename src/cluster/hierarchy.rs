@@ -201,7 +201,7 @@ impl Rounds<'_> {
         if self.options.optimise && (is_level || is_sequential || self.are_large()) {
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { &mut self.on_row };
             let mut run = Run { round: Some(round), iteration: self.iteration, ..Run::new(steps, self.cancel, on_row) };
-            optimise(&mut run, self.options, is_level, is_sequential)?;
+            optimise(&mut run, self.builder.surface, self.options, is_level, is_sequential)?;
             self.iteration = run.iteration;
             moves = steps.moves_since_merge()?;
             if let Some(effort) = self.options.relocation.filter(|_| is_level)
@@ -259,7 +259,7 @@ fn flat_labels(surface: &Surface, clusters: u64, cancel: &Cancel) -> Result<Vec<
         allow_disconnected: false,
     };
     let record = &mut Record::new(None);
-    Ok(flat::boundary_based(&start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels)
+    Ok(flat::boundary_based(surface, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels)
 }
 
 /// The moves to these labels from those after the merges, given the present ones and the moves to them.
@@ -319,10 +319,16 @@ fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder
 }
 
 /// The phases after the merges of a round.
-fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential: bool) -> Result<()> {
+fn optimise(
+    run: &mut Run<'_>,
+    surface: &Surface,
+    options: &Options,
+    is_level: bool,
+    is_sequential: bool,
+) -> Result<()> {
     run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
     if is_level {
-        run.complete(options.allow_disconnected, |run| run.optimise(options.refine))?;
+        run.complete(surface, options.allow_disconnected, |run| run.optimise(options.refine))?;
         return Ok(());
     }
     run.optimise(options.refine)?;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | boundary-based clustering (P§3), and the proof that F falls | [`flat`] |
 //! | refinement by exact gains, beyond the paper | [`refinement`] |
+//! | connected clusters | [`connected`] |
 //! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`] |
 //! | where flat clusterings start | [`seeds`], [`coarse`] |
 //! | how much time to take for how low an energy | [`quality`] |
@@ -19,6 +20,7 @@
 //! Drivers know devices only as [`crate::device::Steps`]; what a step computes is defined here, how is the device's.
 
 pub mod coarse;
+pub mod connected;
 pub mod flat;
 pub mod hierarchy;
 pub mod numbers;

@@ -32,13 +32,6 @@
 //! and each is negative. An iteration without moves refuses at least one face (the best bid of all wins at both its
 //! clusters) and nothing makes new bids until something moves, so there are finitely many of those in a row.
 //!
-//! # Connected refinement
-//!
-//! Moves can cut a cluster in two. Where repairs and phases repeat without end, this variant ends the run: no face
-//! joins a winner, and a winner that would leave its cluster in pieces is refused. A cluster loses one face an
-//! iteration at most and gains only neighbouring faces, so connected clusters stay connected; the rest of the proof is
-//! as above.
-//!
 //! # Why together
 //!
 //! With one face a pair and iteration the tail is long: a cluster that drifts by the width of a face moves a dozen of

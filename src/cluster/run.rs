@@ -8,11 +8,6 @@ use crate::device::{Cancel, Ending, FLOOD_FROM, OnStep, Step, Steps};
 use crate::energy::LatticeEnergy;
 use crate::error::Result;
 
-/// Repairs after which the phases begin anew. Bunny, horse, nefertiti and igea need one, seldom none or two (36 runs, k
-/// from 1,000 to 5,000, both kinds of seeds). Where a piece lowers the energy in the cluster that it was cut from,
-/// phases and repairs may repeat without end; connected refinement then ends the run.
-pub const MAX_REPAIRS: u32 = 3;
-
 /// Kinds of optimisation steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -66,14 +61,12 @@ pub struct Run<'a> {
     pub left: u32,
     /// Keeps the labels of wanted iterations, if any.
     pub record: Option<&'a mut Record>,
-    /// Whether a boundary phase has flooded ([`super::flat`]).
-    pub has_flooded: bool,
 }
 
 impl<'a> Run<'a> {
     /// A run from its beginning, without a limit on iterations.
     pub fn new(steps: &'a mut dyn Steps, cancel: &'a Cancel, on_row: &'a mut dyn FnMut(Row)) -> Self {
-        Self { steps, cancel, on_row, round: None, iteration: 0, left: u32::MAX, record: None, has_flooded: false }
+        Self { steps, cancel, on_row, round: None, iteration: 0, left: u32::MAX, record: None }
     }
 
     /// Reports the current state.
@@ -91,14 +84,14 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Runs the boundary phase to its end, then refinement if `refine`, unless the limit was reached or a boundary
+    /// Runs the boundary phase to its end, then refinement if `refine`, unless the limit was reached or the boundary
     /// phase has flooded ([`super::flat`] has the reason).
     pub fn optimise(&mut self, refine: bool) -> Result<Ending> {
         let before = self.iteration;
         let ending =
             self.phase(Phase::Boundary, |steps, left, cancel, on_step| steps.optimise_boundary(left, cancel, on_step))?;
-        self.has_flooded |= self.iteration - before >= FLOOD_FROM;
-        if ending == Ending::IterationLimit || !refine || self.has_flooded {
+        let has_flooded = self.iteration - before >= FLOOD_FROM;
+        if ending == Ending::IterationLimit || !refine || has_flooded {
             return Ok(ending);
         }
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine(left, cancel, on_step))
@@ -112,26 +105,6 @@ impl<'a> Run<'a> {
             self.report(Phase::Repair, cut_off)?;
         }
         Ok(cut_off > 0)
-    }
-
-    /// Optimises, and repairs unless clusters may be disconnected, until nothing is cut off; after [`MAX_REPAIRS`]
-    /// repairs, by connected refinement. A run that has flooded ends with the last repair instead: what grows from
-    /// connected pieces is connected.
-    pub fn complete(
-        &mut self,
-        allow_disconnected: bool,
-        mut optimise: impl FnMut(&mut Self) -> Result<Ending>,
-    ) -> Result<Ending> {
-        for _ in 0..MAX_REPAIRS {
-            let ending = optimise(self)?;
-            if allow_disconnected || !self.repair()? || ending == Ending::IterationLimit {
-                return Ok(ending);
-            }
-        }
-        if self.has_flooded {
-            return Ok(Ending::Converged);
-        }
-        self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine_connected(left, cancel, on_step))
     }
 
     /// Carries out the iterations of a phase, interrupted where labels are wanted.
@@ -151,7 +124,7 @@ impl<'a> Run<'a> {
             };
             let ending = iterate(*steps, allowed, cancel, &mut on_step)?;
             self.keep_labels()?;
-            if ending == Ending::Converged || self.left == 0 {
+            if ending != Ending::IterationLimit || self.left == 0 {
                 return Ok(ending);
             }
             self.steps.resume();

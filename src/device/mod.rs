@@ -111,6 +111,9 @@ pub trait Steps {
     /// Replaces all labels: one a face, a cluster or [`FREE`]. All faces may bid again.
     fn set_labels(&mut self, labels: &[u32]) -> Result<()>;
 
+    /// Replaces all labels by others that leave no face free, as moves of faces: clusters that merged stay merged.
+    fn relabel(&mut self, labels: &[u32]) -> Result<()>;
+
     /// Grows the clusters over the free faces, breadth first (P§5.3): in each pass every free face with labelled
     /// neighbours takes the smallest of their labels, all faces at once, until no free face has a labelled neighbour.
     fn grow(&mut self, cancel: &Cancel) -> Result<()>;
@@ -127,9 +130,6 @@ pub trait Steps {
     /// Refinement (see [`crate::cluster::refinement`] for the definition) until there are no bids or `max_iterations`
     /// iterations with moves were made; otherwise like [`optimise_boundary`](Self::optimise_boundary).
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending>;
-
-    /// The same, but only winners move, and only those that leave their cluster connected; all clusters must be.
-    fn refine_connected(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending>;
 
     /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused, and
     /// iterations are counted on. Call it right before that phase.
@@ -201,6 +201,8 @@ pub enum Ending {
     Converged,
     /// The allowed number of iterations was made; there may be moves left.
     IterationLimit,
+    /// The same of a bound on work ([`crate::cluster::relocation::settle`]).
+    WorkLimit,
 }
 
 /// A flag that cancels a running job; clones share it.

@@ -16,7 +16,6 @@ use std::cmp::Reverse;
 pub use self::device::{PlainDevice, open};
 
 use super::{FLOOD_FROM, FREE};
-use crate::device::pieces::cut_off_faces;
 use crate::energy::{Energy, Functional, Side, WideSums};
 use crate::surface::DualGraph;
 
@@ -49,7 +48,7 @@ pub fn grow(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
 }
 
 /// The sums of each cluster. Free faces count for none.
-fn sums(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<WideSums> {
+pub fn sums(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<WideSums> {
     let mut all = vec![WideSums::default(); clusters];
     for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
         all[label as usize].add_face(graph.face(face));
@@ -130,15 +129,13 @@ pub struct Refinement<'a> {
     /// One cluster a face, internal order.
     pub labels: Vec<u32>,
     refused: Vec<bool>,
-    /// Connected refinement: only winners move, and only those that leave their cluster connected.
-    pub connected: bool,
 }
 
 impl<'a> Refinement<'a> {
     /// The beginning of a phase.
     pub fn new(graph: &'a DualGraph, component_of_cluster: &'a [u32], labels: Vec<u32>) -> Self {
         let refused = vec![false; labels.len()];
-        Self { graph, component_of_cluster, labels, refused, connected: false }
+        Self { graph, component_of_cluster, labels, refused }
     }
 
     /// The next iteration in which something moves; None when there are no bids.
@@ -152,8 +149,7 @@ impl<'a> Refinement<'a> {
             for (face, to) in winners(&before, &bids, self.component_of_cluster.len()) {
                 let joins = |f: &usize| before[*f] == before[face] && bids[*f].is_some_and(|(_, t)| t == to);
                 let joining: Vec<usize> = (0..before.len()).filter(joins).collect();
-                let together = !self.connected && self.try_moving(&joining, to);
-                if !together && !self.try_moving(&[face], to) {
+                if !self.try_moving(&joining, to) && !self.try_moving(&[face], to) {
                     self.refused[face] = true;
                 }
             }
@@ -194,20 +190,11 @@ impl<'a> Refinement<'a> {
         let mut after = self.labels.clone();
         faces.iter().for_each(|&face| after[face] = to);
         let explained = |labels: &[u32]| explained(self.graph, self.component_of_cluster, labels);
-        let is_allowed = after.contains(&from)
-            && explained(&after) > explained(&self.labels)
-            && !(self.connected && self.is_in_pieces(&after, from));
+        let is_allowed = after.contains(&from) && explained(&after) > explained(&self.labels);
         if is_allowed {
             self.labels = after;
         }
         is_allowed
-    }
-
-    /// Whether the faces of a cluster are not all connected.
-    fn is_in_pieces(&self, labels: &[u32], cluster: u32) -> bool {
-        cut_off_faces(self.graph, self.component_of_cluster.len(), labels)
-            .iter()
-            .any(|&face| labels[face as usize] == cluster)
     }
 
     /// Lets refused faces bid again whose own cluster, or one beside them, gained or lost a face.

@@ -36,16 +36,19 @@ pub(super) fn run_coarse(
     let start = coarse.start.labels(surface, device, cancel)?;
     let mut run = Run::new(prepared, started, &start, on_row);
     let mut clustering = run.phases(device, |steps, keep, record| {
-        flat::boundary_based(&start.labels, coarse.spec.options(), steps, cancel, keep, record)
+        flat::boundary_based(surface, &start.labels, coarse.spec.options(), steps, cancel, keep, record)
     })?;
     if let Some(effort) = coarse.relocation_after(clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
         let cheaper = &mut labels_of_cheaper(surface, coarse.spec, cancel);
         let relocation = Relocation { graph: surface, effort, cancel };
-        clustering.labels = relocation.labels(labels, device, cheaper, &mut |phase, energy, moves, labels| {
+        let (labels, ending) = relocation.labels(labels, device, cheaper, &mut |phase, energy, moves, labels| {
             run.add_row(phase, energy, moves, labels)
         })?;
-        clustering.labels = run.record.numbered_like_last(clustering.labels);
+        clustering.labels = run.record.numbered_like_last(labels);
+        if ending == Ending::WorkLimit {
+            clustering.ending = ending;
+        }
     }
     Ok(run.ended(device, clustering))
 }
@@ -63,13 +66,13 @@ impl Coarse {
         let start = self.start.labels(surface, device, cancel)?;
         let mut steps = device.open(surface, &start.component_of_cluster)?;
         let options = self.spec.options();
-        let run = flat::boundary_based(&start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
+        let run = flat::boundary_based(surface, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
         drop(steps);
         match self.relocation_after(run.ending) {
             Some(effort) => {
                 let relocation = Relocation { graph: surface, effort, cancel };
                 let cheaper = &mut labels_of_cheaper(surface, self.spec, cancel);
-                relocation.labels(run.labels, device, cheaper, &mut |_, _, _, _| Ok(()))
+                Ok(relocation.labels(run.labels, device, cheaper, &mut |_, _, _, _| Ok(()))?.0)
             }
             None => Ok(run.labels),
         }
@@ -143,7 +146,7 @@ pub(super) fn run_seeded(
     let start = Start::from_seeds(seeds.clone(), surface.faces());
     let mut run = Run::new(prepared, started, &start, on_row);
     let clustering = run.phases(device, |steps, keep, record| match method {
-        Method::BoundaryBased => flat::boundary_based(&start.labels, options, steps, cancel, keep, record),
+        Method::BoundaryBased => flat::boundary_based(surface, &start.labels, options, steps, cancel, keep, record),
         Method::Acvd => acvd(surface, seeds, options, steps, cancel, keep, record),
         Method::Variational => variational(surface, seeds, options, cancel, keep, record),
     })?;
@@ -237,6 +240,11 @@ fn warnings(max_iterations: Option<u32>, clustering: &Clustering, record: &Recor
         (Ending::IterationLimit, Some(limit)) => {
             vec![format!("stopped by {}, maybe before it had converged: {limit}", Name::MAX_ITERATIONS)]
         }
+        (Ending::WorkLimit, _) => vec![
+            "stopped by the bound on work, maybe before it had converged: clusters hang \
+            together by long ways, as around holes, slivers or damaged positions"
+                .to_owned(),
+        ],
         (Ending::IterationLimit, None) | (Ending::Converged, _) => Vec::new(),
     };
     if let Some(first) = record.beyond().first() {

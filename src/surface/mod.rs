@@ -24,6 +24,7 @@ mod components;
 mod counts;
 mod curvature;
 mod density;
+pub(crate) mod detour;
 mod graph;
 mod lattice;
 mod loose;

@@ -77,6 +77,7 @@ fn a_cube_in_8_clusters_has_the_energy_of_acvd() {
     let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let options = Options { max_iterations: None, refine: false, allow_disconnected: false };
     let ours = cluster::flat::boundary_based(
+        &surface,
         &seeds.labels(surface.faces()),
         options,
         steps.as_mut(),

@@ -28,7 +28,7 @@ fn labels(surface: &Surface, clusters: u64) -> Vec<u32> {
     let cancel = Cancel::default();
     let start = seeds.labels(surface.faces());
     let mut record = cluster::record::Record::default();
-    cluster::flat::boundary_based(&start, options, steps.as_mut(), &cancel, &mut |_| {}, &mut record)
+    cluster::flat::boundary_based(surface, &start, options, steps.as_mut(), &cancel, &mut |_| {}, &mut record)
         .expect("no cancellation")
         .labels
 }

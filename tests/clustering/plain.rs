@@ -39,8 +39,15 @@ fn from_seeds(
     let mut steps = device.open(surface, &seeds.component_of_cluster).expect("it opens");
     let mut rows = Vec::new();
     let start = seeds.labels(surface.faces());
-    let clustering =
-        flat::boundary_based(&start, options, steps.as_mut(), &Cancel::default(), &mut |row| rows.push(row), record);
+    let clustering = flat::boundary_based(
+        surface,
+        &start,
+        options,
+        steps.as_mut(),
+        &Cancel::default(),
+        &mut |row| rows.push(row),
+        record,
+    );
     (clustering.expect("no cancellation").labels, rows)
 }
 
@@ -65,8 +72,9 @@ fn floods_take_the_steps_of_the_plain_device() {
             let mut record = Record::new(Some(Snapshots::At(at.clone())));
             assert_eq!(run(device, &mut record), expected, "{name}");
         }
-        // refinement would move a few faces an iteration
-        assert!(expected.1.iter().all(|row| row.phase != Phase::Refine), "{name}");
+        // refinement between clusters that may be cut would move a few faces an iteration
+        let mut free = expected.1.iter().take_while(|row| row.phase != Phase::Repair);
+        assert!(free.all(|row| row.phase != Phase::Refine), "{name}");
     }
 }
 

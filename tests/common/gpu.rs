@@ -46,6 +46,7 @@ pub fn run(device: &mut dyn Device, surface: &Surface, seeds: &SeedFaces, option
     let mut steps = device.open(surface, &seeds.component_of_cluster)?;
     let mut rows = Vec::new();
     let Clustering { initial, labels, ending, .. } = cluster::flat::boundary_based(
+        surface,
         &seeds.labels(surface.faces()),
         options,
         steps.as_mut(),

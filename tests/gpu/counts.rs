@@ -37,7 +37,8 @@ fn of_flat(surface: &Surface, clusters: u64) -> Option<(u64, u64)> {
     {
         let mut steps = device.open(surface, &start.component_of_cluster).expect("it fits");
         let mut record = Record::default();
-        boundary_based(&start.labels, ALL, steps.as_mut(), &cancel, &mut |_| {}, &mut record).expect("it runs");
+        boundary_based(surface, &start.labels, ALL, steps.as_mut(), &cancel, &mut |_| {}, &mut record)
+            .expect("it runs");
     }
     counts(&mut device)
 }

@@ -23,8 +23,7 @@
 //!
 //! # Connectivity
 //!
-//! As in [`crate::cluster::flat`]: neighbours grow over the pieces that were cut off, and the queue starts again; after
-//! [`MAX_REPAIRS`](crate::cluster::run::MAX_REPAIRS) repairs, connected refinement ends the run.
+//! As in [`crate::cluster::connected`]: one repair, then connected refinement.
 
 use std::collections::VecDeque;
 
@@ -49,7 +48,7 @@ pub fn acvd(
     record: &mut Record,
 ) -> Result<Clustering> {
     let (mut run, initial) = grown(&seeds.labels(surface.faces()), options, steps, cancel, on_row, record)?;
-    let ending = run.complete(options.allow_disconnected, |run| {
+    let ending = run.complete(surface, options.allow_disconnected, |run| {
         let labels = run.steps.labels()?;
         let mut queries = LocalQueries::new(surface, Partition::new(surface, &seeds.component_of_cluster, labels));
         run.phase(Phase::Refine, |steps, left, cancel, on_step| {

@@ -9,9 +9,12 @@ use rayon::prelude::*;
 
 use super::connection::Connection;
 use super::totals::Totals;
-use crate::device::FREE;
+use crate::device::{Ending, FREE};
 use crate::energy::{LatticeEnergy, Proxy, Sums};
 use crate::surface::DualGraph;
+
+/// Passes at most, those over some of the clusters counted by their faces.
+const PASSES: usize = 256;
 
 /// Clusters of a chunk.
 pub(super) const CHUNK: usize = 64;
@@ -29,6 +32,8 @@ pub struct Clusters<'a> {
     moves: u64,
     touched: Touched,
     connection: Connection,
+    /// Faces that passes may still look at; 0 where a bound on work has ended a step.
+    pub(super) faces_left: usize,
 }
 
 /// A cluster.
@@ -85,7 +90,8 @@ impl<'a> Clusters<'a> {
         let free_numbers = (0..numbers as u32).rev().filter(|&number| all[number as usize].faces.is_empty()).collect();
         let touched = Touched { list: (0..numbers as u32).collect(), is_listed: vec![true; numbers] };
         let connection = Connection::new(labels.len());
-        Self { graph, labels, place_of_face, all, free_numbers, explained, moves: 0, touched, connection }
+        let faces_left = PASSES * labels.len();
+        Self { graph, labels, place_of_face, all, free_numbers, explained, moves: 0, touched, connection, faces_left }
     }
 
     /// One past the largest number of a cluster.
@@ -265,6 +271,18 @@ impl<'a> Clusters<'a> {
         (fit.0, sums.weight())
     }
 
+    /// Spends work on a pass over the faces of some clusters. Returns whether there was enough.
+    pub fn spend(&mut self, on: &[u32]) -> bool {
+        let faces: usize = on.iter().map(|&cluster| self.faces(cluster).len()).sum();
+        self.faces_left = self.faces_left.saturating_sub(faces);
+        self.faces_left > 0
+    }
+
+    /// Whether a bound on work ended a step, or searches of the connection.
+    pub fn ending(&self) -> Ending {
+        if self.faces_left == 0 || self.connection.is_spent() { Ending::WorkLimit } else { Ending::Converged }
+    }
+
     /// Takes the clusters that gained or lost a face since the last call, ascending.
     pub fn take_touched(&mut self) -> Vec<u32> {
         self.touched.take()
@@ -290,6 +308,7 @@ impl<'a> Clusters<'a> {
         self.place_of_face[face as usize] = faces.len() as u32;
         faces.push(face);
         self.labels[face as usize] = cluster;
+        self.connection.moved(self.graph, face);
     }
 
     /// Gives faces of a cluster, which are in no list any more, to another one.

@@ -1,107 +1,119 @@
 //! Whether a cluster stays connected without one of its faces.
 //!
-//! A search starts at each neighbour of the face inside the cluster. The searches take turns, one dual edge each, and
-//! unite where they meet. The cluster stays connected if all unite; it falls apart if those that have united have
-//! nothing left to search. Where a face cuts off a small piece, the effort is that of the piece; a face with very many
-//! neighbours holds up only its own search.
+//! A short [detour](surely_stays_connected) around the face shows it at once. Without one, a search starts at each
+//! neighbour of the face inside the cluster. The searches take turns, one face each, and unite where they meet. The
+//! cluster stays connected if all unite; it falls apart if one has nothing left to search. Where a face cuts off a
+//! small piece, the effort is that of the piece.
+//!
+//! # Work
+//!
+//! Where detours lead round holes, or clusters are ragged, searches are long, and most fail. A face whose search failed
+//! is held: it needs a short detour until it or a face beside it has moved. Steps of searches are counted, too. Once
+//! there were [`STEPS_A_FACE`] times as many as the graph has faces, a search ends after [`LAST_STEPS`] as if the
+//! cluster fell apart. Either way the cluster stays connected, and a move may be missed.
+
+use std::collections::VecDeque;
 
 use crate::surface::DualGraph;
+use crate::surface::detour::surely_stays_connected;
 use crate::union_find;
+
+/// Steps of searches, for each face of the graph, before they are cut short. A step looks at a dual edge.
+const STEPS_A_FACE: u64 = 256;
+
+/// Steps of a search then.
+const LAST_STEPS: u64 = 64;
 
 /// Searches, with memory that is kept between them.
 #[derive(Debug, Clone)]
 pub struct Connection {
+    /// Steps before searches are cut short.
+    steps_left: u64,
+    /// Faces whose last search failed, and beside which nothing has moved since.
+    is_held: Vec<bool>,
     /// The search that has reached each face, plus `first`; smaller numbers are of earlier calls.
     reached_by: Vec<u32>,
     first: u32,
 }
 
-/// A search.
-struct Search {
-    reached: Vec<u32>,
-    /// The face whose neighbours it looks at, as a place in `reached`.
-    at: usize,
-    /// The next of these neighbours.
-    next: usize,
-}
-
 impl Connection {
     /// For a graph of this many faces.
     pub fn new(faces: usize) -> Self {
-        Self { reached_by: vec![0; faces], first: 1 }
+        let steps_left = STEPS_A_FACE * faces as u64;
+        Self { steps_left, is_held: vec![false; faces], reached_by: vec![0; faces], first: 1 }
     }
 
-    /// Whether the faces that are inside, which are connected, stay so without `face`, which is one of them.
+    /// Whether searches are cut short.
+    pub fn is_spent(&self) -> bool {
+        self.steps_left == 0
+    }
+
+    /// Notes that a face has moved.
+    pub fn moved(&mut self, graph: &DualGraph, face: u32) {
+        self.is_held[face as usize] = false;
+        graph.neighbours_of(face).iter().for_each(|&near| self.is_held[near as usize] = false);
+    }
+
+    /// Whether the faces that are inside, which are connected, are seen to stay so without `face`, one of them.
     pub fn stays_without(&mut self, graph: &DualGraph, face: u32, is_inside: impl Fn(u32) -> bool) -> bool {
+        let is_left = |near: u32| near != face && is_inside(near);
+        if surely_stays_connected(graph, face, &is_left) {
+            return true;
+        }
+        if !self.is_held[face as usize] {
+            self.is_held[face as usize] = !self.searches_unite(graph, face, &is_left);
+        }
+        !self.is_held[face as usize]
+    }
+
+    fn searches_unite(&mut self, graph: &DualGraph, face: u32, is_left: impl Fn(u32) -> bool) -> bool {
         let beside = graph.neighbours_of(face);
         if self.first > u32::MAX - beside.len() as u32 {
             self.reached_by.fill(0);
             self.first = 1;
         }
         let first = self.first;
-        let mut searches = Vec::new();
+        // the faces that each search has reached, and whose neighbours it has not looked at
+        let mut reached: Vec<VecDeque<u32>> = Vec::new();
         for &near in beside {
-            if is_inside(near) && self.reached_by[near as usize] < first {
-                self.reached_by[near as usize] = first + searches.len() as u32;
-                searches.push(Search { reached: vec![near], at: 0, next: 0 });
+            if is_left(near) && self.reached_by[near as usize] < first {
+                self.reached_by[near as usize] = first + reached.len() as u32;
+                reached.push(VecDeque::from([near]));
             }
         }
-        let count = searches.len();
-        self.first += count as u32;
-        let mut sets = union_find::singletons(count);
-        let mut unfinished = vec![1u32; count];
-        let mut left = count;
-        // searches that are not finished
-        let mut turns: Vec<u32> = (0..count as u32).collect();
-        while left > 1 {
-            let mut is_apart = false;
-            turns.retain(|&number| {
-                if left <= 1 || is_apart {
-                    return true;
-                }
-                let search = &mut searches[number as usize];
-                let root = union_find::root(&mut sets, number);
-                let Some(near) = search.next_face(graph) else {
-                    unfinished[root as usize] -= 1;
-                    is_apart = unfinished[root as usize] == 0;
-                    return false;
-                };
-                if near == face || !is_inside(near) {
-                    return true;
-                }
+        self.first += reached.len() as u32;
+        // a search that has united with another is no root, and ends
+        let mut sets = union_find::singletons(reached.len());
+        let mut turns: VecDeque<u32> = sets.iter().copied().collect();
+        let mut left = reached.len();
+        let allowed = self.steps_left.max(LAST_STEPS);
+        let mut steps = 0;
+        while left > 1 && steps <= allowed {
+            let Some(number) = turns.pop_front() else { break };
+            if sets[number as usize] != number {
+                continue;
+            }
+            let Some(at) = reached[number as usize].pop_front() else { break };
+            for &near in graph.neighbours_of(at).iter().filter(|&&near| is_left(near)) {
                 let reached_by = &mut self.reached_by[near as usize];
                 if *reached_by < first {
                     *reached_by = first + number;
-                    search.reached.push(near);
-                    return true;
+                    reached[number as usize].push_back(near);
+                    continue;
                 }
                 let other = union_find::root(&mut sets, *reached_by - first);
-                if union_find::join(&mut sets, root, other) {
-                    let (low, high) = (root.min(other) as usize, root.max(other) as usize);
-                    unfinished[low] += unfinished[high];
+                if other != number {
+                    sets[other as usize] = number;
+                    let united = std::mem::take(&mut reached[other as usize]);
+                    steps += united.len() as u64;
+                    reached[number as usize].extend(united);
                     left -= 1;
                 }
-                true
-            });
-            if is_apart {
-                return false;
             }
+            steps += graph.neighbours_of(at).len() as u64;
+            turns.push_back(number);
         }
-        true
-    }
-}
-
-impl Search {
-    /// The next neighbour of a face that was reached.
-    fn next_face(&mut self, graph: &DualGraph) -> Option<u32> {
-        loop {
-            let beside = graph.neighbours_of(*self.reached.get(self.at)?);
-            if let Some(&near) = beside.get(self.next) {
-                self.next += 1;
-                return Some(near);
-            }
-            self.at += 1;
-            self.next = 0;
-        }
+        self.steps_left = self.steps_left.saturating_sub(steps);
+        left <= 1
     }
 }

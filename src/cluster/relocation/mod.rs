@@ -50,7 +50,7 @@ mod gate;
 mod merging;
 mod mix;
 mod resize;
-mod settle;
+pub mod settle;
 mod split;
 mod swap;
 mod totals;
@@ -63,7 +63,7 @@ use self::mix::mixed;
 use self::resize::resize;
 use self::settle::settle;
 use super::run::Phase;
-use crate::device::{Cancel, Device};
+use crate::device::{Cancel, Device, Ending};
 use crate::energy::LatticeEnergy;
 use crate::error::Result;
 use crate::surface::DualGraph;
@@ -123,18 +123,18 @@ pub struct Relocation<'a> {
 }
 
 impl<'a> Relocation<'a> {
-    /// Makes all steps from labels in which every cluster has faces and is connected, and returns labels with as many
-    /// clusters. `device` merges single faces; `cheaper` computes other labels with as many clusters, where it is worth
-    /// it.
+    /// Makes all steps from labels in which every cluster has faces and is connected. Returns labels with as many
+    /// clusters, and whether a bound on work cut steps short that led to them. `device` merges single faces; `cheaper`
+    /// computes other labels with as many clusters, where it is worth it.
     pub fn labels(
         &self,
         labels: Vec<u32>,
         device: &mut dyn Device,
         cheaper: Cheaper<'_>,
         on_change: OnChange<'_>,
-    ) -> Result<Vec<u32>> {
+    ) -> Result<(Vec<u32>, Ending)> {
         if self.effort != Effort::All && self.no_swap_can_pay(&labels) {
-            return Ok(labels);
+            return Ok((labels, Ending::Converged));
         }
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
@@ -142,7 +142,7 @@ impl<'a> Relocation<'a> {
             if self.effort == Effort::All {
                 self.mix_in_all(&mut best, cheaper, on_change)?;
             }
-            return Ok(best.clusters.compacted());
+            return Ok(best.ended());
         }
         self.settle_all(&mut best, on_change)?;
         if has_paid {
@@ -153,7 +153,8 @@ impl<'a> Relocation<'a> {
             self.relax(&mut best, TRIALS, on_change)?;
         }
         self.mix_in_all(&mut best, cheaper, on_change)?;
-        self.relax_and_breathe(best, on_change)
+        self.relax_and_breathe(&mut best, on_change)?;
+        Ok(best.ended())
     }
 
     /// Makes B, E and F from labels of a hierarchy, and D with those of a flat start, which `flat` computes where it is
@@ -176,7 +177,8 @@ impl<'a> Relocation<'a> {
         if has_paid {
             self.mix_in_start(&mut best, flat()?, on_change)?;
         }
-        self.relax_and_breathe(best, on_change)
+        self.relax_and_breathe(&mut best, on_change)?;
+        Ok(best.clusters.compacted())
     }
 
     /// Whether bounds show that no swap pays, and nothing else is worth it.
@@ -202,21 +204,21 @@ impl<'a> Relocation<'a> {
     }
 
     /// E and F, in turns, or each as long as F falls.
-    fn relax_and_breathe(&self, mut best: State<'a>, on_change: OnChange<'_>) -> Result<Vec<u32>> {
+    fn relax_and_breathe(&self, best: &mut State<'a>, on_change: OnChange<'_>) -> Result<()> {
         let (turns, rounds, breaths) = match self.effort {
             Effort::All => (1, self.rounds(), self.rounds()),
             Effort::Some | Effort::Swaps => (if self.is_small() { MORE_TURNS } else { TURNS }, 1, 1),
         };
         let mut breath = Breath::default();
         for _ in 0..turns {
-            self.relax(&mut best, rounds, on_change)?;
+            self.relax(best, rounds, on_change)?;
             for _ in 0..breaths {
-                if breath.lowers(&mut best, self.cancel)? {
+                if breath.lowers(best, self.cancel)? {
                     report(Phase::Breathe, &mut best.clusters, on_change)?;
                 }
             }
         }
-        Ok(best.clusters.compacted())
+        Ok(())
     }
 
     /// Settles all clusters, and makes swaps again.
@@ -238,9 +240,9 @@ impl<'a> Relocation<'a> {
     /// B. Returns whether F has fallen by more than a thousandth.
     fn swap(&self, state: &mut State<'_>, on_change: OnChange<'_>) -> Result<bool> {
         let before = state.clusters.energy().explained;
-        while swap::round(&mut state.clusters, &mut state.candidates, self.cancel)? > 0 {
-            report(Phase::Swap, &mut state.clusters, on_change)?;
-        }
+        swap::swap(&mut state.clusters, &mut state.candidates, self.cancel, |clusters| {
+            report(Phase::Swap, clusters, on_change)
+        })?;
         let fall = state.clusters.energy().explained - before;
         Ok(fall > 0 && fall > state.clusters.total() / 1000)
     }
@@ -308,6 +310,10 @@ impl<'a> State<'a> {
     fn new(graph: &'a DualGraph, labels: Vec<u32>) -> Self {
         Self { clusters: Clusters::new(graph, labels), candidates: Candidates::default() }
     }
+
+    fn ended(self) -> (Vec<u32>, Ending) {
+        (self.clusters.compacted(), self.clusters.ending())
+    }
 }
 
 /// (Σ w)²/Σ w² over all faces. Units of finer components than the coarsest are rounded down.
@@ -331,8 +337,7 @@ fn settle_all(clusters: &mut Clusters<'_>, cancel: &Cancel) -> Result<()> {
 /// Settles all clusters, and makes swaps until none pays.
 fn settle_and_swap(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<()> {
     settle_all(clusters, cancel)?;
-    while swap::round(clusters, candidates, cancel)? > 0 {}
-    Ok(())
+    swap::swap(clusters, candidates, cancel, |_| Ok(()))
 }
 
 fn report(phase: Phase, clusters: &mut Clusters<'_>, on_change: OnChange<'_>) -> Result<()> {

@@ -1,17 +1,15 @@
-//! Connected refinement on the host: what follows a merge or a split, near it.
+//! Connected refinement on the host: faces move one after the other, and every cluster stays connected.
 //!
 //! # Definition
 //!
 //! A pass looks, in their order, at the faces at the boundaries of the clusters that changed in the pass before (at
 //! first, those that the caller names). A face considers the clusters of its neighbours and takes the one with the
 //! largest gain ([`crate::cluster::refinement`]; the smaller number of equal ones). It moves at once if F falls,
-//! exactly, and its cluster stays connected. Passes end with one in which nothing moves.
+//! exactly, and its cluster is seen to stay connected ([`super::connection`]). Passes end with one in which nothing
+//! moves, or where the clusters have [no work left](Clusters::spend).
 //!
-//! F is an integer that falls with every move, so passes end. Clusters stay connected: none loses a face that it needs,
-//! and each gains only neighbouring faces.
-//!
-//! It differs from [`crate::device::Steps::refine_connected`] in the order of moves. There all clusters move one face
-//! at the same time; here a pass moves a whole border, and reads only what changed.
+//! F is an integer that falls with every move. Clusters stay connected: none loses a face that it needs, and each gains
+//! only neighbouring faces. None gets empty: a face that is alone in its cluster does not move.
 
 use std::cmp::Reverse;
 
@@ -27,20 +25,28 @@ pub fn settle(clusters: &mut Clusters<'_>, mut changed: Vec<u32>, most_passes: u
             break;
         }
         cancel.check()?;
-        let mut next = Vec::new();
-        for face in boundary_faces(clusters, &changed) {
-            let from = clusters.label(face);
-            if let Some(to) = best_move(clusters, face)
-                && clusters.move_if_lower(face, to)
-            {
-                next.extend([from, to]);
-            }
-        }
-        next.sort_unstable();
-        next.dedup();
-        changed = next;
+        changed = pass(clusters, &changed);
     }
     Ok(())
+}
+
+/// Makes one pass. Returns the clusters that changed, ascending.
+pub fn pass(clusters: &mut Clusters<'_>, changed: &[u32]) -> Vec<u32> {
+    if !clusters.spend(changed) {
+        return Vec::new();
+    }
+    let mut next = Vec::new();
+    for face in boundary_faces(clusters, changed) {
+        let from = clusters.label(face);
+        if let Some(to) = best_move(clusters, face)
+            && clusters.move_if_lower(face, to)
+        {
+            next.extend([from, to]);
+        }
+    }
+    next.sort_unstable();
+    next.dedup();
+    next
 }
 
 /// The faces on both sides of the boundaries of some clusters, ascending.

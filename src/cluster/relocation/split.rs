@@ -179,6 +179,7 @@ impl<'a> Sides<'a> {
                 if then > now && connection.stays_without(graph, face, is_own) {
                     (self.sums, now) = (sums, then);
                     self.is_second[face as usize] = !side;
+                    connection.moved(graph, face);
                 }
             }
             if now == before {

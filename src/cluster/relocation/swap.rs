@@ -12,7 +12,7 @@
 //! 3. Each swap merges its pair, and the number that becomes free names the new part of the split cluster, in whatever
 //!    component that is. Then the clusters [settle](mod@super::settle).
 //!
-//! Rounds go on until no swap pays.
+//! Rounds go on until no swap pays, [`ROUNDS`] at most.
 //!
 //! # F falls, and the rounds end
 //!
@@ -31,8 +31,28 @@ use super::settle::settle;
 use crate::device::Cancel;
 use crate::error::Result;
 
+/// Rounds at most. Ordinary meshes take under 20.
+const ROUNDS: u32 = 100;
+
+/// Makes rounds; `on_round` is called after each with swaps.
+pub fn swap(
+    clusters: &mut Clusters<'_>,
+    candidates: &mut Candidates,
+    cancel: &Cancel,
+    mut on_round: impl FnMut(&mut Clusters<'_>) -> Result<()>,
+) -> Result<()> {
+    for _ in 0..ROUNDS {
+        if round(clusters, candidates, cancel)? == 0 {
+            return Ok(());
+        }
+        on_round(clusters)?;
+    }
+    clusters.faces_left = 0;
+    Ok(())
+}
+
 /// Makes one round. Returns the number of swaps.
-pub fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<usize> {
+fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<usize> {
     cancel.check()?;
     candidates.refresh(clusters);
     let merges = candidates.merges();

@@ -56,7 +56,7 @@ fn relocated(
         changes.push((phase, energy.explained));
         Ok(())
     });
-    (labels.expect("no cancellation"), changes)
+    (labels.expect("no cancellation").0, changes)
 }
 
 #[test]
@@ -119,7 +119,7 @@ fn bounds_show_that_no_swap_pays_on_an_even_sphere_and_do_not_where_one_pays() {
     let labels = start(&even, 80);
     let relocation = Relocation { graph: &even, effort: Effort::Swaps, cancel: &Cancel::default() };
     let settled = relocation.labels(labels, &mut CpuDevice::new(), &mut std::iter::empty(), &mut |_, _, _, _| Ok(()));
-    assert!(!gate::may_pay(&even, &settled.expect("no cancellation"), 80));
+    assert!(!gate::may_pay(&even, &settled.expect("no cancellation").0, 80));
     let uneven = uneven(Sample::Parts, 3000);
     let labels = start(&uneven, 60);
     assert!(!relocated(&uneven, labels.clone(), Effort::Swaps, &mut CpuDevice::new()).1.is_empty(), "swaps pay");
@@ -188,6 +188,42 @@ fn searches_find_the_faces_that_hold_a_cluster_together() {
         }
     }
     assert!(held > 0);
+}
+
+/// Faces in a ring: without one of them, the way between its neighbours is as long as the ring.
+fn ring(faces: u32) -> DualGraph {
+    DualGraph {
+        points: vec![[0; 3]; faces as usize],
+        weights: vec![1; faces as usize],
+        neighbour_offsets: (0..=faces).map(|face| 2 * face).collect(),
+        neighbours: (0..faces).flat_map(|face| [(face + 1) % faces, (face + faces - 1) % faces]).collect(),
+        components: vec![Component { first_face: 0, faces, weight: u64::from(faces), energy_shift: 0 }],
+    }
+}
+
+#[test]
+fn a_face_that_was_refused_is_held_until_a_face_beside_it_moves() {
+    let ring = ring(100);
+    let mut connection = Connection::new(100);
+    assert!(!connection.stays_without(&ring, 50, |near| near != 0), "0 is a gap, so that 50 holds two arcs together");
+    assert!(!connection.stays_without(&ring, 50, |_| true), "the gap is closed, far from 50");
+    connection.moved(&ring, 0);
+    assert!(!connection.stays_without(&ring, 50, |_| true));
+    connection.moved(&ring, 49);
+    assert!(connection.stays_without(&ring, 50, |_| true));
+}
+
+#[test]
+fn searches_end_at_a_bound_in_proportion_to_the_faces() {
+    let ring = ring(400);
+    let mut connection = Connection::new(400);
+    let unite = (0..10_000).take_while(|_| connection.stays_without(&ring, 7, |_| true)).count();
+    // a search looks at two dual edges a face
+    assert!((100..1000).contains(&unite), "{unite}");
+    assert!(connection.is_spent());
+    connection.moved(&ring, 7);
+    assert!(!connection.stays_without(&ring, 7, |_| true), "long searches stay cut short");
+    assert!(connection.stays_without(&ring, 7, |near| near != 8), "short ways are seen");
 }
 
 #[test]

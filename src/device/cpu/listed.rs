@@ -8,10 +8,9 @@ use super::boundary::BoundaryPhase;
 use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::Clusters;
-use super::detour::surely_stays_connected;
 use super::grow::grow;
 use super::labels::Labels;
-use super::pieces::{self, Walk};
+use super::pieces;
 use super::refine::RefinementPhase;
 use super::{Move, Partition};
 use crate::device::dual_edge::{Rank, Ties};
@@ -19,6 +18,7 @@ use crate::device::{Cancel, FLOOD_FROM, FREE};
 use crate::error::Result;
 use crate::prefetch::{Ahead, with_lookahead};
 use crate::surface::DualGraph;
+use crate::surface::detour::surely_stays_connected;
 
 /// A partition, and what phases keep between iterations.
 #[derive(Debug)]
@@ -96,20 +96,11 @@ impl<'a> Listed<'a> {
 
     /// Makes the next iteration of refinement. Returns how many moves that were, maybe none; None when there are no
     /// bids.
-    pub fn refinement_iteration(&mut self, is_connected: bool) -> Option<u64> {
-        let moves = self.refinement_moves(is_connected)?;
+    pub fn refinement_iteration(&mut self) -> Option<u64> {
+        let Self { partition, refinement, .. } = self;
+        let moves = refinement.get_or_insert_with(|| RefinementPhase::new(partition)).moves(partition)?;
         self.apply(&moves);
         Some(moves.len() as u64)
-    }
-
-    fn refinement_moves(&mut self, is_connected: bool) -> Option<Vec<Move>> {
-        let Self { partition, refinement, places, .. } = self;
-        let phase = refinement.get_or_insert_with(|| RefinementPhase::new(partition));
-        let mut walk = is_connected.then(|| {
-            places.resize_with(partition.graph.faces(), AtomicU32::default);
-            Walk::new(places)
-        });
-        phase.moves(partition, walk.as_mut())
     }
 
     /// Brings all bids up to date.
@@ -202,6 +193,13 @@ impl<'a> Listed<'a> {
         moves.iter().for_each(|moved| labels.set(moved.face, moved.from));
         self.apply(&moves);
         Ok(())
+    }
+
+    /// Moves faces to the clusters that these labels give them.
+    pub fn relabel(&mut self, labels: &[u32]) {
+        let moved = (0..).zip(self.partition.labels.all()).zip(labels).filter(|&((_, from), to)| from != to);
+        let moves: Vec<Move> = moved.map(|((face, &from), &to)| Move { face, from, to }).collect();
+        self.apply(&moves);
     }
 
     /// Merges the first cluster of each pair into the second.

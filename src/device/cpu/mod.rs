@@ -22,7 +22,6 @@ mod boundary;
 mod boundary_faces;
 mod change_log;
 mod clusters;
-mod detour;
 mod grow;
 mod labels;
 mod listed;
@@ -78,7 +77,7 @@ impl Device for CpuDevice {
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(open(graph, component_of_cluster))
+        Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
     }
 
     fn open_merging<'a>(
@@ -88,11 +87,6 @@ impl Device for CpuDevice {
     ) -> Result<Box<dyn MergeSteps + 'a>> {
         Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
     }
-}
-
-/// The steps on a surface: what [`CpuDevice`] opens.
-pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dyn Steps + 'a> {
-    Box::new(CpuSteps::new(graph, component_of_cluster))
 }
 
 /// A face that moves from one cluster to another.

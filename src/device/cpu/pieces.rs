@@ -1,4 +1,4 @@
-//! Pieces of clusters: those that were cut off, and those that a move would cut off.
+//! Pieces of clusters that were cut off.
 
 use std::cmp::Reverse;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use super::Partition;
-use super::detour::surely_stays_connected;
 use super::tuning::chunks::CLUSTERS;
 use crate::surface::DualGraph;
 use crate::union_find::root;
@@ -92,14 +91,6 @@ impl<'a> Walk<'a> {
         }
         let largest = (0..).zip(ranks).max_by_key(|&(_, rank)| rank).map(|(set, _): (u32, _)| set);
         self.faces.iter().copied().zip(set_of_face).filter(move |&(_, set)| Some(set) != largest).map(|(face, _)| face)
-    }
-
-    /// Whether a connected cluster stays connected when it loses one of its faces.
-    pub fn stays_connected(&mut self, Partition { graph, labels, .. }: &Partition<'_>, face: u32) -> bool {
-        let cluster = labels.of(face);
-        let is_own = |near: u32| near != face && labels.of(near) == cluster;
-        let beside = graph.neighbours_of(face).iter().copied().filter(|&near| is_own(near));
-        surely_stays_connected(graph, face, is_own) || self.pieces(graph, beside, is_own) == 1
     }
 }
 

@@ -8,7 +8,6 @@ use super::active_faces::{ActiveFaces, Evaluation};
 use super::bids::{Bid, Bids, Verdict};
 use super::change_log::Cursor;
 use super::nearby::{Bound, Nearby, Rival, other_clusters};
-use super::pieces::Walk;
 use super::tuning::chunks::CLUSTERS;
 use super::{Move, Partition};
 use crate::energy::{ClusterSums, Energy, Functional, RefinementSlack, Side, Sums};
@@ -34,18 +33,14 @@ impl RefinementPhase {
         self.bids.end().into_iter().for_each(|face| self.active.add(face));
     }
 
-    /// The moves of the next iteration, maybe none; None when there are no bids. With `walk`, only winners move, and
-    /// only those that leave their cluster connected.
-    pub fn moves(&mut self, partition: &mut Partition<'_>, walk: Option<&mut Walk<'_>>) -> Option<Vec<Move>> {
+    /// The moves of the next iteration, maybe none; None when there are no bids.
+    pub fn moves(&mut self, partition: &mut Partition<'_>) -> Option<Vec<Move>> {
         self.renew_bids(partition);
         if self.bids.is_empty() {
             return None;
         }
         let winners = self.bids.winners();
-        let verdicts = match walk {
-            None => verdicts(partition, &self.bids, &winners),
-            Some(walk) => winners.iter().map(|&winner| verdict_alone(partition, walk, winner)).collect(),
-        };
+        let verdicts = verdicts(partition, &self.bids, &winners);
         Some(self.bids.commit(&winners, &verdicts))
     }
 
@@ -85,13 +80,6 @@ fn sums_of(graph: &DualGraph, moves: impl IntoIterator<Item = Move>) -> ClusterS
     let mut sums = ClusterSums::default();
     moves.into_iter().for_each(|moved| sums.add_face(graph.face(moved.face as usize), 1));
     sums
-}
-
-/// Tests a winner alone: also whether its cluster stays connected without it.
-fn verdict_alone(partition: &Partition<'_>, walk: &mut Walk<'_>, winner: Move) -> Verdict {
-    let alone = sums_of(partition.graph, [winner]);
-    let improves = partition.clusters.improves(winner.from, winner.to, &alone);
-    if improves && walk.stays_connected(partition, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
 }
 
 /// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),

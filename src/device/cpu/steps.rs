@@ -125,11 +125,6 @@ impl<'a> CpuSteps<'a> {
             Ok(Ending::IterationLimit)
         })
     }
-
-    fn refine_as(&mut self, is_connected: bool, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        self.with_listed(Listed::begin_refinement);
-        self.optimise(limit, cancel, on_step, |listed| listed.refinement_iteration(is_connected))
-    }
 }
 
 impl Steps for CpuSteps<'_> {
@@ -137,6 +132,11 @@ impl Steps for CpuSteps<'_> {
         let mut own = take(self.labels_mut());
         own.replace(labels);
         self.state = State::Labelled(own);
+        Ok(())
+    }
+
+    fn relabel(&mut self, labels: &[u32]) -> Result<()> {
+        self.with_listed(|listed| listed.relabel(labels));
         Ok(())
     }
 
@@ -170,11 +170,8 @@ impl Steps for CpuSteps<'_> {
     }
 
     fn refine(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        self.refine_as(false, limit, cancel, on_step)
-    }
-
-    fn refine_connected(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        self.refine_as(true, limit, cancel, on_step)
+        self.with_listed(Listed::begin_refinement);
+        self.optimise(limit, cancel, on_step, Listed::refinement_iteration)
     }
 
     fn resume(&mut self) {

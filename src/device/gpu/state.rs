@@ -9,7 +9,7 @@ use super::kernels::{self, Kernel};
 use super::layout::Move;
 use super::memory::{BETWEEN, SurfaceMemory};
 use crate::device::dual_edge::Ties;
-use crate::device::{DualEdge, Steps};
+use crate::device::DualEdge;
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
@@ -32,15 +32,6 @@ pub(super) enum History {
     Merged,
     /// Clusters merged, and faces may have moved since.
     MovedSinceMerge,
-}
-
-/// A phase that stopped at its limit of iterations.
-pub(super) enum Stopped<'a> {
-    /// On the device, with the number of the next iteration. Of refinement, `face_bids` has the iteration of each
-    /// refusal.
-    OnDevice(u32),
-    /// On the cpu.
-    OnCpu(Box<dyn Steps + 'a>),
 }
 
 /// A search for dual edges.
@@ -91,15 +82,17 @@ pub(super) struct GpuSteps<'a> {
     pub(super) is_after_boundary: bool,
     /// What that search would find now, if it was made ahead and nothing has changed since.
     pub(super) found_ahead: Option<Found>,
-    /// The labels, if they were read and nothing has changed since.
+    /// The labels, if they were read or set and nothing has changed since.
     pub(super) known_labels: Option<Vec<u32>>,
     /// Whether the last phase had no limit: what follows are a search for pieces and, where there are none, the labels.
     pub(super) was_unlimited: bool,
     /// The sums of some clusters, ascending, if they were read and nothing has changed since.
     pub(super) known_sums: Vec<(u32, ClusterSums)>,
-    pub(super) stopped: Option<Stopped<'a>>,
-    /// Whether `stopped` goes on with the next call.
-    pub(super) is_resumed: bool,
+    /// The number of the next iteration of a phase that stopped at its limit. Of refinement, `face_bids` has the
+    /// iteration of each refusal.
+    pub(super) stopped: Option<u32>,
+    /// The same of the phase that goes on with the next call.
+    pub(super) resumed: Option<u32>,
     /// Buffers that the host reads results through, those in flight taken out.
     pub(super) host_buffers: RefCell<Vec<wgpu::Buffer>>,
 }
@@ -135,7 +128,7 @@ impl<'a> GpuSteps<'a> {
             was_unlimited: false,
             known_sums: Vec::new(),
             stopped: None,
-            is_resumed: false,
+            resumed: None,
             host_buffers: RefCell::default(),
         };
         let mut encoder = steps.encoder();

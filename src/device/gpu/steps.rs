@@ -1,17 +1,14 @@
 //! The steps on one surface, as sequences of kernels.
 
-use std::mem::take;
-
 use super::batches::{BOUNDARY, GROWTH, REFINEMENT};
 use super::buffers::Buffer;
-use super::state::{GpuSteps, History, Stopped, Sums};
+use super::state::{GpuSteps, History, Sums};
 use super::upload::upload;
-use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, Step, Steps};
 use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 
-impl<'a> GpuSteps<'a> {
+impl GpuSteps<'_> {
     /// Replaces all labels; the history stays.
     fn replace_labels(&mut self, labels: &[u32]) -> Result<()> {
         let faces = self.graph.faces();
@@ -48,12 +45,6 @@ impl<'a> GpuSteps<'a> {
         self.has_free = false;
         Ok(())
     }
-
-    /// The phase that goes on with this call.
-    fn take_resumed(&mut self) -> Option<Stopped<'a>> {
-        let is_resumed = take(&mut self.is_resumed);
-        self.stopped.take().filter(|_| is_resumed)
-    }
 }
 
 /// Whether a limit is none: that of a run falls from the largest number with each iteration.
@@ -68,8 +59,17 @@ impl Steps for GpuSteps<'_> {
             self.living = (0..self.clusters()).collect();
             self.memory.list_clusters(&self.connection.queue, &self.living);
         }
-        self.take_resumed();
+        (self.stopped, self.resumed) = (None, None);
         self.replace_labels(labels)
+    }
+
+    fn relabel(&mut self, labels: &[u32]) -> Result<()> {
+        let before = self.labels()?;
+        let at_merge = if self.history == History::Unmerged { Vec::new() } else { self.labels_at_merge(&before)? };
+        self.replace_labels(labels)?;
+        upload(&self.connection.queue, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
+        self.known_labels = Some(labels.to_vec());
+        Ok(())
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
@@ -102,10 +102,7 @@ impl Steps for GpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        let first = match self.take_resumed() {
-            Some(Stopped::OnDevice(next)) => next,
-            Some(Stopped::OnCpu(_)) | None => 1,
-        };
+        let first = self.resumed.take().unwrap_or(1);
         self.begin_phase();
         self.was_unlimited = is_unlimited(max_iterations);
         let mut last = if let Sums::Current(energy) = self.sums { energy } else { None };
@@ -116,20 +113,17 @@ impl Steps for GpuSteps<'_> {
         self.set_energy(last);
         self.is_after_boundary = true;
         let (ending, next) = outcome?;
-        self.stopped = (ending == Ending::IterationLimit).then_some(Stopped::OnDevice(next));
+        self.stopped = (ending == Ending::IterationLimit).then_some(next);
         Ok(ending)
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
         // iterations only report the rise
         let mut explained = self.energy()?.explained;
-        let first = match self.take_resumed() {
-            Some(Stopped::OnDevice(next)) => next,
-            Some(Stopped::OnCpu(_)) | None => {
-                self.begin_phase();
-                1
-            }
-        };
+        let first = self.resumed.take().unwrap_or_else(|| {
+            self.begin_phase();
+            1
+        });
         self.was_unlimited = is_unlimited(max_iterations);
         let outcome = self.run(&REFINEMENT, (first, max_iterations), cancel, |stats, moves| {
             explained += stats.explained();
@@ -137,40 +131,12 @@ impl Steps for GpuSteps<'_> {
         });
         self.set_energy(Some(LatticeEnergy { explained }));
         let (ending, next) = outcome?;
-        self.stopped = (ending == Ending::IterationLimit).then_some(Stopped::OnDevice(next));
-        Ok(ending)
-    }
-
-    /// On the cpu: few runs need it, for few moves, and a walk through a cluster is no work for a gpu.
-    fn refine_connected(
-        &mut self,
-        max_iterations: u32,
-        cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-    ) -> Result<Ending> {
-        let before = self.labels()?;
-        let at_merge = if self.history == History::Unmerged { Vec::new() } else { self.labels_at_merge(&before)? };
-        let mut steps = match self.take_resumed() {
-            Some(Stopped::OnCpu(steps)) => steps,
-            Some(Stopped::OnDevice(_)) | None => {
-                let mut steps = cpu::open(self.graph, self.component_of_cluster);
-                steps.set_labels(&before)?;
-                steps
-            }
-        };
-        let ending = steps.refine_connected(max_iterations, cancel, on_iteration)?;
-        let labels = steps.labels()?;
-        self.replace_labels(&labels)?;
-        upload(&self.connection.queue, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
-        self.stopped = (ending == Ending::IterationLimit).then_some(Stopped::OnCpu(steps));
+        self.stopped = (ending == Ending::IterationLimit).then_some(next);
         Ok(ending)
     }
 
     fn resume(&mut self) {
-        self.is_resumed = true;
-        if let Some(Stopped::OnCpu(steps)) = &mut self.stopped {
-            steps.resume();
-        }
+        self.resumed = self.stopped.take();
     }
 
     fn repair(&mut self, cancel: &Cancel) -> Result<u64> {

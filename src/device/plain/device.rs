@@ -82,14 +82,6 @@ impl PlainSteps<'_> {
         let edges = faces.flat_map(|face| graph.neighbours_of(face).iter().map(move |&near| (face, near)));
         edges.map(|(a, b)| (labels[a as usize], labels[b as usize])).filter(|(a, b)| a != b)
     }
-
-    fn refine_as(&mut self, connected: bool, limit: u32, cancel: &Cancel, on: OnStep<'_>) -> Result<Ending> {
-        if !std::mem::take(&mut self.is_resumed) {
-            self.phase.refused.fill(false);
-        }
-        self.phase.connected = connected;
-        iterations(limit, cancel, on, || self.phase.iterate())
-    }
 }
 
 /// Makes iterations until one has nothing left to do, or the limit is reached.
@@ -112,6 +104,11 @@ impl Steps for PlainSteps<'_> {
         self.phase.labels = labels.to_vec();
         self.labels_at_merge = labels.to_vec();
         self.is_resumed = false;
+        Ok(())
+    }
+
+    fn relabel(&mut self, labels: &[u32]) -> Result<()> {
+        self.phase.labels.copy_from_slice(labels);
         Ok(())
     }
 
@@ -140,11 +137,10 @@ impl Steps for PlainSteps<'_> {
     }
 
     fn refine(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        self.refine_as(false, limit, cancel, on_step)
-    }
-
-    fn refine_connected(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        self.refine_as(true, limit, cancel, on_step)
+        if !std::mem::take(&mut self.is_resumed) {
+            self.phase.refused.fill(false);
+        }
+        iterations(limit, cancel, on_step, || self.phase.iterate())
     }
 
     fn resume(&mut self) {

@@ -1,0 +1,48 @@
+//! How a run ends with connected clusters: free phases, one repair, connected refinement.
+//!
+//! Moves at the same time can cut a cluster in two. When the phases have converged, a repair frees all but the largest
+//! piece of each cluster, and growth hands the freed faces to their neighbours: what grew from connected pieces is
+//! connected. A repair may raise F, and is its own row in the report. Then faces move one after the other, each only
+//! where F falls and its cluster stays connected ([`mod@super::relocation::settle`] has the definition and the proof).
+//! That includes the moves of the boundary phase: a face that is nearer to another proxy has a positive gain.
+//!
+//! The free phases do not begin anew after a repair: where a piece lowers F in the cluster that it was cut from, phases
+//! and repairs would repeat without end.
+
+use super::relocation::{Clusters, settle};
+use super::run::{Phase, Run};
+use crate::device::{Ending, Step};
+use crate::error::Result;
+use crate::surface::DualGraph;
+
+impl Run<'_> {
+    /// Optimises; then makes clusters connected and keeps them so, unless they may be disconnected. `graph` is the one
+    /// that the steps were opened with.
+    pub fn complete(
+        &mut self,
+        graph: &DualGraph,
+        allow_disconnected: bool,
+        optimise: impl FnOnce(&mut Self) -> Result<Ending>,
+    ) -> Result<Ending> {
+        let ending = optimise(self)?;
+        if allow_disconnected || !self.repair()? || ending == Ending::IterationLimit {
+            return Ok(ending);
+        }
+        let mut clusters = Clusters::new(graph, self.steps.labels()?);
+        let mut changed = clusters.take_touched();
+        self.phase(Phase::Refine, |steps, left, cancel, on_step| {
+            let mut left = left;
+            while left > 0 && !changed.is_empty() {
+                cancel.check()?;
+                changed = settle::pass(&mut clusters, &changed);
+                let moves = clusters.take_moves();
+                if moves > 0 {
+                    left -= 1;
+                    on_step(Step { energy: clusters.energy(), moves });
+                }
+            }
+            steps.relabel(clusters.labels())?;
+            Ok(if changed.is_empty() { clusters.ending() } else { Ending::IterationLimit })
+        })
+    }
+}
