@@ -57,11 +57,11 @@ impl Connection {
     /// Whether the faces that are inside, which are connected, are seen to stay so without `face`, one of them.
     pub fn stays_without(&mut self, graph: &DualGraph, face: u32, is_inside: impl Fn(u32) -> bool) -> bool {
         let is_left = |near: u32| near != face && is_inside(near);
-        if surely_stays_connected(graph, face, &is_left) {
+        if surely_stays_connected(graph, face, is_left) {
             return true;
         }
         if !self.is_held[face as usize] {
-            self.is_held[face as usize] = !self.searches_unite(graph, face, &is_left);
+            self.is_held[face as usize] = !self.searches_unite(graph, face, is_left);
         }
         !self.is_held[face as usize]
     }

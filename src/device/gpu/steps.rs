@@ -64,8 +64,11 @@ impl Steps for GpuSteps<'_> {
     }
 
     fn relabel(&mut self, labels: &[u32]) -> Result<()> {
-        let before = self.labels()?;
-        let at_merge = if self.history == History::Unmerged { Vec::new() } else { self.labels_at_merge(&before)? };
+        let mut at_merge = Vec::new();
+        if self.history != History::Unmerged {
+            let before = self.labels()?;
+            at_merge = self.labels_at_merge(&before)?;
+        }
         self.replace_labels(labels)?;
         upload(&self.connection.queue, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
         self.known_labels = Some(labels.to_vec());
