@@ -150,6 +150,7 @@ impl GpuSteps<'_> {
             let energy = energy.unwrap_or_else(|| stats.energy());
             verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
             self.set_energy(Some(energy));
+            self.known_labels = Some(labels.clone());
         }
         Ok(labels)
     }
