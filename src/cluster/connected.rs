@@ -1,19 +1,23 @@
-//! How a run ends with connected clusters: free phases, one repair, connected refinement.
+//! How a run ends with connected clusters: free phases, repairs, connected refinement.
 //!
 //! Moves at the same time can cut a cluster in two. When the phases have converged, a repair frees all but the largest
 //! piece of each cluster, and growth hands the freed faces to their neighbours: what grew from connected pieces is
-//! connected. A repair may raise F, and is its own row in the report. Then faces move one after the other, each only
-//! where F falls and its cluster stays connected ([`mod@super::relocation::settle`] has the definition and the proof).
-//! That includes the moves of the boundary phase: a face that is nearer to another proxy has a positive gain.
+//! connected. A repair may raise F, and is its own row in the report. Then the phases begin anew, unless one of them
+//! has flooded: scans end 0.1 to 0.5 % lower than with one repair.
 //!
-//! The free phases do not begin anew after a repair: where a piece lowers F in the cluster that it was cut from, phases
-//! and repairs would repeat without end.
+//! Where a piece lowers F in the cluster that it was cut from, phases and repairs would repeat without end. So after
+//! [`REPAIRS`] of them faces move one after the other, each only where F falls and its cluster stays connected
+//! ([`mod@super::relocation::settle`] has the definition and the proof). That includes the moves of the boundary phase:
+//! a face that is nearer to another proxy has a positive gain.
 
 use super::relocation::{Clusters, settle};
 use super::run::{Phase, Run};
-use crate::device::{Ending, Step};
+use crate::device::{Ending, FLOOD_FROM, Step};
 use crate::error::Result;
 use crate::surface::DualGraph;
+
+/// Repairs at most. Scans take one or two.
+const REPAIRS: u32 = 3;
 
 impl Run<'_> {
     /// Optimises; then makes clusters connected and keeps them so, unless they may be disconnected. `graph` is the one
@@ -22,11 +26,18 @@ impl Run<'_> {
         &mut self,
         graph: &DualGraph,
         allow_disconnected: bool,
-        optimise: impl FnOnce(&mut Self) -> Result<Ending>,
+        mut optimise: impl FnMut(&mut Self) -> Result<Ending>,
     ) -> Result<Ending> {
-        let ending = optimise(self)?;
-        if allow_disconnected || !self.repair()? || ending == Ending::IterationLimit {
-            return Ok(ending);
+        for _ in 0..REPAIRS {
+            let before = self.iteration;
+            let ending = optimise(self)?;
+            let has_flooded = self.iteration - before >= FLOOD_FROM;
+            if allow_disconnected || !self.repair()? || ending == Ending::IterationLimit {
+                return Ok(ending);
+            }
+            if has_flooded {
+                break;
+            }
         }
         let mut clusters = Clusters::new(graph, self.steps.labels()?);
         let mut changed = clusters.take_touched();

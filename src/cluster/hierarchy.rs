@@ -37,16 +37,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::coarse::CoarseStart;
-use super::flat;
+use super::fast;
 use super::numbers;
-use super::quality::Quality;
-use super::record::Record;
 use super::relocation::{self, Relocation};
 use super::run::{Row, Run};
 use super::seeds::check_number;
 use super::tree_builder::Builder;
-use crate::device::cpu::CpuDevice;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, MergeSteps};
 use crate::energy::LatticeEnergy;
@@ -236,7 +232,7 @@ impl Rounds<'_> {
         let before = steps.labels()?;
         let mut energy = None;
         let relocation = Relocation { graph: self.builder.surface, effort, cancel: self.cancel };
-        let flat = || flat_labels(self.builder.surface, self.left, self.cancel);
+        let flat = || fast::labels(self.builder.surface, self.left, 0, self.cancel);
         let after = relocation.labels_from(numbers::compact(&before), flat, &mut |phase, after, moves, _| {
             energy = Some(after);
             self.iteration += 1;
@@ -246,20 +242,6 @@ impl Rounds<'_> {
         })?;
         Ok(energy.map(|energy| (numbers::kept(&before, &after), energy)))
     }
-}
-
-/// The labels of the boundary phase of quality `fast`, on the cpu, whatever the device: labels are the same.
-fn flat_labels(surface: &Surface, clusters: u64, cancel: &Cancel) -> Result<Vec<u32>> {
-    let mut device = CpuDevice::new();
-    let start = CoarseStart::new(surface, clusters, 0, Quality::Fast.start())?.labels(surface, &mut device, cancel)?;
-    let mut steps = device.open(surface, &start.component_of_cluster)?;
-    let options = flat::Options {
-        max_iterations: Quality::Fast.max_iterations(),
-        refine: Quality::Fast.refines(),
-        allow_disconnected: false,
-    };
-    let record = &mut Record::new(None);
-    Ok(flat::boundary_based(surface, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels)
 }
 
 /// The moves to these labels from those after the merges, given the present ones and the moves to them.

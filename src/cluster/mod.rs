@@ -21,6 +21,7 @@
 
 pub mod coarse;
 pub mod connected;
+pub mod fast;
 pub mod flat;
 pub mod hierarchy;
 pub mod numbers;

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use super::iterations::Iterations;
 use super::{Clustered, Coarse, CoarseSpec, Method, Prepared, finite};
 use crate::cluster::coarse::Start;
+use crate::cluster::fast;
 use crate::cluster::flat::{self, Clustering, Options};
 use crate::cluster::hierarchy::hierarchical;
 use crate::cluster::numbers;
@@ -42,9 +43,11 @@ pub(super) fn run_coarse(
         let labels = std::mem::take(&mut clustering.labels);
         let cheaper = &mut labels_of_cheaper(surface, coarse.spec, cancel);
         let relocation = Relocation { graph: surface, effort, cancel };
-        let (labels, ending) = relocation.labels(labels, device, cheaper, &mut |phase, energy, moves, labels| {
-            run.add_row(phase, energy, moves, labels)
-        })?;
+        let fast = || coarse.fast_labels(surface, cancel);
+        let (labels, ending) =
+            relocation.labels(labels, device, fast, cheaper, &mut |phase, energy, moves, labels| {
+                run.add_row(phase, energy, moves, labels)
+            })?;
         clustering.labels = run.record.numbered_like_last(labels);
         if ending == Ending::WorkLimit {
             clustering.ending = ending;
@@ -60,6 +63,11 @@ impl Coarse {
         self.spec.relocation().filter(|_| !is_cut_short)
     }
 
+    /// The labels of the phases of quality `fast`.
+    fn fast_labels(&self, surface: &Surface, cancel: &Cancel) -> Result<Vec<u32>> {
+        fast::labels(surface, self.spec.clusters, self.spec.seed, cancel)
+    }
+
     /// The labels of a run without a report.
     fn labels(&self, surface: &Surface, cancel: &Cancel) -> Result<Vec<u32>> {
         let (device, record) = (&mut CpuDevice::new(), &mut Record::new(None));
@@ -72,7 +80,8 @@ impl Coarse {
             Some(effort) => {
                 let relocation = Relocation { graph: surface, effort, cancel };
                 let cheaper = &mut labels_of_cheaper(surface, self.spec, cancel);
-                Ok(relocation.labels(run.labels, device, cheaper, &mut |_, _, _, _| Ok(()))?.0)
+                let fast = || self.fast_labels(surface, cancel);
+                Ok(relocation.labels(run.labels, device, fast, cheaper, &mut |_, _, _, _| Ok(()))?.0)
             }
             None => Ok(run.labels),
         }
@@ -82,15 +91,14 @@ impl Coarse {
 /// A job whose result another one mixes in.
 #[derive(Debug, Clone, Copy)]
 enum Cheaper {
-    Quality(Quality),
+    Default,
     Parallel,
     Acvd,
 }
 
 /// The jobs whose results a job of this quality mixes in.
 fn cheaper_than(spec: CoarseSpec) -> &'static [Cheaper] {
-    const ALL: &[Cheaper] =
-        &[Cheaper::Quality(Quality::Default), Cheaper::Quality(Quality::Fast), Cheaper::Parallel, Cheaper::Acvd];
+    const ALL: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd];
     match spec.quality {
         Quality::Best => ALL,
         Quality::Default if spec.clusters <= relocation::FEW_CLUSTERS as u64 => &[Cheaper::Acvd],
@@ -107,7 +115,10 @@ fn labels_of_cheaper(surface: &Surface, spec: CoarseSpec, cancel: &Cancel) -> im
 fn labels_of(job: Cheaper, surface: &Surface, spec: CoarseSpec, cancel: &Cancel) -> Result<Vec<u32>> {
     let mut device = CpuDevice::new();
     Ok(match job {
-        Cheaper::Quality(quality) => Coarse::new(surface, CoarseSpec { quality, ..spec })?.labels(surface, cancel)?,
+        Cheaper::Default => {
+            let spec = CoarseSpec { quality: Quality::Default, ..spec };
+            Coarse::new(surface, spec)?.labels(surface, cancel)?
+        }
         Cheaper::Parallel => {
             let options = spec.as_hierarchy();
             hierarchical(surface, &options, &mut device, cancel, &mut |_| {}, &mut |_| {})?.labels

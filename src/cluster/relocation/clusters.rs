@@ -14,7 +14,7 @@ use crate::energy::{LatticeEnergy, Proxy, Sums};
 use crate::surface::DualGraph;
 
 /// Passes at most, those over some of the clusters counted by their faces.
-const PASSES: usize = 256;
+const PASSES: usize = 1024;
 
 /// Clusters of a chunk.
 pub(super) const CHUNK: usize = 64;
@@ -280,7 +280,7 @@ impl<'a> Clusters<'a> {
 
     /// Whether a bound on work ended a step, or searches of the connection.
     pub fn ending(&self) -> Ending {
-        if self.faces_left == 0 || self.connection.is_spent() { Ending::WorkLimit } else { Ending::Converged }
+        if self.faces_left == 0 || self.connection.is_bounded() { Ending::WorkLimit } else { Ending::Converged }
     }
 
     /// Takes the clusters that gained or lost a face since the last call, ascending.

@@ -7,10 +7,10 @@
 //!
 //! # Work
 //!
-//! Where detours lead round holes, or clusters are ragged, searches are long, and most fail. A face whose search failed
-//! is held: it needs a short detour until it or a face beside it has moved. Steps of searches are counted, too. Once
-//! there were [`STEPS_A_FACE`] times as many as the graph has faces, a search ends after [`LAST_STEPS`] as if the
-//! cluster fell apart. Either way the cluster stays connected, and a move may be missed.
+//! Where detours lead round holes, or clusters are ragged, searches are long, and most fail. Their steps are counted.
+//! Once there were [`HOLD_FROM`] times as many as the graph has faces, a face whose search failed is held: it needs a
+//! detour until it or a face beside it has moved. After [`STEPS`] times as many there are no more searches. Either way
+//! the cluster stays connected, and a move may be missed.
 
 use std::collections::VecDeque;
 
@@ -18,18 +18,18 @@ use crate::surface::DualGraph;
 use crate::surface::detour::surely_stays_connected;
 use crate::union_find;
 
-/// Steps of searches, for each face of the graph, before they are cut short. A step looks at a dual edge.
-const STEPS_A_FACE: u64 = 256;
+/// Steps of searches, for each face of the graph, before faces are held. A step looks at a dual edge.
+const HOLD_FROM: u64 = 128;
 
-/// Steps of a search then.
-const LAST_STEPS: u64 = 64;
+/// Steps, for each face, after which there are no more searches.
+const STEPS: u64 = 1024;
 
 /// Searches, with memory that is kept between them.
 #[derive(Debug, Clone)]
 pub struct Connection {
-    /// Steps before searches are cut short.
-    steps_left: u64,
-    /// Faces whose last search failed, and beside which nothing has moved since.
+    /// Steps so far.
+    steps: u64,
+    /// Faces whose last search failed while faces are held, and beside which nothing has moved since.
     is_held: Vec<bool>,
     /// The search that has reached each face, plus `first`; smaller numbers are of earlier calls.
     reached_by: Vec<u32>,
@@ -39,13 +39,16 @@ pub struct Connection {
 impl Connection {
     /// For a graph of this many faces.
     pub fn new(faces: usize) -> Self {
-        let steps_left = STEPS_A_FACE * faces as u64;
-        Self { steps_left, is_held: vec![false; faces], reached_by: vec![0; faces], first: 1 }
+        Self { steps: 0, is_held: vec![false; faces], reached_by: vec![0; faces], first: 1 }
     }
 
-    /// Whether searches are cut short.
-    pub fn is_spent(&self) -> bool {
-        self.steps_left == 0
+    /// Whether moves may be missed from now on.
+    pub fn is_bounded(&self) -> bool {
+        self.has_made(HOLD_FROM)
+    }
+
+    fn has_made(&self, steps_a_face: u64) -> bool {
+        self.steps >= steps_a_face * self.is_held.len() as u64
     }
 
     /// Notes that a face has moved.
@@ -60,10 +63,12 @@ impl Connection {
         if surely_stays_connected(graph, face, is_left) {
             return true;
         }
-        if !self.is_held[face as usize] {
-            self.is_held[face as usize] = !self.searches_unite(graph, face, is_left);
+        if self.is_held[face as usize] || self.has_made(STEPS) {
+            return false;
         }
-        !self.is_held[face as usize]
+        let unite = self.searches_unite(graph, face, is_left);
+        self.is_held[face as usize] = !unite && self.is_bounded();
+        unite
     }
 
     fn searches_unite(&mut self, graph: &DualGraph, face: u32, is_left: impl Fn(u32) -> bool) -> bool {
@@ -86,9 +91,7 @@ impl Connection {
         let mut sets = union_find::singletons(reached.len());
         let mut turns: VecDeque<u32> = sets.iter().copied().collect();
         let mut left = reached.len();
-        let allowed = self.steps_left.max(LAST_STEPS);
-        let mut steps = 0;
-        while left > 1 && steps <= allowed {
+        while left > 1 {
             let Some(number) = turns.pop_front() else { break };
             if sets[number as usize] != number {
                 continue;
@@ -105,15 +108,14 @@ impl Connection {
                 if other != number {
                     sets[other as usize] = number;
                     let united = std::mem::take(&mut reached[other as usize]);
-                    steps += united.len() as u64;
+                    self.steps += united.len() as u64;
                     reached[number as usize].extend(united);
                     left -= 1;
                 }
             }
-            steps += graph.neighbours_of(at).len() as u64;
+            self.steps += graph.neighbours_of(at).len() as u64;
             turns.push_back(number);
         }
-        self.steps_left = self.steps_left.saturating_sub(steps);
         left <= 1
     }
 }

@@ -6,22 +6,22 @@
 //!
 //! # Definition
 //!
-//! | step | what | where |
-//! |---|---|---|
-//! | B | paying swaps: a merge and a split, until none pays | [`swap`], [`split`], [`mod@settle`] |
-//! | C | another start, merged from single faces, with its own swaps | [`merging`] |
-//! | D | a mix of both, each component from where it is cheaper | [`mix`], [`mod@resize`] |
-//! | E | relaxed trials: merges and splits, judged after their surroundings have settled | [`trial`] |
-//! | F | breathing: more clusters, then as many again | [`mod@breathe`] |
+//! *Starts.* Each makes [swaps](swap) until none pays. The first is what the phases end with. The others are
+//! [merged](merging) from single faces, and the phases of quality `fast`, once as they are and once
+//! [settled](mod@settle) before the swaps. Each is [mixed](mix) in: every component is taken from where it is cheaper.
+//! What `fast` ends with is among them, so that no other quality ends above it.
 //!
-//! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`]
-//! *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The lowest of B,
-//! C and D goes on. Quality `fast` makes B; the default all, with [`TURNS`] rounds of E and breaths in turns, on small
-//! meshes [`MORE_TURNS`]; `best` goes on as long as F falls, and mixes in the results of cheaper jobs, so that its own
-//! is not above any of them. ([`super::coarse`] is step A.)
+//! *Improvement.* A round of [trials](trial) of merges and splits, judged after their surroundings have settled, and a
+//! [breath](mod@breathe), more clusters and then as many again, take turns.
 //!
-//! On small meshes the default makes E and F also where clusters have fewer than [`MANY_FACES`] effective faces. With
-//! more, they gain 0.1 % for half as much time again (sphere and knot of 5,000 faces, 100 clusters). Up to
+//! Quality `fast` only makes swaps. The default makes all other starts if swaps lowered F by a thousandth, and trials
+//! and breaths also where clusters have fewer than [`FEW_FACES`] *effective* faces: as many equal ones as would have
+//! the same Σ w² and the same Σ w, (Σ w)²/Σ w². It takes [`TURNS`] of them, on small meshes [`MORE_TURNS`]. `best` goes
+//! on as long as F falls, and mixes in the results of cheaper jobs, so that its own is not above any of them.
+//! ([`super::coarse`] is where phases start.)
+//!
+//! On small meshes the default makes trials and breaths also where clusters have fewer than [`MANY_FACES`] effective
+//! faces. With more, they gain 0.1 % for half as much time again (sphere and knot of 5,000 faces, 100 clusters). Up to
 //! [`FEW_CLUSTERS`], whatever the start is, another may end a per cent lower: there it mixes in the result of ACVD.
 //!
 //! Why in turns: trials move a cluster at a time, breaths many; what one of them has made of its clusters, the other
@@ -29,8 +29,10 @@
 //! take 1.3 times as long as two, and none of 146 cases then ends more than 0.5 % above an algorithm of the first
 //! version (`benches/results/2026-11-24-two-cores/uneven.md`).
 //!
-//! Levels of hierarchies get B, E and F ([`Relocation::labels_from`]). Where swaps pay, the other start of D is a flat
-//! one: merging from single faces is how the hierarchy came there.
+//! Why starts: on uneven meshes the start decides, no finer step makes up for it. Without `fast`, the default ended
+//! eight times above it on a bar of long triangles. Settled first, it ends 6 to 8 % lower on turned parts.
+//!
+//! Levels of hierarchies have two starts ([`Relocation::labels_from`]): their merges, and the settled one.
 //!
 //! # F never rises, and it ends
 //!
@@ -73,13 +75,13 @@ use crate::surface::DualGraph;
 pub enum Effort {
     /// Swaps.
     Swaps,
-    /// All steps, E and F a few times.
+    /// All steps, trials and breaths a few times.
     Some,
     /// All steps, as long as F falls.
     All,
 }
 
-/// Clusters with fewer effective faces than this get E and F even if no swap pays.
+/// Clusters with fewer effective faces than this get trials and breaths even if no swap pays.
 const FEW_FACES: usize = 20;
 
 /// The same on small meshes.
@@ -124,12 +126,13 @@ pub struct Relocation<'a> {
 
 impl<'a> Relocation<'a> {
     /// Makes all steps from labels in which every cluster has faces and is connected. Returns labels with as many
-    /// clusters, and whether a bound on work cut steps short that led to them. `device` merges single faces; `cheaper`
-    /// computes other labels with as many clusters, where it is worth it.
+    /// clusters, and whether a bound on work cut steps short that led to them. `device` merges single faces; `fast`
+    /// computes the labels of the phases of that quality, and `cheaper` other labels, where they are worth it.
     pub fn labels(
         &self,
         labels: Vec<u32>,
         device: &mut dyn Device,
+        fast: impl FnOnce() -> Result<Vec<u32>>,
         cheaper: Cheaper<'_>,
         on_change: OnChange<'_>,
     ) -> Result<(Vec<u32>, Ending)> {
@@ -138,26 +141,31 @@ impl<'a> Relocation<'a> {
         }
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
-        if !self.tries_more(best.clusters.count(), has_paid) {
-            if self.effort == Effort::All {
-                self.mix_in_all(&mut best, cheaper, on_change)?;
-            }
-            return Ok(best.ended());
-        }
-        self.settle_all(&mut best, on_change)?;
-        if has_paid {
+        let tries_more = self.tries_more(best.clusters.count(), has_paid);
+        if tries_more && has_paid {
             let merged = merging::merged(self.graph, best.clusters.count(), device, self.cancel)?;
             self.mix_in_start(&mut best, merged, on_change)?;
         }
-        if self.effort == Effort::All {
+        if tries_more && self.effort == Effort::All {
             self.relax(&mut best, TRIALS, on_change)?;
         }
-        self.mix_in_all(&mut best, cheaper, on_change)?;
-        self.relax_and_breathe(&mut best, on_change)?;
-        Ok(best.ended())
+        if self.effort > Effort::Swaps {
+            let fast = fast()?;
+            let mut other = State::new(self.graph, fast.clone());
+            swap::swap(&mut other.clusters, &mut other.candidates, self.cancel, |_| Ok(()))?;
+            self.mix_in(&mut best, other, on_change)?;
+            self.mix_in_start(&mut best, fast, on_change)?;
+        }
+        for labels in cheaper {
+            self.mix_in(&mut best, State::new(self.graph, labels?), on_change)?;
+        }
+        if tries_more {
+            self.relax_and_breathe(&mut best, on_change)?;
+        }
+        Ok((best.clusters.compacted(), best.clusters.ending()))
     }
 
-    /// Makes B, E and F from labels of a hierarchy, and D with those of a flat start, which `flat` computes where it is
+    /// Swaps, trials and breaths from labels of a hierarchy, mixed with a flat start, which `flat` computes where it is
     /// worth it.
     pub fn labels_from(
         &self,
@@ -170,14 +178,12 @@ impl<'a> Relocation<'a> {
         }
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
-        if !self.tries_more(best.clusters.count(), has_paid) {
-            return Ok(best.clusters.compacted());
-        }
-        self.settle_all(&mut best, on_change)?;
-        if has_paid {
+        if has_paid && self.tries_more(best.clusters.count(), has_paid) {
             self.mix_in_start(&mut best, flat()?, on_change)?;
         }
-        self.relax_and_breathe(&mut best, on_change)?;
+        if self.tries_more(best.clusters.count(), has_paid) {
+            self.relax_and_breathe(&mut best, on_change)?;
+        }
         Ok(best.clusters.compacted())
     }
 
@@ -187,7 +193,7 @@ impl<'a> Relocation<'a> {
         !self.tries_more(clusters, false) && !gate::may_pay(self.graph, labels, clusters)
     }
 
-    /// Whether E and what goes with it are worth it.
+    /// Whether trials and breaths are worth it.
     fn tries_more(&self, clusters: usize, has_paid: bool) -> bool {
         let is_small = self.is_small();
         match self.effort {
@@ -203,7 +209,7 @@ impl<'a> Relocation<'a> {
         self.graph.faces() <= SMALL
     }
 
-    /// E and F, in turns, or each as long as F falls.
+    /// Trials and breaths, in turns, or each as long as F falls.
     fn relax_and_breathe(&self, best: &mut State<'a>, on_change: OnChange<'_>) -> Result<()> {
         let (turns, rounds, breaths) = match self.effort {
             Effort::All => (1, self.rounds(), self.rounds()),
@@ -221,23 +227,12 @@ impl<'a> Relocation<'a> {
         Ok(())
     }
 
-    /// Settles all clusters, and makes swaps again.
-    fn settle_all(&self, best: &mut State<'a>, on_change: OnChange<'_>) -> Result<()> {
-        let before = best.clusters.energy();
-        settle_all(&mut best.clusters, self.cancel)?;
-        if best.clusters.energy() > before {
-            report(Phase::Refine, &mut best.clusters, on_change)?;
-        }
-        self.swap(best, on_change)?;
-        Ok(())
-    }
-
     /// Rounds of trials and breaths where all are made; fewer on large meshes.
     fn rounds(&self) -> usize {
         (FACES_IN_ROUNDS / self.graph.faces()).clamp(TRIALS, MOST_ROUNDS)
     }
 
-    /// B. Returns whether F has fallen by more than a thousandth.
+    /// Swaps. Returns whether F has fallen by more than a thousandth.
     fn swap(&self, state: &mut State<'_>, on_change: OnChange<'_>) -> Result<bool> {
         let before = state.clusters.energy().explained;
         swap::swap(&mut state.clusters, &mut state.candidates, self.cancel, |clusters| {
@@ -247,7 +242,7 @@ impl<'a> Relocation<'a> {
         Ok(fall > 0 && fall > state.clusters.total() / 1000)
     }
 
-    /// D: the lowest of two clusterings and their mix.
+    /// The lowest of two clusterings and their mix.
     fn mix_in(&self, best: &mut State<'a>, other: State<'a>, on_change: OnChange<'_>) -> Result<()> {
         let wanted = best.clusters.count();
         let before = best.clusters.energy();
@@ -271,22 +266,14 @@ impl<'a> Relocation<'a> {
         Ok(())
     }
 
-    /// D with another start, after its own swaps.
+    /// The same with another start, settled and after its own swaps.
     fn mix_in_start(&self, best: &mut State<'a>, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<()> {
         let mut other = State::new(self.graph, labels);
         settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
         self.mix_in(best, other, on_change)
     }
 
-    /// D with the results of cheaper jobs.
-    fn mix_in_all(&self, best: &mut State<'a>, cheaper: Cheaper<'_>, on_change: OnChange<'_>) -> Result<()> {
-        for labels in cheaper {
-            self.mix_in(best, State::new(self.graph, labels?), on_change)?;
-        }
-        Ok(())
-    }
-
-    /// E: rounds of trials, each followed by swaps, until one keeps none.
+    /// Rounds of trials, each followed by swaps, until one keeps none.
     fn relax(&self, state: &mut State<'_>, rounds: usize, on_change: OnChange<'_>) -> Result<()> {
         for _ in 0..rounds {
             if trial::round(&mut state.clusters, &mut state.candidates, self.cancel)? == 0 {
@@ -310,10 +297,6 @@ impl<'a> State<'a> {
     fn new(graph: &'a DualGraph, labels: Vec<u32>) -> Self {
         Self { clusters: Clusters::new(graph, labels), candidates: Candidates::default() }
     }
-
-    fn ended(self) -> (Vec<u32>, Ending) {
-        (self.clusters.compacted(), self.clusters.ending())
-    }
 }
 
 /// (Σ w)²/Σ w² over all faces. Units of finer components than the coarsest are rounded down.
@@ -329,14 +312,10 @@ fn effective_faces(graph: &DualGraph) -> usize {
     usize::try_from(sum.saturating_mul(sum) / squares.max(1)).unwrap_or(usize::MAX)
 }
 
-fn settle_all(clusters: &mut Clusters<'_>, cancel: &Cancel) -> Result<()> {
-    let all = (0..clusters.numbers() as u32).collect();
-    settle(clusters, all, u32::MAX, cancel)
-}
-
 /// Settles all clusters, and makes swaps until none pays.
 fn settle_and_swap(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<()> {
-    settle_all(clusters, cancel)?;
+    let all = (0..clusters.numbers() as u32).collect();
+    settle(clusters, all, u32::MAX, cancel)?;
     swap::swap(clusters, candidates, cancel, |_| Ok(()))
 }
 

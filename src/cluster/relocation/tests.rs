@@ -51,11 +51,12 @@ fn relocated(
     let clusters = labels.iter().max().map_or(0, |&last| u64::from(last) + 1);
     let mut cheaper = std::iter::once_with(|| Ok(start(surface, clusters)));
     let relocation = Relocation { graph: surface, effort, cancel: &Cancel::default() };
-    let labels = relocation.labels(labels, device, &mut cheaper, &mut |phase, energy, _, labels| {
-        assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
-        changes.push((phase, energy.explained));
-        Ok(())
-    });
+    let labels =
+        relocation.labels(labels.clone(), device, || Ok(labels), &mut cheaper, &mut |phase, energy, _, labels| {
+            assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
+            changes.push((phase, energy.explained));
+            Ok(())
+        });
     (labels.expect("no cancellation").0, changes)
 }
 
@@ -118,7 +119,13 @@ fn bounds_show_that_no_swap_pays_on_an_even_sphere_and_do_not_where_one_pays() {
     let even = Surface::build(&generate(Sample::Icosphere, 5120).expect("a mesh")).expect("a surface");
     let labels = start(&even, 80);
     let relocation = Relocation { graph: &even, effort: Effort::Swaps, cancel: &Cancel::default() };
-    let settled = relocation.labels(labels, &mut CpuDevice::new(), &mut std::iter::empty(), &mut |_, _, _, _| Ok(()));
+    let settled = relocation.labels(
+        labels.clone(),
+        &mut CpuDevice::new(),
+        || Ok(labels),
+        &mut std::iter::empty(),
+        &mut |_, _, _, _| Ok(()),
+    );
     assert!(!gate::may_pay(&even, &settled.expect("no cancellation").0, 80));
     let uneven = uneven(Sample::Parts, 3000);
     let labels = start(&uneven, 60);
@@ -202,10 +209,16 @@ fn ring(faces: u32) -> DualGraph {
 }
 
 #[test]
-fn a_face_that_was_refused_is_held_until_a_face_beside_it_moves() {
+fn after_many_steps_a_face_that_is_refused_is_held_until_a_face_beside_it_moves() {
     let ring = ring(100);
     let mut connection = Connection::new(100);
-    assert!(!connection.stays_without(&ring, 50, |near| near != 0), "0 is a gap, so that 50 holds two arcs together");
+    let has_gap = |near| near != 0;
+    for _ in 0..1000 {
+        assert!(!connection.stays_without(&ring, 50, has_gap), "0 is a gap, so that 50 holds two arcs together");
+    }
+    assert!(connection.is_bounded());
+    assert!(connection.stays_without(&ring, 20, |_| true), "faces that were not refused since then are not held");
+    assert!(!connection.stays_without(&ring, 50, has_gap));
     assert!(!connection.stays_without(&ring, 50, |_| true), "the gap is closed, far from 50");
     connection.moved(&ring, 0);
     assert!(!connection.stays_without(&ring, 50, |_| true));
@@ -219,10 +232,9 @@ fn searches_end_at_a_bound_in_proportion_to_the_faces() {
     let mut connection = Connection::new(400);
     let unite = (0..10_000).take_while(|_| connection.stays_without(&ring, 7, |_| true)).count();
     // a search looks at two dual edges a face
-    assert!((100..1000).contains(&unite), "{unite}");
-    assert!(connection.is_spent());
+    assert!((500..=520).contains(&unite), "{unite}");
     connection.moved(&ring, 7);
-    assert!(!connection.stays_without(&ring, 7, |_| true), "long searches stay cut short");
+    assert!(!connection.stays_without(&ring, 7, |_| true), "there are no more searches");
     assert!(connection.stays_without(&ring, 7, |near| near != 8), "short ways are seen");
 }
 

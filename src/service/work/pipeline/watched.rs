@@ -110,6 +110,10 @@ impl<S: Steps + ?Sized> Steps for Shown<'_, S> {
         self.steps.set_labels(labels)
     }
 
+    fn relabel(&mut self, labels: &[u32]) -> Result<()> {
+        self.steps.relabel(labels)
+    }
+
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
         self.steps.grow(cancel)
     }
@@ -124,10 +128,6 @@ impl<S: Steps + ?Sized> Steps for Shown<'_, S> {
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
         self.phase(max_iterations, |steps, most| steps.refine(most, cancel, on_step))
-    }
-
-    fn refine_connected(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        self.phase(max_iterations, |steps, most| steps.refine_connected(most, cancel, on_step))
     }
 
     fn resume(&mut self) {
