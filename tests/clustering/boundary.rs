@@ -197,18 +197,18 @@ fn connected_refinement_is_the_one_that_the_definition_says() {
 }
 
 #[test]
-fn one_repair_is_enough_where_pieces_lower_the_energy() {
+fn where_repairs_go_round_in_circles_the_last_word_lowers_the_energy_and_keeps_clusters_whole() {
     let mut settled = 0;
     for seed in 0..60 {
         let surface = Surface::build(&zoo::tangle(60, 400, seed)).expect("a surface");
         let most = surface.faces() as u64;
         let k = (surface.components.len() as u64 + 40).min(most);
         let (clustering, rows) = run(&surface, &seeds(&surface, k, &Seeds::Random, seed), REFINED);
-        let repair = rows.iter().position(|row| row.phase == Phase::Repair);
-        let after = repair.map_or(&[][..], |at| &rows[at + 1..]);
-        assert!(after.iter().all(|row| row.phase == Phase::Refine), "{after:?}");
+        let repairs = rows.iter().filter(|row| row.phase == Phase::Repair).count();
+        assert!(repairs <= 3, "{repairs} repairs");
         assert_eq!(pieces::disconnected_clusters(&surface, k as usize, &clustering.labels), 0);
-        settled += usize::from(!after.is_empty());
+        let last_repair = rows.iter().rposition(|row| row.phase == Phase::Repair);
+        settled += usize::from(repairs == 3 && last_repair.is_some_and(|at| at + 1 < rows.len()));
     }
     assert!(settled > 0, "no run needed it");
 }
