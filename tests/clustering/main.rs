@@ -7,6 +7,7 @@ mod command;
 mod common;
 
 mod boundary;
+mod bounds;
 mod bridges;
 mod cube;
 mod density;

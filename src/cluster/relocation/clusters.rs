@@ -278,6 +278,11 @@ impl<'a> Clusters<'a> {
         self.faces_left > 0
     }
 
+    /// Work so far: steps of searches, and faces that passes looked at.
+    pub fn work(&self) -> [u64; 2] {
+        [self.connection.steps, (PASSES * self.labels.len() - self.faces_left) as u64]
+    }
+
     /// Whether a bound on work ended a step, or searches of the connection.
     pub fn ending(&self) -> Ending {
         if self.faces_left == 0 || self.connection.is_bounded() { Ending::WorkLimit } else { Ending::Converged }

@@ -28,7 +28,7 @@ const STEPS: u64 = 1024;
 #[derive(Debug, Clone)]
 pub struct Connection {
     /// Steps so far.
-    steps: u64,
+    pub(super) steps: u64,
     /// Faces whose last search failed while faces are held, and beside which nothing has moved since.
     is_held: Vec<bool>,
     /// The search that has reached each face, plus `first`; smaller numbers are of earlier calls.
