@@ -54,7 +54,7 @@
 //!    ([`surface`] says how positions become integers); no floating-point sum, hash-map order, thread count or arrival
 //!    order takes part.
 //! 2. The energy F never rises within a phase. A phase ends when no admissible move is left, or at a limit on
-//!    iterations that the caller or quality `fast` sets.
+//!    iterations that the caller or quality `fast` sets, or at a bound on work that scans do not reach.
 //! 3. Exactly k clusters, none empty, each connected across shared edges unless the caller allows otherwise.
 //! 4. Label i belongs to face i of the upload, whatever happens inside.
 //! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and this crate knows nothing of HTTP.
