@@ -3,7 +3,7 @@
 //! Moves at the same time can cut a cluster in two. When the phases have converged, a repair frees all but the largest
 //! piece of each cluster, and growth hands the freed faces to their neighbours: what grew from connected pieces is
 //! connected. A repair may raise F, and is its own row in the report. Then the phases begin anew, unless one of them
-//! has flooded: with one repair, 45 clusterings of scans end 0.7 % lower to 0.5 % higher, and a gpu takes more dispatches.
+//! has flooded (`docs/constants.md` has what one repair costs).
 //!
 //! Where a piece lowers F in the cluster that it was cut from, phases and repairs would repeat without end. So after
 //! [`REPAIRS`] of them faces move one after the other, each only where F falls and its cluster stays connected
