@@ -8,16 +8,17 @@
 //!
 //! *Starts.* Each makes [swaps](swap) until none pays. The first is what the phases end with. The others are
 //! [merged](merging) from single faces, and the phases of quality `fast`, once as they are and once
-//! [settled](mod@settle) before the swaps. Each is [mixed](mix) in: every component is taken from where it is cheaper.
+//! [settled](mod@settle) before the swaps. Each is [mixed](mix) in: every component comes from where it is cheaper.
 //! What `fast` ends with is among them, so that no other quality ends above it.
 //!
 //! *Improvement.* A round of [trials](trial) of merges and splits, judged after their surroundings have settled, and a
 //! [breath](mod@breathe), more clusters and then as many again, take turns.
 //!
-//! Quality `fast` only makes swaps. The default makes all other starts if swaps lowered F by a thousandth, and trials
-//! and breaths also where clusters have fewer than [`FEW_FACES`] *effective* faces: as many equal ones as would have
-//! the same Σ w² and the same Σ w, (Σ w)²/Σ w². It takes [`TURNS`] of them, on small meshes [`MORE_TURNS`]. `best` goes
-//! on as long as F falls, and mixes in the results of cheaper jobs, so that its own is not above any of them.
+//! Quality `fast` only makes swaps. The default makes the starts of `fast` where a swap might pay, and the merged one
+//! if swaps lowered F by a thousandth. Trials and breaths follow then, and also where clusters have fewer than
+//! [`FEW_FACES`] *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The
+//! default makes [`TURNS`] of them, on small meshes [`MORE_TURNS`]. `best` goes on as long as F falls, and mixes in the
+//! results of cheaper jobs, so that its own is not above any of them.
 //! ([`super::coarse`] is where phases start.)
 //!
 //! On small meshes the default makes trials and breaths also where clusters have fewer than [`MANY_FACES`] effective
