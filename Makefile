@@ -39,7 +39,7 @@ SUITES := unit page farm python end-to-end costs fuzz bucket outputs memory cras
 .PHONY: test
 test: lint debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
 	cargo test --locked $(FEATURES) --no-run
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target $(SUITES)
+	@$(MAKE) --no-print-directory --jobs 2 --keep-going --output-sync=target $(SUITES)
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied

@@ -11,7 +11,7 @@ use super::store::Store;
 use super::terms::{ListQuery, Page};
 use crate::queue::State;
 
-/// For how long counts of jobs are believed where they take long.
+/// Time for which counts of jobs are used again where they take long.
 const COUNTS: std::time::Duration = std::time::Duration::from_secs(2);
 
 const COUNT: &str = "SELECT state, count(*) AS jobs FROM jobs WHERE ended_at IS NOT NULL GROUP BY state \

@@ -1,4 +1,4 @@
-//! Random histories of the queue: a store picks what the model of the rules picks, and tells the same.
+//! Random histories of the queue: a store picks the jobs that the rules alone pick, and appends the same events.
 
 use std::sync::atomic::Ordering;
 

@@ -82,7 +82,7 @@ impl Inbox {
                 if !error.is_of_storage() {
                     return Err(error);
                 }
-                // a job that ends on a full disk takes them along
+                // on a full disk the end of the job stores them
                 if error.kind == Kind::InsufficientStorage && self.clustered.is_cancelled() {
                     while let Ok(row) = self.rows.try_recv() {
                         events.push(event(row, &mut progress)?);

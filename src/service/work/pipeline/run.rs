@@ -33,7 +33,7 @@ enum Verdict {
     Ended(Ending),
     /// It is to be tried again.
     Released(Release),
-    /// It is not this process's any more.
+    /// The lease was lost.
     Lost,
 }
 
@@ -232,7 +232,7 @@ impl Pipeline {
                 loop {
                     match self.store.end(ticket, ending.clone()).await {
                         Err(error) if self.may_try_again(&error, abort).await => {
-                            // its end makes room, and on a full disk it takes some
+                            // the end of a job makes room later, and takes some first
                             let is_full = error.kind == Kind::InsufficientStorage;
                             if is_full && state != State::Succeeded {
                                 self.files.give_up_ballast().await;
