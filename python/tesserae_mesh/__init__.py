@@ -69,7 +69,12 @@ def __getattr__(name: str) -> object:
     module = _MODULES.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(f"{__name__}.{module}"), name)
+    try:
+        value: object = getattr(import_module(f"{__name__}.{module}"), name)
+    except ModuleNotFoundError as error:
+        if module != "client":
+            raise
+        raise ModuleNotFoundError(f"{name} needs {error.name}: pip install httpx httpx-sse", name=error.name) from error
     globals()[name] = value
     return value
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -132,6 +133,12 @@ def test_a_library_that_is_not_installed_is_named(sample: Sample, name: str, mon
     with pytest.raises(tesserae_mesh.Error, match=f"needs {name}: pip install") as caught:
         getattr(remesh, f"to_{name}")()
     assert caught.value.kind == "unavailable"
+
+
+def test_a_client_without_its_libraries_says_what_it_needs() -> None:
+    code = "import sys; sys.modules['httpx'] = None; import tesserae_mesh; tesserae_mesh.Client"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1 and "Client needs httpx: pip install httpx httpx-sse" in done.stderr, done.stderr
 
 
 def test_polygons_of_pyvista_are_mixed() -> None:

@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use super::heading;
 
-/// On or off.
+/// Whether a service works on jobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Switch {
-    /// It happens.
+    /// Jobs are worked on here
     On,
-    /// It does not.
+    /// Other services work on them
     Off,
 }
 
