@@ -53,7 +53,7 @@ lint: install-test bundle  ## formatting, clippy, documentation and choices of c
 	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked $(FEATURES) --no-deps --document-private-items
 
 .PHONY: unit
-unit: install-test bundle  ## the tests of the crate
+unit: install-test bundle  ## the tests of the three crates
 	cargo test --locked $(FEATURES) --no-fail-fast
 
 .PHONY: costs

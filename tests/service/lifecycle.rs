@@ -2,11 +2,12 @@
 
 use std::io::Write;
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_service::{DeviceDescription, Server, Settings};
+use tokio::net::TcpStream;
 use tracing_subscriber::fmt::MakeWriter;
 
 use crate::support::*;
@@ -22,6 +23,23 @@ async fn an_idle_service_stops_at_once_and_keeps_results_where_it_was_told_to() 
     service.stopped().await;
     assert_eq!(service.files(), files);
     assert!(service.get("/healthz").send().await.is_err(), "it does not listen any more");
+}
+
+/// A connection that ends has two seconds for what its client still sends; the least time of three tells.
+#[tokio::test]
+async fn a_service_stops_without_waiting_for_clients_that_keep_their_connections() {
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+    let mut least = Duration::MAX;
+    for _ in 0..3 {
+        let mut service = Service::start().await;
+        let mut kept = TcpStream::connect(service.address).await.expect("connected");
+        kept.write_all(b"GET /v1/version HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n").await.expect("sent");
+        assert!(kept.read(&mut [0; 4096]).await.expect("answered") > 0);
+        let stopping = Instant::now();
+        service.stopped().await;
+        least = least.min(stopping.elapsed());
+    }
+    assert!(least < Duration::from_secs(2), "{least:?}");
 }
 
 #[tokio::test]

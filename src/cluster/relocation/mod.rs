@@ -179,10 +179,10 @@ impl<'a> Relocation<'a> {
         }
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
-        if has_paid && self.tries_more(best.clusters.count(), has_paid) {
-            self.mix_in_start(&mut best, flat()?, on_change)?;
-        }
         if self.tries_more(best.clusters.count(), has_paid) {
+            if has_paid {
+                self.mix_in_start(&mut best, flat()?, on_change)?;
+            }
             self.relax_and_breathe(&mut best, on_change)?;
         }
         Ok(best.clusters.compacted())

@@ -203,7 +203,12 @@ async fn connection(
     if let Err(error) = serve.await {
         tracing::debug!(%error, "a connection ended early");
     }
-    let _ = timeout(LINGER, linger(socket)).await;
+    // a service that stops does not wait for clients that keep their connections
+    tokio::select! {
+        biased;
+        _ = timeout(LINGER, linger(socket)) => {}
+        () = close.cancelled() => {}
+    }
 }
 
 /// Ends the answers, and reads the rest of what the client sends: not as HTTP, which costs more.
