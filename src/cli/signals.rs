@@ -21,7 +21,12 @@ static BLOCKING: AtomicUsize = AtomicUsize::new(0);
 
 /// A flag that the first request to stop raises. The second ends the process, as does the first while [`Blocking`].
 pub fn cancel_when_asked() -> Cancel {
-    let cancel = CANCEL.get_or_init(Cancel::default).clone();
+    CANCEL.get_or_init(raised_by_signals).clone()
+}
+
+/// To be called once: two threads would take one signal for two.
+fn raised_by_signals() -> Cancel {
+    let cancel = Cancel::default();
     let raised = cancel.clone();
     let on_request = move |signal| {
         if raised.is_cancelled() {
