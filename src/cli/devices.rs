@@ -38,7 +38,7 @@ struct Auto {
 
 /// Prints every device, and which one `--device auto` takes.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let cpu = CpuDevice::new();
+    let cpu: &dyn Device = &CpuDevice::new();
     let adapters = select::tested_adapters();
     let auto =
         Auto { adapter: select::auto_adapter(&adapters).map(|report| report.index), faces_for_gpu: FACES_FOR_GPU };

@@ -31,9 +31,9 @@ use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, MergeSteps, Steps};
-use crate::energy::LatticeEnergy;
+use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
-use crate::surface::{Coarse, DualGraph, Surface};
+use crate::surface::{Coarse, DualGraph, Items};
 
 /// How much work a start may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,9 +72,9 @@ const MOST_STARTS: u64 = 16;
 
 /// A coarse start, prepared without a device.
 #[derive(Debug)]
-pub struct CoarseStart {
+pub struct CoarseStart<E: Functional = Energy> {
     /// Coarser and coarser graphs.
-    levels: Vec<Coarse>,
+    levels: Vec<Coarse<E>>,
     /// The seeds of each start on the coarsest graph, more than wanted.
     seeds: Vec<SeedFaces>,
     /// How many clusters each component has in the end.
@@ -92,21 +92,21 @@ pub struct Start {
     pub component_of_cluster: Vec<u32>,
 }
 
-impl CoarseStart {
+impl<E: Functional> CoarseStart<E> {
     /// Coarsens a surface for `clusters` clusters and chooses seeds on the coarsest graph.
-    pub fn new(surface: &Surface, clusters: u64, seed: u64, effort: Effort) -> Result<Self> {
-        let shares = seeds::shares(surface, clusters)?;
-        let least_groups = effort.least_groups.min(surface.faces() as u64 / 2);
+    pub fn new(items: &Items<E>, clusters: u64, seed: u64, effort: Effort) -> Result<Self> {
+        let shares = seeds::shares(items, clusters)?;
+        let least_groups = effort.least_groups.min(items.faces() as u64 / 2);
         let groups_a_cluster = effort.groups_a_cluster.max(least_groups / clusters);
-        let mut heaviest: Vec<u64> = surface
+        let mut heaviest: Vec<u64> = items
             .components
             .iter()
             .zip(&shares)
             .map(|(component, &share)| component.weight / (groups_a_cluster * share as u64))
             .collect();
-        let mut levels: Vec<Coarse> = Vec::new();
+        let mut levels: Vec<Coarse<E>> = Vec::new();
         loop {
-            let graph = levels.last().map_or(&surface.graph, |level| &level.graph);
+            let graph = levels.last().map_or(&items.graph, |level| &level.graph);
             let is_coarse = |groups: u64| groups * 3 > graph.faces() as u64 * 2;
             if is_coarse(graph.least_groups(&heaviest)) {
                 break;
@@ -127,13 +127,13 @@ impl CoarseStart {
             }
             levels.push(graph.contracted(grouping));
         }
-        let coarsest = levels.last().map_or(&surface.graph, |level| &level.graph);
+        let coarsest = levels.last().map_or(&items.graph, |level| &level.graph);
         let too_many: Vec<usize> = shares
             .iter()
             .zip(&coarsest.components)
             .map(|(&share, component)| (share + share * effort.surplus_percent / 100).min(component.faces as usize))
             .collect();
-        let affordable = (surface.faces() as u64).max(FACES_IN_STARTS) / coarsest.faces() as u64;
+        let affordable = (items.faces() as u64).max(FACES_IN_STARTS) / coarsest.faces() as u64;
         let repeats = (effort.clusters_in_starts / clusters).min(MOST_STARTS).min(affordable);
         let seeds = |start| seeds::stratified(coarsest, &too_many, seed.wrapping_add(start << 32));
         let seeds = (0..repeats.max(1)).map(seeds).collect();
@@ -142,18 +142,19 @@ impl CoarseStart {
     }
 
     /// Makes the start on a device.
-    pub fn labels(&self, surface: &Surface, device: &mut dyn Device, cancel: &Cancel) -> Result<Start> {
+    pub fn labels(&self, items: &Items<E>, device: &mut dyn Device<E>, cancel: &Cancel) -> Result<Start> {
         let graph_of = |level: usize| match level.checked_sub(1) {
             Some(level) => &self.levels[level].graph,
-            None => &surface.graph,
+            None => &items.graph,
         };
         let coarsest = graph_of(self.levels.len());
         // each start has a device of its own, where another one costs nothing
-        let others: Option<Vec<Box<dyn Device>>> = self.seeds.iter().map(|_| device.another()).collect();
+        let others: Option<Vec<Box<dyn Device<E>>>> = self.seeds.iter().map(|_| device.another()).collect();
         let started: Result<Vec<(LatticeEnergy, Start)>> = match others {
             Some(others) => {
-                let start =
-                    |(seeds, mut device): (_, Box<dyn Device>)| self.merged(coarsest, seeds, device.as_mut(), cancel);
+                let start = |(seeds, mut device): (_, Box<dyn Device<E>>)| {
+                    self.merged(coarsest, seeds, device.as_mut(), cancel)
+                };
                 self.seeds.par_iter().zip(others).map(start).collect()
             }
             None => self.seeds.iter().map(|seeds| self.merged(coarsest, seeds, device, cancel)).collect(),
@@ -175,7 +176,7 @@ impl CoarseStart {
 
     /// The phases on a coarse graph, and a repair: a cluster in pieces has an energy that it cannot keep. Where
     /// iterations are limited, no energies are compared, and nothing is repaired.
-    fn settle(&self, graph: &DualGraph, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
+    fn settle(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
         if self.effort.iterations_a_graph < u32::MAX {
             return self.optimise(steps, self.effort.iterations_a_graph, cancel);
         }
@@ -197,9 +198,9 @@ impl CoarseStart {
     /// explain.
     fn merged(
         &self,
-        graph: &DualGraph,
+        graph: &DualGraph<E>,
         seeds: &SeedFaces,
-        device: &mut dyn Device,
+        device: &mut dyn Device<E>,
         cancel: &Cancel,
     ) -> Result<(LatticeEnergy, Start)> {
         let component_of_cluster = &seeds.component_of_cluster;
@@ -237,15 +238,15 @@ impl CoarseStart {
     /// device may be left with others.
     fn teleported(
         &self,
-        graph: &DualGraph,
+        graph: &DualGraph<E>,
         component_of_cluster: &[u32],
-        steps: &mut dyn MergeSteps,
+        steps: &mut dyn MergeSteps<E>,
         cancel: &Cancel,
     ) -> Result<(LatticeEnergy, Vec<u32>)> {
         let mut best = (steps.energy()?, steps.labels()?);
         let mut most = self.shares.iter().sum::<usize>().div_ceil(TELEPORTS_OF);
         // the teleports of the best labels, if they were computed before
-        let mut known: Option<Teleports<'_>> = None;
+        let mut known: Option<Teleports<'_, E>> = None;
         for _ in 0..self.teleport_rounds {
             let teleports = match known.take() {
                 Some(teleports) => teleports,
@@ -281,8 +282,8 @@ impl Start {
 }
 
 /// Merges the cheaper half of the mutual pairs; in each component at most its surplus, which falls by that.
-pub(super) fn merge_cheaper_half(
-    steps: &mut dyn MergeSteps,
+pub(super) fn merge_cheaper_half<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
     component_of_cluster: &[u32],
     surplus: &mut [usize],
 ) -> Result<()> {
@@ -310,6 +311,7 @@ mod tests {
     use crate::cluster::quality::Quality;
     use crate::dev::sample::{Sample, generate};
     use crate::device::cpu::CpuDevice;
+    use crate::surface::Surface;
 
     /// Some heavy faces among light ones: areas say little about how many faces there are.
     fn uneven(sample: Sample, faces: u64) -> Surface {
@@ -317,10 +319,10 @@ mod tests {
         for component in 0..surface.components.len() {
             let range = surface.components[component].range();
             for face in range.clone() {
-                surface.graph.weights[face] = if face % 5 == 0 { 1 << 20 } else { 1 };
+                surface.items.graph.weights[face] = if face % 5 == 0 { 1 << 20 } else { 1 };
             }
             let weight = surface.weights[range].iter().map(|&weight| u64::from(weight)).sum();
-            surface.graph.components[component].weight = weight;
+            surface.items.graph.components[component].weight = weight;
         }
         surface
     }

@@ -13,6 +13,7 @@
 use super::relocation::{Clusters, settle};
 use super::run::{Phase, Run};
 use crate::device::{Ending, FLOOD_FROM, Step};
+use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -22,9 +23,9 @@ const REPAIRS: u32 = 3;
 impl Run<'_> {
     /// Optimises; then makes clusters connected and keeps them so, unless they may be disconnected. `graph` is the one
     /// that the steps were opened with.
-    pub fn complete(
+    pub fn complete<E: Functional>(
         &mut self,
-        graph: &DualGraph,
+        graph: &DualGraph<E>,
         allow_disconnected: bool,
         mut optimise: impl FnMut(&mut Self) -> Result<Ending>,
     ) -> Result<Ending> {

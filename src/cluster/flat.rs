@@ -52,6 +52,7 @@ use super::run::{Phase, Row, Run};
 #[cfg(doc)]
 use crate::device::FLOOD_FROM;
 use crate::device::{Cancel, Ending, FREE, Steps};
+use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -81,8 +82,8 @@ pub struct Clustering {
 /// device was opened with the same graph and clusters.
 ///
 /// `on_row` is called with every step as it happens; `record` keeps the labels of the iterations that it wants.
-pub fn boundary_based(
-    graph: &DualGraph,
+pub fn boundary_based<E: Functional>(
+    graph: &DualGraph<E>,
     start: &[u32],
     options: Options,
     steps: &mut dyn Steps,

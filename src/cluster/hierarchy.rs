@@ -45,11 +45,11 @@ use super::seeds::check_number;
 use super::tree_builder::Builder;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, MergeSteps};
-use crate::energy::LatticeEnergy;
+use crate::energy::{Functional, LatticeEnergy};
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
-use crate::surface::Surface;
+use crate::surface::Items;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -123,17 +123,17 @@ pub struct Hierarchy {
 /// Builds a hierarchy.
 ///
 /// `on_row` is called with every iteration of parallel rounds, `on_round` with every round.
-pub fn hierarchical(
-    surface: &Surface,
+pub fn hierarchical<E: Functional>(
+    items: &Items<E>,
     options: &Options,
-    device: &mut dyn Device,
+    device: &mut dyn Device<E>,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
     on_round: &mut dyn FnMut(RoundRow),
 ) -> Result<Hierarchy> {
-    let faces = surface.faces() as u64;
-    let target = check(surface, options)?;
-    let builder = Builder::new(surface, (faces - target) as usize);
+    let faces = items.faces() as u64;
+    let target = check(items, options)?;
+    let builder = Builder::new(items, (faces - target) as usize);
     let mut rounds = Rounds { options, target, cancel, left: faces, iteration: 0, builder, on_row, on_round };
     let mut labels: Vec<u32> = (0..faces as u32).collect();
     let mut upload = Duration::ZERO;
@@ -141,7 +141,7 @@ pub fn hierarchical(
         // a device knows the component of each cluster, so it is opened anew when clusters have gone to others
         let component_of_cluster = rounds.builder.component_of_cluster.clone();
         let opened = Instant::now();
-        let mut steps = device.open_merging(surface, &component_of_cluster)?;
+        let mut steps = device.open_merging(items, &component_of_cluster)?;
         upload += opened.elapsed();
         steps.set_labels(&labels)?;
         labels = rounds.until_relocated(steps.as_mut())?;
@@ -150,7 +150,7 @@ pub fn hierarchical(
 }
 
 /// The rounds of a run.
-struct Rounds<'a> {
+struct Rounds<'a, E: Functional> {
     options: &'a Options,
     /// Clusters to end with.
     target: u64,
@@ -159,14 +159,14 @@ struct Rounds<'a> {
     left: u64,
     /// Number of the last row.
     iteration: u32,
-    builder: Builder<'a>,
+    builder: Builder<'a, E>,
     on_row: &'a mut dyn FnMut(Row),
     on_round: &'a mut dyn FnMut(RoundRow),
 }
 
-impl Rounds<'_> {
+impl<E: Functional> Rounds<'_, E> {
     /// Makes rounds to the end, or until whole clusters have moved at a stop. Returns the labels.
-    fn until_relocated(&mut self, steps: &mut dyn MergeSteps) -> Result<Vec<u32>> {
+    fn until_relocated(&mut self, steps: &mut dyn MergeSteps<E>) -> Result<Vec<u32>> {
         while self.left > self.target {
             if let Some(labels) = self.round(steps)? {
                 return Ok(labels);
@@ -176,7 +176,7 @@ impl Rounds<'_> {
     }
 
     /// Makes a round. Returns the labels if whole clusters have moved, which the device does not know.
-    fn round(&mut self, steps: &mut dyn MergeSteps) -> Result<Option<Vec<u32>>> {
+    fn round(&mut self, steps: &mut dyn MergeSteps<E>) -> Result<Option<Vec<u32>>> {
         self.cancel.check()?;
         let Options { levels, clusters, ties, .. } = self.options;
         let round = self.builder.tree.rounds.len() as u32 + 1;
@@ -197,7 +197,7 @@ impl Rounds<'_> {
         if self.options.optimise && (is_level || is_sequential || self.are_large()) {
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { &mut self.on_row };
             let mut run = Run { round: Some(round), iteration: self.iteration, ..Run::new(steps, self.cancel, on_row) };
-            optimise(&mut run, self.builder.surface, self.options, is_level, is_sequential)?;
+            optimise(&mut run, self.builder.items, self.options, is_level, is_sequential)?;
             self.iteration = run.iteration;
             moves = steps.moves_since_merge()?;
             if let Some(effort) = self.options.relocation.filter(|_| is_level)
@@ -218,21 +218,21 @@ impl Rounds<'_> {
 
     /// Whether clusters have enough faces to be optimised; one that is all of its component does not count.
     fn are_large(&self) -> bool {
-        let surface = self.builder.surface;
-        surface.faces() as u64 >= self.options.optimised_from * (self.left - surface.components.len() as u64)
+        let items = self.builder.items;
+        items.faces() as u64 >= self.options.optimised_from * (self.left - items.components.len() as u64)
     }
 
     /// Moves whole clusters. Returns labels and energy if that lowers it.
     fn relocated(
         &mut self,
-        steps: &mut dyn MergeSteps,
+        steps: &mut dyn MergeSteps<E>,
         effort: relocation::Effort,
         round: u32,
     ) -> Result<Option<(Vec<u32>, LatticeEnergy)>> {
         let before = steps.labels()?;
         let mut energy = None;
-        let relocation = Relocation { graph: self.builder.surface, effort, cancel: self.cancel };
-        let flat = || fast::labels(self.builder.surface, self.left, 0, self.cancel);
+        let relocation = Relocation { graph: self.builder.items, effort, cancel: self.cancel };
+        let flat = || fast::labels(self.builder.items, self.left, 0, self.cancel);
         let after = relocation.labels_from(numbers::compact(&before), flat, &mut |phase, after, moves, _| {
             energy = Some(after);
             self.iteration += 1;
@@ -253,10 +253,10 @@ fn moves_to(labels: &[u32], present: Vec<u32>, moves: &[(u32, u32, u32)]) -> Vec
 }
 
 /// Where to end. Refuses numbers that this surface cannot have.
-pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
-    options.clusters.iter().try_for_each(|&number| check_number(surface, Name::CLUSTERS, number))?;
-    options.levels.iter().try_for_each(|&number| check_number(surface, Name::LEVELS, number))?;
-    let target = options.clusters.unwrap_or(surface.components.len() as u64);
+pub fn check<E: Functional>(items: &Items<E>, options: &Options) -> Result<u64> {
+    options.clusters.iter().try_for_each(|&number| check_number(items, Name::CLUSTERS, number))?;
+    options.levels.iter().try_for_each(|&number| check_number(items, Name::LEVELS, number))?;
+    let target = options.clusters.unwrap_or(items.components.len() as u64);
     if let Some(level) = options.levels.iter().find(|&&level| level < target) {
         return Err(Error::parameter(format_args!(
             "{} must not be below {}, {target}: {level}",
@@ -268,7 +268,12 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
 }
 
 /// Merges mutual pairs, the cheapest first, `at_most` of them; returns how many.
-fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, builder: &mut Builder<'_>) -> Result<u64> {
+fn merge_mutual<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
+    options: &Options,
+    at_most: u64,
+    builder: &mut Builder<'_, E>,
+) -> Result<u64> {
     let mut mutual = steps.mutual_dual_edges(options.ties)?;
     if mutual.is_empty() {
         return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
@@ -284,7 +289,12 @@ fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, bui
 }
 
 /// Merges the cheapest dual edge of all, `times` times; returns that number.
-fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &mut Builder<'_>) -> Result<u64> {
+fn merge_cheapest<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
+    ties: Ties,
+    times: u64,
+    builder: &mut Builder<'_, E>,
+) -> Result<u64> {
     for _ in 0..times {
         let pair = steps.cheapest_dual_edge(ties)?;
         let pair = pair.ok_or_else(|| Error::new(Kind::Internal, "there is no dual edge left to collapse"))?;
@@ -294,23 +304,27 @@ fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &
 }
 
 /// Merges pairs and records them.
-fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder<'_>) -> Result<()> {
+fn merge<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
+    pairs: &[(u32, u32)],
+    builder: &mut Builder<'_, E>,
+) -> Result<()> {
     let (ordered, sums) = steps.merge_pairs(pairs)?;
     builder.merge(&ordered, sums.as_chunks().0);
     Ok(())
 }
 
 /// The phases after the merges of a round.
-fn optimise(
+fn optimise<E: Functional>(
     run: &mut Run<'_>,
-    surface: &Surface,
+    items: &Items<E>,
     options: &Options,
     is_level: bool,
     is_sequential: bool,
 ) -> Result<()> {
     run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
     if is_level {
-        run.complete(surface, options.allow_disconnected, |run| run.optimise(options.refine))?;
+        run.complete(items, options.allow_disconnected, |run| run.optimise(options.refine))?;
         return Ok(());
     }
     run.optimise(options.refine)?;

@@ -13,9 +13,10 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::device::FREE;
+use crate::energy::Functional;
 use crate::error::names::{self, Name};
 use crate::error::{Error, Result};
-use crate::surface::{DualGraph, NO_FACE, Surface};
+use crate::surface::{DualGraph, Items, NO_FACE};
 
 /// Where clusters start.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -120,25 +121,31 @@ pub(super) fn labels(face_of_cluster: &[u32], faces: usize) -> Vec<u32> {
 
 /// How many clusters each component gets: at least 1, at most its faces, by area. Refuses numbers that the surface
 /// cannot have.
-pub fn shares(surface: &Surface, clusters: u64) -> Result<Vec<usize>> {
-    check_number(surface, Name::CLUSTERS, clusters)?;
-    Ok(apportion(surface, clusters as usize))
+pub fn shares<E: Functional>(items: &Items<E>, clusters: u64) -> Result<Vec<usize>> {
+    check_number(items, Name::CLUSTERS, clusters)?;
+    Ok(apportion(items, clusters as usize))
 }
 
 /// Chooses seeds for `clusters` clusters. `listed` are faces of the upload, and then decide alone.
-pub fn choose(surface: &Surface, clusters: u64, seeds: &Seeds, seed: u64, listed: Option<&[u32]>) -> Result<SeedFaces> {
-    let shares = shares(surface, clusters)?;
+pub fn choose<E: Functional>(
+    items: &Items<E>,
+    clusters: u64,
+    seeds: &Seeds,
+    seed: u64,
+    listed: Option<&[u32]>,
+) -> Result<SeedFaces> {
+    let shares = shares(items, clusters)?;
     if let Some(listed) = listed {
-        return from_list(surface, listed);
+        return from_list(items, listed);
     }
     Ok(match seeds {
-        Seeds::Random => each_component(&shares, |component, share, _| random(surface, component, share, seed)),
-        Seeds::Coarse | Seeds::Morton | Seeds::File(_) | Seeds::Listed => stratified(surface, &shares, seed),
+        Seeds::Random => each_component(&shares, |component, share, _| random(items, component, share, seed)),
+        Seeds::Coarse | Seeds::Morton | Seeds::File(_) | Seeds::Listed => stratified(items, &shares, seed),
     })
 }
 
 /// Faces along the internal order: so many in each component, one in each of as many strata of equal weight.
-pub fn stratified(graph: &DualGraph, shares: &[usize], seed: u64) -> SeedFaces {
+pub fn stratified<E: Functional>(graph: &DualGraph<E>, shares: &[usize], seed: u64) -> SeedFaces {
     each_component(shares, |component, share, first_cluster| strata(graph, component, share, seed, first_cluster))
 }
 
@@ -153,15 +160,15 @@ fn each_component(shares: &[usize], choose: impl Fn(usize, usize, usize) -> Vec<
 }
 
 /// Refuses a number of clusters that this surface cannot have; `name` is the parameter that has it.
-pub(super) fn check_number(surface: &Surface, name: Name, number: u64) -> Result<()> {
-    let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
+pub(super) fn check_number<E: Functional>(items: &Items<E>, name: Name, number: u64) -> Result<()> {
+    let (faces, components) = (items.faces() as u64, items.components.len() as u64);
     if number == 0 {
         return Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
     }
     if number > faces {
         return Err(Error::parameter(format_args!(
             "{name} must not be more than the mesh has faces, {faces}{}: {number}",
-            match surface.loose.len() {
+            match items.loose.len() {
                 0 => String::new(),
                 loose => format!(" (without {loose} faces that have no area and share no edge with these)"),
             }
@@ -178,8 +185,8 @@ pub(super) fn check_number(surface: &Surface, name: Name, number: u64) -> Result
 }
 
 /// Sainte-Laguë.
-fn apportion(surface: &Surface, clusters: usize) -> Vec<usize> {
-    let components = &surface.components;
+fn apportion<E: Functional>(items: &Items<E>, clusters: usize) -> Vec<usize> {
+    let components = &items.components;
     let mut shares = vec![1usize; components.len()];
     if let [_] = components[..] {
         return vec![clusters];
@@ -225,10 +232,10 @@ impl PartialOrd for Claim {
 }
 
 /// `share` faces of a component, all sets equally likely: those with the smallest hashes of their upload number.
-fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u32> {
-    let range = surface.components[component].range();
+fn random<E: Functional>(items: &Items<E>, component: usize, share: usize, seed: u64) -> Vec<u32> {
+    let range = items.components[component].range();
     let mut hashed: Vec<(u64, u32)> =
-        range.map(|face| (hash(seed, u64::from(surface.upload_face[face])), face as u32)).collect();
+        range.map(|face| (hash(seed, u64::from(items.upload_face[face])), face as u32)).collect();
     if share < hashed.len() {
         hashed.select_nth_unstable(share);
         hashed.truncate(share);
@@ -242,7 +249,13 @@ fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u
 /// face at a random point of its middle half: points of the whole stratum end higher
 /// (`benches/results/2026-11-22-two-cores/quality.md`). Where faces weigh more than strata, the next face that is still
 /// free is taken.
-fn strata(graph: &DualGraph, component: usize, share: usize, seed: u64, first_cluster: usize) -> Vec<u32> {
+fn strata<E: Functional>(
+    graph: &DualGraph<E>,
+    component: usize,
+    share: usize,
+    seed: u64,
+    first_cluster: usize,
+) -> Vec<u32> {
     let run = graph.components[component];
     let range = run.range();
     let mut faces = Vec::with_capacity(share);
@@ -266,11 +279,11 @@ fn strata(graph: &DualGraph, component: usize, share: usize, seed: u64, first_cl
 }
 
 /// Listed faces of the upload; cluster i starts from the i-th.
-fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
-    let internal = surface.internal_faces();
-    let component_of_face = surface.component_of_face();
-    let mut seed_of_face = vec![None; surface.faces()];
-    let mut has_seed = vec![false; surface.components.len()];
+fn from_list<E: Functional>(items: &Items<E>, listed: &[u32]) -> Result<SeedFaces> {
+    let internal = items.internal_faces();
+    let component_of_face = items.component_of_face();
+    let mut seed_of_face = vec![None; items.faces()];
+    let mut has_seed = vec![false; items.components.len()];
     let mut chosen = SeedFaces { face_of_cluster: Vec::new(), component_of_cluster: Vec::new() };
     for (seed, &upload) in listed.iter().enumerate() {
         let Some(&face) = internal.get(upload as usize) else {
@@ -293,7 +306,7 @@ fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
         chosen.component_of_cluster.push(component);
     }
     if let Some(component) = has_seed.iter().position(|&has| !has) {
-        let upload = surface.components[component].range().map(|face| surface.upload_face[face]).min();
+        let upload = items.components[component].range().map(|face| items.upload_face[face]).min();
         return Err(Error::parameter(format_args!(
             "no seed lies in the connected component of face {}; every component needs one",
             upload.unwrap_or_default()

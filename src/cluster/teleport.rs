@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::device::DualEdge;
 use crate::device::dual_edge::mutual;
-use crate::energy::{ClusterSums, Energy, Functional, Proxy, Sums};
+use crate::energy::{Functional, Sums};
 use crate::surface::DualGraph;
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
@@ -22,29 +22,29 @@ const CHUNK: usize = 64;
 
 /// The teleports that a clustering allows.
 #[derive(Debug)]
-pub struct Teleports<'a> {
-    graph: &'a DualGraph,
+pub struct Teleports<'a, E: Functional> {
+    graph: &'a DualGraph<E>,
     component_of_cluster: &'a [u32],
     faces_of_cluster: Vec<Vec<u32>>,
     /// The mutual pairs of clusters, the cheapest first.
     pairs: Vec<(u32, u32)>,
     /// The splits of each component, those that gain most first.
-    splits: Vec<Vec<Split>>,
+    splits: Vec<Vec<Split<E>>>,
 }
 
 /// A way to split a cluster in two.
 #[derive(Debug)]
-struct Split {
+struct Split<E: Functional> {
     /// By how much the energy falls, packed as merge costs are.
     gain: u32,
     cluster: u32,
     /// The faces that are nearer to the second leave it.
-    centres: [Proxy; 2],
+    centres: [E::Proxy; 2],
 }
 
-impl<'a> Teleports<'a> {
+impl<'a, E: Functional> Teleports<'a, E> {
     /// The teleports of some labels. Every face is labelled; `edges` are the best dual edges.
-    pub fn of(graph: &'a DualGraph, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
+    pub fn of(graph: &'a DualGraph<E>, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
         let mut faces_of_cluster = vec![Vec::new(); component_of_cluster.len()];
         (0..).zip(labels).for_each(|(face, &label)| faces_of_cluster[label as usize].push(face));
         let split = |cluster: u32| {
@@ -53,8 +53,8 @@ impl<'a> Teleports<'a> {
             Split::of(graph, faces, cluster, shift).map(|split| (component, split))
         };
         let all = (0..component_of_cluster.len() as u32).into_par_iter().with_min_len(CHUNK);
-        let all: Vec<(usize, Split)> = all.filter_map(split).collect();
-        let mut splits: Vec<Vec<Split>> = graph.components.iter().map(|_| Vec::new()).collect();
+        let all: Vec<(usize, Split<E>)> = all.filter_map(split).collect();
+        let mut splits: Vec<Vec<Split<E>>> = graph.components.iter().map(|_| Vec::new()).collect();
         all.into_iter().for_each(|(component, split)| splits[component].push(split));
         for splits in &mut splits {
             splits.sort_unstable_by_key(|split| (Reverse(split.gain), split.cluster));
@@ -83,7 +83,8 @@ impl<'a> Teleports<'a> {
             let component = self.component_of_cluster[into as usize] as usize;
             let (splits, first) = (&self.splits[component], &mut first_free[component]);
             *first += splits[*first..].iter().take_while(|split| is_taken[split.cluster as usize]).count();
-            let is_apart = |split: &&Split| !is_taken[split.cluster as usize] && ![into, from].contains(&split.cluster);
+            let is_apart =
+                |split: &&Split<E>| !is_taken[split.cluster as usize] && ![into, from].contains(&split.cluster);
             let Some(split) = splits[*first..].iter().take(TRIED_SPLITS).find(is_apart) else {
                 continue;
             };
@@ -110,30 +111,30 @@ impl<'a> Teleports<'a> {
 }
 
 /// Whether a face is nearer to the second centre.
-fn leaves(graph: &DualGraph, centres: [Proxy; 2], face: u32) -> bool {
-    let [stay, leave] = centres.map(|centre| Energy::cost(graph.points[face as usize], centre));
+fn leaves<E: Functional>(graph: &DualGraph<E>, centres: [E::Proxy; 2], face: u32) -> bool {
+    let [stay, leave] = centres.map(|centre| E::cost(graph.points[face as usize], centre));
     leave < stay
 }
 
-impl Split {
+impl<E: Functional> Split<E> {
     /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all
     /// faces lie at one place.
-    fn of(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
+    fn of(graph: &DualGraph<E>, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
         let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
-            let mut sums = ClusterSums::default();
+            let mut sums = E::Sums::default();
             faces.for_each(|face| sums.add_face(graph.face(face as usize), 1));
             sums
         };
         let whole = sums_of(&mut faces.iter().copied());
         let point = |face: u32| graph.points[face as usize];
-        let farthest_from = |from: Proxy| {
-            let farthest = faces.iter().max_by_key(|&&face| (Energy::cost(point(face), from), Reverse(face)));
-            farthest.map(|&face| Energy::proxy_at(point(face)))
+        let farthest_from = |from: E::Proxy| {
+            let farthest = faces.iter().max_by_key(|&&face| (E::cost(point(face), from), Reverse(face)));
+            farthest.map(|&face| E::proxy_at(point(face)))
         };
         let first = farthest_from(whole.proxy()?)?;
         let mut next = [first, farthest_from(first)?];
         let mut centres = next;
-        let mut halves = [whole, ClusterSums::default()];
+        let mut halves = [whole, E::Sums::default()];
         for _ in 0..3 {
             centres = next;
             let half = sums_of(&mut faces.iter().copied().filter(|&face| leaves(graph, centres, face)));
@@ -143,7 +144,7 @@ impl Split {
             next = [halves[0].proxy()?, halves[1].proxy()?];
         }
         let end = |side: usize| halves[side].end(next[side]);
-        Some(Self { gain: Energy::packed_merge_cost(end(0), end(1), energy_shift), cluster, centres })
+        Some(Self { gain: E::packed_merge_cost(end(0), end(1), energy_shift), cluster, centres })
     }
 }
 

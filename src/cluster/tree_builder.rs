@@ -3,16 +3,16 @@
 
 use rayon::prelude::*;
 
-use crate::energy::{ClusterSums, LatticeEnergy, Merged, Sums};
+use crate::energy::{Functional, LatticeEnergy, Merged, Sums};
 use crate::hierarchy::{FaceMove, Merge, Round, Tree};
-use crate::surface::{Loose, Surface};
+use crate::surface::{Items, Loose};
 
 /// Merges that a thread records at a time.
 const MERGES_A_THREAD: usize = 256;
 
 /// Builds the tree of a run.
-pub(super) struct Builder<'a> {
-    pub surface: &'a Surface,
+pub(super) struct Builder<'a, E: Functional> {
+    pub items: &'a Items<E>,
     pub tree: Tree,
     /// Σ w·|g|² of each cluster, exactly.
     moments: Vec<i128>,
@@ -24,45 +24,44 @@ pub(super) struct Builder<'a> {
     loose_in: Vec<u32>,
 }
 
-impl<'a> Builder<'a> {
+impl<'a, E: Functional> Builder<'a, E> {
     /// A tree with room for `merges` merges. Loose faces go to their hosts first, at no cost, in a round of their own.
-    pub fn new(surface: &'a Surface, merges: usize) -> Self {
-        let faces = surface.faces() as u32;
-        let moments = (0..faces).map(|face| surface.moment_of(face)).collect();
-        let merges = Vec::with_capacity(merges + surface.loose.len());
-        let tree = Tree { faces: surface.upload_faces() as u32, merges, ..Tree::default() };
-        let component_of_cluster = surface.component_of_face();
-        let mut builder =
-            Self { surface, tree, moments, component_of_cluster, loose: Vec::new(), loose_in: Vec::new() };
-        if !surface.loose.is_empty() {
+    pub fn new(items: &'a Items<E>, merges: usize) -> Self {
+        let faces = items.faces() as u32;
+        let moments = (0..faces).map(|face| items.moment_of(face)).collect();
+        let merges = Vec::with_capacity(merges + items.loose.len());
+        let tree = Tree { faces: items.upload_faces() as u32, merges, ..Tree::default() };
+        let component_of_cluster = items.component_of_face();
+        let mut builder = Self { items, tree, moments, component_of_cluster, loose: Vec::new(), loose_in: Vec::new() };
+        if !items.loose.is_empty() {
             builder.add_loose();
         }
         builder
     }
 
     fn add_loose(&mut self) {
-        let surface = self.surface;
-        let internal = surface.internal_faces();
-        self.loose_in = vec![0; surface.faces()];
-        self.loose.clone_from(&surface.loose);
+        let items = self.items;
+        let internal = items.internal_faces();
+        self.loose_in = vec![0; items.faces()];
+        self.loose.clone_from(&items.loose);
         self.loose.sort_by_key(|loose| loose.host);
-        for &Loose { face, host } in &surface.loose {
+        for &Loose { face, host } in &items.loose {
             let cluster = internal[host as usize];
             let loose = &mut self.loose_in[cluster as usize];
             *loose += 1;
-            let mut alone = ClusterSums::default();
-            alone.add_face(surface.face(cluster as usize), 1);
+            let mut alone = E::Sums::default();
+            alone.add_face(items.face(cluster as usize), 1);
             let component = self.component_of_cluster[cluster as usize];
-            let made = surface.merged(&alone, &ClusterSums::default(), self.moments[cluster as usize], component);
+            let made = items.merged(&alone, &E::Sums::default(), self.moments[cluster as usize], component);
             let made = Merged { faces: 1 + *loose, cost: 0.0, energy: 0.0, ..made };
             self.tree.merges.push(Merge { into: host, from: face, made });
         }
-        let (clusters, merges_end) = (surface.faces() as u32, self.tree.merges.len() as u32);
+        let (clusters, merges_end) = (items.faces() as u32, self.tree.merges.len() as u32);
         self.tree.rounds.push(Round { clusters, energy: 0.0, merges_end, moves_end: 0 });
     }
 
     /// Records merges (from, into), with the sums of both ends before, in either order.
-    pub fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[ClusterSums; 2]]) {
+    pub fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[E::Sums; 2]]) {
         for &(from, into) in pairs {
             self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
         }
@@ -71,11 +70,11 @@ impl<'a> Builder<'a> {
                 self.loose_in[into as usize] += std::mem::take(&mut self.loose_in[from as usize]);
             }
         }
-        let Self { surface, tree, moments, component_of_cluster, loose_in, .. } = self;
+        let Self { items, tree, moments, component_of_cluster, loose_in, .. } = self;
         let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
-            let mut made = surface.merged(a, b, moments[into as usize], component_of_cluster[into as usize]);
+            let mut made = items.merged(a, b, moments[into as usize], component_of_cluster[into as usize]);
             made.faces += loose_in.get(into as usize).copied().unwrap_or(0);
-            let [into, from] = [into, from].map(|cluster| surface.upload_face[cluster as usize]);
+            let [into, from] = [into, from].map(|cluster| items.upload_face[cluster as usize]);
             Merge { into, from, made }
         });
         tree.merges.par_extend(records);
@@ -83,9 +82,9 @@ impl<'a> Builder<'a> {
 
     /// Records moves: (face, from, to).
     pub fn moves(&mut self, moves: &[(u32, u32, u32)]) {
-        let upload = &self.surface.upload_face;
+        let upload = &self.items.upload_face;
         for &(face, from, to) in moves {
-            let moment = self.surface.moment_of(face);
+            let moment = self.items.moment_of(face);
             self.moments[from as usize] -= moment;
             self.moments[to as usize] += moment;
             self.tree.moves.push(FaceMove { face: upload[face as usize], to: upload[to as usize] });
@@ -101,13 +100,13 @@ impl<'a> Builder<'a> {
         for loose in self.loose[first..].iter().take_while(|loose| loose.host == host) {
             self.loose_in[from as usize] -= 1;
             self.loose_in[to as usize] += 1;
-            self.tree.moves.push(FaceMove { face: loose.face, to: self.surface.upload_face[to as usize] });
+            self.tree.moves.push(FaceMove { face: loose.face, to: self.items.upload_face[to as usize] });
         }
     }
 
     /// Follows clusters into other components.
     pub fn relocated(&mut self, labels: &[u32]) {
-        for (number, component) in (0..).zip(&self.surface.components) {
+        for (number, component) in (0..).zip(&self.items.components) {
             component.range().for_each(|face| self.component_of_cluster[labels[face] as usize] = number);
         }
     }
@@ -115,7 +114,7 @@ impl<'a> Builder<'a> {
     pub fn end_round(&mut self, clusters: u64, energy: LatticeEnergy) {
         self.tree.rounds.push(Round {
             clusters: clusters as u32,
-            energy: self.surface.energy(energy),
+            energy: self.items.energy(energy),
             merges_end: self.tree.merges.len() as u32,
             moves_end: self.tree.moves.len() as u64,
         });

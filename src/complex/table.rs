@@ -97,7 +97,8 @@ pub(super) fn table(mesh: &PolygonMesh, surface: &CutSurface, labels: &[u32], eu
         }
     }
     let centroids: Vec<DVec3> = all.iter().map(Sums::centroid).collect();
-    let faces = labels.iter().zip(&geometry).map(|(&label, of_face)| (of_face.centroid, of_face.area, label));
+    let faces =
+        labels.iter().zip(&geometry).map(|(&label, of_face)| (of_face.centroid.to_array(), of_face.area, label));
     Energy::source_terms(faces, all.len()).for_each(|(label, term)| all[label as usize].energy += term);
     drop(geometry);
     let triangles = 0..surface.faces.len() as u32;

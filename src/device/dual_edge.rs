@@ -16,7 +16,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::energy::ClusterSums;
+use crate::energy::Sums;
 
 /// Which of equally cheap dual edges is the best.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -104,6 +104,6 @@ pub fn keep_cheaper_half(mutual: &mut Vec<Rank<u32>>) {
 
 /// Two clusters that merge, the smaller number first, in the order in which the first becomes part of the second: the
 /// one with more faces keeps its number, the smaller number of equal ones. `sums` are theirs.
-pub fn from_into((low, high): (u32, u32), sums: &[ClusterSums; 2]) -> (u32, u32) {
-    if sums[1].faces > sums[0].faces { (low, high) } else { (high, low) }
+pub fn from_into<S: Sums>((low, high): (u32, u32), sums: &[S; 2]) -> (u32, u32) {
+    if sums[1].faces() > sums[0].faces() { (low, high) } else { (high, low) }
 }

@@ -27,7 +27,7 @@ use utoipa::ToSchema;
 pub use self::dual_edge::DualEdge;
 use self::dual_edge::{Rank, Ties, from_into, mutual};
 pub use self::profile::{Profile, StageTime};
-use crate::energy::{ClusterSums, LatticeEnergy};
+use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 
@@ -64,14 +64,14 @@ pub enum DeviceKind {
     Gpu,
 }
 
-/// Something that can cluster.
-pub trait Device: Send {
+/// Something that can cluster items by an energy.
+pub trait Device<E: Functional = Energy>: Send {
     /// What it is.
     fn info(&self) -> &DeviceInfo;
 
     /// Another device like this one that may work at the same time, where that costs nothing: for small meshes, and for
     /// several starts of one clustering.
-    fn another(&self) -> Option<Box<dyn Device>> {
+    fn another(&self) -> Option<Box<dyn Device<E>>> {
         None
     }
 
@@ -94,14 +94,14 @@ pub trait Device: Send {
     /// Brings a surface to the device, with all faces free.
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
+    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
 
     /// The same for a hierarchical clustering.
     fn open_merging<'a>(
         &'a mut self,
-        graph: &'a DualGraph,
+        graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn MergeSteps + 'a>>;
+    ) -> Result<Box<dyn MergeSteps<E> + 'a>>;
 }
 
 /// The steps that algorithms are made of, on one surface. Faces are in the surface's internal order.
@@ -145,7 +145,7 @@ pub trait Steps {
 }
 
 /// The further steps of hierarchical clustering.
-pub trait MergeSteps: Steps {
+pub trait MergeSteps<E: Functional = Energy>: Steps {
     /// The best dual edge (P§5.4) of each cluster that has faces and neighbours, in the order of the clusters.
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>>;
 
@@ -163,7 +163,7 @@ pub trait MergeSteps: Steps {
 
     /// Merges pairs of clusters, given with the smaller number first, as [`from_into`] orders them; no cluster is in
     /// two pairs. Returns the ordered pairs, and the sums of both clusters of each before, the smaller number first.
-    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Merges, Vec<ClusterSums>)> {
+    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Merges, Vec<E::Sums>)> {
         let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
         let sums = self.sums_of(&ends)?;
         let ordered: Merges = pairs.iter().zip(sums.as_chunks().0).map(|(&pair, sums)| from_into(pair, sums)).collect();
@@ -172,7 +172,7 @@ pub trait MergeSteps: Steps {
     }
 
     /// The sums of some clusters.
-    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>>;
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<E::Sums>>;
 
     /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted: the face, the
     /// cluster it belonged to and the one it belongs to.

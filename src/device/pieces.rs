@@ -4,12 +4,13 @@
 use std::hint::select_unpredictable;
 
 use crate::device::FREE;
+use crate::energy::Functional;
 use crate::surface::DualGraph;
 use crate::union_find;
 
 /// The connected pieces of equally labelled faces; a free face is a piece by itself. Returns the piece of each face,
 /// numbered in the order of their smallest faces, and the label and the number of faces of each piece.
-fn pieces(graph: &DualGraph, labels: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
+fn pieces<E: Functional>(graph: &DualGraph<E>, labels: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
     let mut sets = union_find::singletons(labels.len());
     for (face, &label) in (0..).zip(labels).filter(|(_, label)| **label != FREE) {
         let is_earlier = |near: u32| (near < face) & (labels[near as usize] == label);
@@ -27,7 +28,7 @@ fn pieces(graph: &DualGraph, labels: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
 
 /// The faces outside their cluster's piece with the most faces (of equally large ones, that with the smallest face),
 /// sorted.
-pub fn cut_off_faces(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<u32> {
+pub fn cut_off_faces<E: Functional>(graph: &DualGraph<E>, clusters: usize, labels: &[u32]) -> Vec<u32> {
     let (piece_of_face, pieces) = pieces(graph, labels);
     let mut largest: Vec<Option<u32>> = vec![None; clusters];
     for (piece, &(label, faces)) in pieces.iter().enumerate().filter(|(_, (label, _))| *label != FREE) {
@@ -44,7 +45,7 @@ pub fn cut_off_faces(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<
 }
 
 /// How many clusters are in several pieces.
-pub fn disconnected_clusters(graph: &DualGraph, clusters: usize, labels: &[u32]) -> u64 {
+pub fn disconnected_clusters<E: Functional>(graph: &DualGraph<E>, clusters: usize, labels: &[u32]) -> u64 {
     let mut pieces_of_cluster = vec![0u32; clusters];
     for (label, _) in pieces(graph, labels).1.into_iter().filter(|&(label, _)| label != FREE) {
         pieces_of_cluster[label as usize] += 1;

@@ -16,7 +16,7 @@ use std::cmp::Reverse;
 pub use self::device::{PlainDevice, open};
 
 use super::{FLOOD_FROM, FREE};
-use crate::energy::{Energy, Functional, Side, WideSums};
+use crate::energy::{Functional, Side, WideSums};
 use crate::surface::DualGraph;
 
 /// The state after an iteration.
@@ -31,7 +31,7 @@ pub struct State {
 }
 
 /// Labels after growth from the labelled faces ([`super::Steps::grow`]).
-pub fn grow(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
+pub fn grow<E: Functional>(graph: &DualGraph<E>, labels: &[u32]) -> Vec<u32> {
     let mut labels = labels.to_vec();
     loop {
         let before = labels.clone();
@@ -48,25 +48,20 @@ pub fn grow(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
 }
 
 /// The sums of each cluster. Free faces count for none.
-pub fn sums(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<WideSums> {
-    let mut all = vec![WideSums::default(); clusters];
+pub fn sums<E: Functional>(graph: &DualGraph<E>, clusters: usize, labels: &[u32]) -> Vec<E::WideSums> {
+    let mut all = vec![E::WideSums::default(); clusters];
     for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
         all[label as usize].add_face(graph.face(face));
     }
     all
 }
 
-/// The proxy of each cluster, all of which have faces.
-pub fn proxies(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<[i128; 3]> {
-    sums(graph, clusters, labels).iter().map(WideSums::proxy).collect()
-}
-
 /// What the proxies explain, summed over the clusters that have faces, see [`crate::energy::LatticeEnergy`].
-pub fn explained(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> i128 {
+pub fn explained<E: Functional>(graph: &DualGraph<E>, component_of_cluster: &[u32], labels: &[u32]) -> i128 {
     let sums = sums(graph, component_of_cluster.len(), labels);
     sums.iter()
         .zip(component_of_cluster)
-        .filter(|(sums, _)| sums.faces > 0)
+        .filter(|(sums, _)| sums.faces() > 0)
         .map(|(sums, &component)| sums.explained() << graph.components[component as usize].energy_shift)
         .sum()
 }
@@ -77,12 +72,17 @@ fn moves(before: &[u32], after: &[u32]) -> u64 {
 }
 
 /// The cost of a face in each cluster that has faces.
-fn costs<'a>(graph: &'a DualGraph, sums: &'a [WideSums]) -> impl Fn(usize, u32) -> i128 + 'a {
+fn costs<'a, E: Functional>(graph: &'a DualGraph<E>, sums: &'a [E::WideSums]) -> impl Fn(usize, u32) -> i128 + 'a {
     move |face, cluster| sums[cluster as usize].cost(graph.face(face))
 }
 
 /// One boundary iteration ([`crate::cluster::flat`]), the `number`-th of its phase from 1; None when nothing moves.
-pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32], number: u32) -> Option<State> {
+pub fn iterate<E: Functional>(
+    graph: &DualGraph<E>,
+    component_of_cluster: &[u32],
+    labels: &[u32],
+    number: u32,
+) -> Option<State> {
     let proxies = sums(graph, component_of_cluster.len(), labels);
     let mut after = pass(graph, &proxies, labels);
     let mut moves = moves(labels, &after);
@@ -97,7 +97,7 @@ pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32], 
 }
 
 /// The labels after one pass of a boundary iteration, with the proxies of these sums.
-fn pass(graph: &DualGraph, proxies: &[WideSums], labels: &[u32]) -> Vec<u32> {
+fn pass<E: Functional>(graph: &DualGraph<E>, proxies: &[E::WideSums], labels: &[u32]) -> Vec<u32> {
     let cost = costs(graph, proxies);
     // 1. the nearest cluster beside each face, if it is nearer than the face's own
     let wanted = |face: usize| {
@@ -123,17 +123,17 @@ fn pass(graph: &DualGraph, proxies: &[WideSums], labels: &[u32]) -> Vec<u32> {
 }
 
 /// A refinement phase ([`crate::cluster::refinement`]). What it keeps between iterations is which faces were refused.
-pub struct Refinement<'a> {
-    graph: &'a DualGraph,
+pub struct Refinement<'a, E: Functional> {
+    graph: &'a DualGraph<E>,
     component_of_cluster: &'a [u32],
     /// One cluster a face, internal order.
     pub labels: Vec<u32>,
     refused: Vec<bool>,
 }
 
-impl<'a> Refinement<'a> {
+impl<'a, E: Functional> Refinement<'a, E> {
     /// The beginning of a phase.
-    pub fn new(graph: &'a DualGraph, component_of_cluster: &'a [u32], labels: Vec<u32>) -> Self {
+    pub fn new(graph: &'a DualGraph<E>, component_of_cluster: &'a [u32], labels: Vec<u32>) -> Self {
         let refused = vec![false; labels.len()];
         Self { graph, component_of_cluster, labels, refused }
     }
@@ -168,7 +168,7 @@ impl<'a> Refinement<'a> {
         let cost = costs(self.graph, &sums);
         let bid_of = |face: usize| {
             let from = self.labels[face];
-            if self.refused[face] || sums[from as usize].faces == 1 {
+            if self.refused[face] || sums[from as usize].faces() == 1 {
                 return None;
             }
             let side =
@@ -177,9 +177,9 @@ impl<'a> Refinement<'a> {
             let near = self.graph.neighbours_of(face as u32).iter().map(|&near| self.labels[near as usize]);
             let (gain, to) = near
                 .filter(|&to| to != from)
-                .map(|to| (Energy::gain(weight, side(from), side(to)), to))
+                .map(|to| (E::gain(weight, side(from), side(to)), to))
                 .max_by_key(|&(gain, to)| (gain, Reverse(to)))?;
-            (gain > 0).then(|| (Energy::bid(gain, weight), to))
+            (gain > 0).then(|| (E::bid(gain, weight), to))
         };
         (0..self.labels.len()).map(bid_of).collect()
     }

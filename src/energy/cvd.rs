@@ -1,6 +1,8 @@
 //! The energy of centroidal Voronoi diagrams (P§6): the area-weighted squared distance of centroids to the proxy of
 //! their cluster.
 //!
+//! Points have D coordinates; those of data with fewer are padded with zeros, which change no sum.
+//!
 //! Σ over clusters of `(2·P·S − M·|P|²) << energy_shift` is what the proxies explain of the constant Σ w·|g|².
 
 mod bound;
@@ -9,56 +11,73 @@ mod scatter;
 pub mod wide;
 pub mod words;
 
-use glam::DVec3;
-
 use self::packed::Float;
-use super::functional::{Functional, Side, Sums};
+use super::functional::{Functional, RoughEnd, Side, Sums};
 
 pub use self::bound::RefinementSlack;
-pub use self::words::Face;
+pub use self::scatter::Axes;
 
-/// The energy of centroidal Voronoi diagrams.
+/// The energy of centroidal Voronoi diagrams of points with D coordinates.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Cvd<const D: usize>;
+
+/// A point and its weight.
 #[derive(Debug, Clone, Copy)]
-pub struct Cvd;
+pub struct Item<const D: usize> {
+    /// g.
+    pub point: [i32; D],
+    /// w, at least 1.
+    pub weight: u32,
+}
 
-impl Functional for Cvd {
+impl<const D: usize> Functional for Cvd<D>
+where
+    Axes<D>: scatter::Products,
+{
     const NAME: &'static str = "cvd";
 
-    type Item = Face;
+    const NO_PROXY: [i32; D] = [0; D];
+
+    /// A cost has a relative error below (D + 9)·2⁻²⁴: each conversion and operation adds 2⁻²⁴, and only integers are
+    /// subtracted. Packed costs resolve 1 + 2⁻²⁴.
+    const ROUGH_MARGIN: f32 = 1.0 + (D + 16) as f32 / (1 << 22) as f32;
+
+    type Item = Item<D>;
     /// g.
-    type Point = [i32; 3];
+    type Point = [i32; D];
     /// P.
-    type Proxy = [i32; 3];
-    type Sums = ClusterSums;
-    type End = End;
-    type RefinementSlack = RefinementSlack;
-    type SplitBounds = scatter::Scatter;
+    type Proxy = [i32; D];
+    type Sums = ClusterSums<D>;
+    type WideSums = wide::Sums<D>;
+    type End = End<D>;
+    type SplitBounds = scatter::Scatter<D>;
+    type Position = [f64; D];
 
     #[inline]
-    fn item(centroid: [i32; 3], weight: u32) -> Face {
-        Face { centroid, weight }
+    fn item(point: [i32; D], weight: u32) -> Item<D> {
+        Item { point, weight }
     }
 
     #[inline]
-    fn proxy_at(point: [i32; 3]) -> [i32; 3] {
+    fn proxy_at(point: [i32; D]) -> [i32; D] {
         point
     }
 
     /// |g − P|².
     #[inline]
-    fn cost(point: [i32; 3], proxy: [i32; 3]) -> u64 {
+    fn cost(point: [i32; D], proxy: [i32; D]) -> u64 {
         squared_distance(point, proxy)
     }
 
     /// w·|g|².
     #[inline]
-    fn constant(Face { centroid, weight }: Face) -> i128 {
-        let square: i64 = centroid.iter().map(|&g| i64::from(g) * i64::from(g)).sum();
+    fn constant(Item { point, weight }: Item<D>) -> i128 {
+        let square: i64 = point.iter().map(|&g| i64::from(g) * i64::from(g)).sum();
         i128::from(weight) * i128::from(square)
     }
 
     /// ⌊M₁M₂·|P₁−P₂|²/(M₁+M₂)⌋.
-    fn merge_cost(a: End, b: End) -> u128 {
+    fn merge_cost(a: End<D>, b: End<D>) -> u128 {
         // 2³⁴ · 2³⁴ · 2⁵⁸ fits
         let product = u128::from(a.weight) * u128::from(b.weight) * u128::from(squared_distance(a.proxy, b.proxy));
         product / u128::from(a.weight + b.weight)
@@ -67,7 +86,7 @@ impl Functional for Cvd {
     /// A float of 7 bits of exponent and 25 of mantissa; 0 for cost 0.
     ///
     /// Every step is truncated to 32 bits, so values that differ by less than some 2⁻²⁴ may trade places.
-    fn packed_merge_cost(a: End, b: End, energy_shift: u32) -> u32 {
+    fn packed_merge_cost(a: End<D>, b: End<D>, energy_shift: u32) -> u32 {
         let distance = squared_distance(a.proxy, b.proxy);
         if distance == 0 {
             return 0;
@@ -80,15 +99,13 @@ impl Functional for Cvd {
     }
 
     #[inline]
-    fn merge_cost_about(a: End, b: End) -> f64 {
-        // they are signed, which is converted faster
-        let [weight_a, weight_b] = [a, b].map(|end| end.weight.cast_signed() as f64);
-        weight_a * weight_b / (weight_a + weight_b) * squared_distance(a.proxy, b.proxy).cast_signed() as f64
-    }
-
-    fn merge_cost_of_means(a: &ClusterSums, b: &ClusterSums) -> f64 {
-        let (weight_a, weight_b) = (a.weight as f64, b.weight as f64);
-        weight_a * weight_b / (weight_a + weight_b) * a.mean().distance_squared(b.mean())
+    fn rough_merge_cost(a: RoughEnd<Self>, b: RoughEnd<Self>) -> f32 {
+        let mut square = 0.0;
+        for axis in 0..D {
+            let difference = (a.proxy[axis] - b.proxy[axis]) as f32;
+            square += difference * difference;
+        }
+        a.weight * b.weight / (a.weight + b.weight) * square
     }
 
     /// In units of squared lattice length. M/(M − w) = 1 + w/(M − w), and M/(M + w) = 1 − w/(M + w): the second terms
@@ -119,25 +136,31 @@ impl Functional for Cvd {
     }
 
     #[inline]
-    fn drift(from: [i32; 3], to: [i32; 3]) -> u64 {
+    fn drift(from: [i32; D], to: [i32; D]) -> u64 {
         // the error of the root is far below 1
         (squared_distance(to, from) as f64).sqrt() as u64
     }
 
     /// area·|g − P|², P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
     fn source_terms(
-        faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone,
+        faces: impl Iterator<Item = ([f64; D], f64, u32)> + Clone,
         clusters: usize,
     ) -> impl Iterator<Item = (u32, f64)> {
-        let mut sums = vec![(DVec3::ZERO, 0.0); clusters];
+        let mut sums = vec![([0.0; D], 0.0); clusters];
         for (centroid, area, label) in faces.clone() {
             let (sum, total) = &mut sums[label as usize];
-            *sum += area * centroid;
+            for axis in 0..D {
+                sum[axis] += area * centroid[axis];
+            }
             *total += area;
         }
-        let mean = |(sum, area)| sum / if area > 0.0 { area } else { 1.0 };
-        let proxies: Vec<DVec3> = sums.into_iter().map(mean).collect();
-        faces.map(move |(centroid, area, label)| (label, area * centroid.distance_squared(proxies[label as usize])))
+        let mean = |(sum, area): ([f64; D], f64)| sum.map(|sum| sum / if area > 0.0 { area } else { 1.0 });
+        let proxies: Vec<[f64; D]> = sums.into_iter().map(mean).collect();
+        faces.map(move |(centroid, area, label)| {
+            let proxy = proxies[label as usize];
+            let square = |axis: usize| (centroid[axis] - proxy[axis]) * (centroid[axis] - proxy[axis]);
+            (label, area * (1..D).fold(square(0), |sum, axis| sum + square(axis)))
+        })
     }
 
     #[inline]
@@ -147,31 +170,39 @@ impl Functional for Cvd {
 }
 
 /// The sums over the faces of a cluster.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct ClusterSums {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ClusterSums<const D: usize> {
     /// S = Σ w·g, |S| < 2⁶¹ an axis.
-    pub centroid: [i64; 3],
+    pub centroid: [i64; D],
     /// M = Σ w < 2³⁴.
     pub weight: i64,
     /// Number of faces.
     pub faces: u32,
 }
 
-impl Sums for ClusterSums {
-    type Item = Face;
-    type Proxy = [i32; 3];
-    type End = End;
+impl<const D: usize> Default for ClusterSums<D> {
+    fn default() -> Self {
+        Self { centroid: [0; D], weight: 0, faces: 0 }
+    }
+}
+
+impl<const D: usize> Sums for ClusterSums<D> {
+    type Item = Item<D>;
+    type Point = [i32; D];
+    type Proxy = [i32; D];
+    type End = End<D>;
+    type Position = [f64; D];
 
     #[inline]
-    fn add_face(&mut self, face: Face, sign: i64) {
+    fn add_face(&mut self, face: Item<D>, sign: i64) {
         let weight = i64::from(face.weight);
-        let centroid = face.centroid.map(|g| weight * i64::from(g));
+        let centroid = face.point.map(|g| weight * i64::from(g));
         self.add(&Self { centroid, weight, faces: 1 }, sign);
     }
 
     #[inline]
     fn add(&mut self, other: &Self, sign: i64) {
-        for axis in 0..3 {
+        for axis in 0..D {
             self.centroid[axis] += sign * other.centroid[axis];
         }
         self.weight += sign * other.weight;
@@ -190,56 +221,63 @@ impl Sums for ClusterSums {
 
     /// The proxy P, the lattice point nearest to S/M (per axis, halves up). None without faces.
     #[inline]
-    fn proxy(&self) -> Option<[i32; 3]> {
+    fn proxy(&self) -> Option<[i32; D]> {
         let nearest = |s: i64| (2 * s + self.weight).div_euclid(2 * self.weight) as i32;
         (self.faces > 0).then(|| self.centroid.map(nearest))
     }
 
     /// The proxy P and 2·P·S − M·|P|², what it explains of the energy; |explained| < 2⁹¹. None without faces.
     #[inline]
-    fn fit(&self) -> Option<([i32; 3], i128)> {
+    fn fit(&self) -> Option<([i32; D], i128)> {
         let proxy = self.proxy()?;
         let mut along = 0;
         let mut square = 0;
-        for axis in 0..3 {
+        for axis in 0..D {
             along += i128::from(proxy[axis]) * i128::from(self.centroid[axis]);
             square += i64::from(proxy[axis]) * i64::from(proxy[axis]);
         }
         Some((proxy, 2 * along - i128::from(self.weight) * i128::from(square)))
     }
 
+    fn point(&self) -> Option<[i32; D]> {
+        self.proxy()
+    }
+
     #[inline]
-    fn end(&self, proxy: [i32; 3]) -> End {
+    fn end(&self, proxy: [i32; D]) -> End<D> {
         End { weight: self.weight(), proxy }
     }
 
-    fn mean(&self) -> DVec3 {
-        DVec3::from(self.centroid.map(|s| s as f64)) / self.weight as f64
+    fn mean(&self) -> [f64; D] {
+        self.centroid.map(|s| s as f64 / self.weight as f64)
     }
 }
 
 /// Squared distance between two lattice points, below 2⁵⁸.
 #[inline]
-pub fn squared_distance(a: [i32; 3], b: [i32; 3]) -> u64 {
-    let square = |axis: usize| {
+pub fn squared_distance<const D: usize>(a: [i32; D], b: [i32; D]) -> u64 {
+    let mut sum = 0;
+    for axis in 0..D {
         let difference = i64::from(a[axis]) - i64::from(b[axis]);
-        (difference * difference) as u64
-    };
-    square(0) + square(1) + square(2)
+        sum += (difference * difference) as u64;
+    }
+    sum
 }
 
 /// A cluster as an end of a dual edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct End {
+pub struct End<const D: usize> {
     /// M < 2³⁴.
     pub weight: u64,
     /// P.
-    pub proxy: [i32; 3],
+    pub proxy: [i32; D],
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    type Energy = Cvd<3>;
 
     #[test]
     fn packed_costs_are_in_the_order_of_the_exact_ones() {
@@ -253,8 +291,8 @@ mod tests {
                 let mut end =
                     || End { weight: next(34).max(1), proxy: std::array::from_fn(|_| next(28) as i32 - (1 << 27)) };
                 let (a, b) = (end(), end());
-                assert_eq!(Cvd::packed_merge_cost(a, b, 3), Cvd::packed_merge_cost(b, a, 3));
-                (Cvd::merge_cost(a, b), Cvd::packed_merge_cost(a, b, 3))
+                assert_eq!(Energy::packed_merge_cost(a, b, 3), Energy::packed_merge_cost(b, a, 3));
+                (Energy::merge_cost(a, b), Energy::packed_merge_cost(a, b, 3))
             })
             .collect();
         costs.sort_unstable();
@@ -268,11 +306,11 @@ mod tests {
     fn the_largest_and_smallest_costs_fit() {
         let far = End { weight: (1 << 34) - 1, proxy: [(1 << 27) - 1; 3] };
         let other = End { weight: (1 << 34) - 1, proxy: [-(1 << 27) + 1; 3] };
-        assert!(Cvd::packed_merge_cost(far, other, 30) > Cvd::packed_merge_cost(far, other, 29));
+        assert!(Energy::packed_merge_cost(far, other, 30) > Energy::packed_merge_cost(far, other, 29));
         let near = End { weight: 1, proxy: [0, 0, 0] };
         let beside = End { weight: 1, proxy: [1, 0, 0] };
-        assert!(Cvd::packed_merge_cost(near, beside, 0) > 0);
-        assert_eq!(Cvd::packed_merge_cost(near, near, 30), 0);
+        assert!(Energy::packed_merge_cost(near, beside, 0) > 0);
+        assert_eq!(Energy::packed_merge_cost(near, near, 30), 0);
     }
 
     #[test]
@@ -282,7 +320,7 @@ mod tests {
         let to = Side { cost: 9_000_000, weight: 10 };
         // energies with means: a 200/3·5 → 0; b 2·5 → (4 + 0 + 4)·5
         let exact = (200.0 / 3.0 + 2.0 - 8.0) * 1e6;
-        assert!((Cvd::gain(5, from, to) as f64 - exact).abs() < 2.0, "{} {exact}", Cvd::gain(5, from, to));
+        assert!((Energy::gain(5, from, to) as f64 - exact).abs() < 2.0, "{} {exact}", Energy::gain(5, from, to));
     }
 
     #[test]
@@ -291,7 +329,7 @@ mod tests {
         for gain_bits in [1, 5, 20, 31, 32, 33, 45, 59] {
             for gain in [(1i64 << gain_bits) - 1, 1 << gain_bits] {
                 for weight in [1u32, 2, 3, 1000, 1 << 20, u32::MAX] {
-                    values.push((i128::from(gain) * i128::from(weight), Cvd::bid(gain, weight)));
+                    values.push((i128::from(gain) * i128::from(weight), Energy::bid(gain, weight)));
                 }
             }
         }

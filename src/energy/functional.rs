@@ -2,27 +2,34 @@
 
 use std::fmt::Debug;
 
-use glam::DVec3;
-
 /// The parts of an energy.
-pub trait Functional {
+pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     /// Its name in reports, and that of its file in `shaders/energy/`.
     const NAME: &'static str;
 
-    /// See [`super::Item`].
-    type Item: Copy + Debug;
-    /// See [`super::Point`].
-    type Point: Copy + Debug;
-    /// See [`super::Proxy`].
-    type Proxy: Copy + Debug + PartialEq;
-    /// See [`super::ClusterSums`].
-    type Sums: Sums<Item = Self::Item, Proxy = Self::Proxy, End = Self::End>;
-    /// See [`super::End`].
-    type End: Copy + Debug;
-    /// See [`super::RefinementSlack`].
-    type RefinementSlack: Copy + Debug;
-    /// See [`super::SplitBounds`].
+    /// A proxy that is not read.
+    const NO_PROXY: Self::Proxy;
+
+    /// [Rough](Self::rough_merge_cost) merge costs that differ by more than this factor are in the order of the packed
+    /// ones.
+    const ROUGH_MARGIN: f32;
+
+    /// What the energy sees of a face: a point and a weight.
+    type Item: Copy + Debug + Send + Sync;
+    /// An item without its weight.
+    type Point: Copy + Debug + PartialEq + Send + Sync;
+    /// What stands for a cluster when a face is compared with it.
+    type Proxy: Copy + Debug + PartialEq + Send + Sync;
+    /// The sums over the faces of a cluster.
+    type Sums: Sums<Item = Self::Item, Point = Self::Point, Proxy = Self::Proxy, End = Self::End, Position = Self::Position>;
+    /// The sums in 128 bits, as their definition reads: for the plain device.
+    type WideSums: WideSums<Item = Self::Item, Sums = Self::Sums, End = Self::End>;
+    /// What a merge cost reads of a cluster.
+    type End: Copy + Debug + Send + Sync;
+    /// What bounds the changes by splits and merges of a cluster.
     type SplitBounds: Bounds<Item = Self::Item>;
+    /// A position in f64, on the lattice or in the source.
+    type Position: Copy + Debug + AsRef<[f64]> + AsMut<[f64]> + Send + Sync;
 
     /// What the energy sees of a face.
     fn item(point: Self::Point, weight: u32) -> Self::Item;
@@ -42,12 +49,9 @@ pub trait Functional {
     /// The merge cost in 32 bits whose order is the order of the values, in units of the finest component.
     fn packed_merge_cost(a: Self::End, b: Self::End, energy_shift: u32) -> u32;
 
-    /// The merge cost in units of the component, with a relative error of some 2⁻⁵⁰: to leave out edges that cost far
-    /// more.
-    fn merge_cost_about(a: Self::End, b: Self::End) -> f64;
-
-    /// The merge cost with respect to exact proxies, in units of the component: for records.
-    fn merge_cost_of_means(a: &Self::Sums, b: &Self::Sums) -> f64;
+    /// The merge cost in single precision, in units of the component: to leave out edges that cost more than others by
+    /// the [margin](Self::ROUGH_MARGIN).
+    fn rough_merge_cost(a: RoughEnd<Self>, b: RoughEnd<Self>) -> f32;
 
     /// What moving a face of weight `weight` lowers the energy by, per weight; rounded, and only ever used to rank
     /// bids. `from.weight > weight`.
@@ -63,12 +67,12 @@ pub trait Functional {
     /// never for labels. Takes the point (in f64), the area and the label of each face; sums go in the order of the
     /// faces.
     fn source_terms(
-        faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone,
+        faces: impl Iterator<Item = (Self::Position, f64, u32)> + Clone,
         clusters: usize,
     ) -> impl Iterator<Item = (u32, f64)>;
 
     /// The sum of the [terms](Self::source_terms).
-    fn source_energy(faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone, clusters: usize) -> f64 {
+    fn source_energy(faces: impl Iterator<Item = (Self::Position, f64, u32)> + Clone, clusters: usize) -> f64 {
         Self::source_terms(faces, clusters).map(|(_, term)| term).sum()
     }
 
@@ -78,13 +82,17 @@ pub trait Functional {
 }
 
 /// Exact sums over the faces of a cluster.
-pub trait Sums: Copy + Debug + Default + PartialEq {
-    /// See [`super::Item`].
+pub trait Sums: Copy + Debug + Default + PartialEq + Send + Sync {
+    /// See [`Functional::Item`].
     type Item;
-    /// See [`super::Proxy`].
-    type Proxy;
-    /// See [`super::End`].
+    /// See [`Functional::Point`].
+    type Point;
+    /// See [`Functional::Proxy`].
+    type Proxy: Copy;
+    /// See [`Functional::End`].
     type End;
+    /// See [`Functional::Position`].
+    type Position;
 
     /// Adds a face (`sign` 1) or takes it away (−1).
     fn add_face(&mut self, face: Self::Item, sign: i64);
@@ -104,16 +112,58 @@ pub trait Sums: Copy + Debug + Default + PartialEq {
     /// The proxy, and what it explains of the energy ([`LatticeEnergy`]) in units of the component. None without faces.
     fn fit(&self) -> Option<(Self::Proxy, i128)>;
 
+    /// The point of these faces as one face of a coarser graph. None without faces.
+    fn point(&self) -> Option<Self::Point>;
+
+    /// What merging two clusters raises the energy by, exactly, in units of their component. Not below 0.
+    fn rise(&self, other: &Self) -> i128 {
+        let mut both = *self;
+        both.add(other, 1);
+        let explained = |sums: &Self| sums.fit().map_or(0, |(_, explained)| explained);
+        explained(self) + explained(other) - explained(&both)
+    }
+
     /// What a merge cost reads of the cluster that has this proxy.
     fn end(&self, proxy: Self::Proxy) -> Self::End;
 
     /// The mean place of the faces, on the lattice.
-    fn mean(&self) -> DVec3;
+    fn mean(&self) -> Self::Position;
+}
+
+/// [`Sums`] in 128 bits. Methods but the first need a cluster that has faces.
+pub trait WideSums: Clone + Debug + Default {
+    /// See [`Functional::Item`].
+    type Item;
+    /// See [`Functional::Sums`].
+    type Sums;
+    /// See [`Functional::End`].
+    type End;
+
+    /// Adds a face.
+    fn add_face(&mut self, face: Self::Item);
+
+    /// Number of faces.
+    fn faces(&self) -> u32;
+
+    /// M.
+    fn weight(&self) -> u64;
+
+    /// The [cost](Functional::cost) of a face.
+    fn cost(&self, face: Self::Item) -> i128;
+
+    /// What the proxy explains of the energy.
+    fn explained(&self) -> i128;
+
+    /// What a merge cost reads.
+    fn end(&self) -> Self::End;
+
+    /// The same sums in 64 bits.
+    fn narrow(&self) -> Self::Sums;
 }
 
 /// Bounds of what splits and merges of a cluster change the energy by, in units of its component.
-pub trait Bounds: Clone + Default {
-    /// See [`super::Item`].
+pub trait Bounds: Clone + Default + Send + Sync {
+    /// See [`Functional::Item`].
     type Item;
 
     /// Adds a face of the cluster.
@@ -124,6 +174,15 @@ pub trait Bounds: Clone + Default {
 
     /// A merge with this cluster costs no less.
     fn least_merge_cost(&self, other: &Self) -> f64;
+}
+
+/// A cluster as an end of a dual edge, in single precision.
+#[derive(Debug, Clone, Copy)]
+pub struct RoughEnd<E: Functional> {
+    /// M.
+    pub weight: f32,
+    /// P.
+    pub proxy: E::Proxy,
 }
 
 /// A cluster as a bidding face sees it.

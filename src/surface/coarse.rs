@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::ascending;
 use super::components::Component;
 use super::graph::DualGraph;
-use crate::energy::{ClusterSums, Sums};
+use crate::energy::{Functional, Sums};
 
 /// No group yet.
 const NONE: u32 = u32::MAX;
@@ -26,14 +26,14 @@ const MOST_FACES: usize = 4;
 
 /// A coarser graph and where its faces lie.
 #[derive(Debug)]
-pub struct Coarse {
+pub struct Coarse<E: Functional> {
     /// Each face of it is a group.
-    pub graph: DualGraph,
+    pub graph: DualGraph<E>,
     /// The group that each face of the finer graph is in.
     pub group_of_face: Vec<u32>,
 }
 
-impl Coarse {
+impl<E: Functional> Coarse<E> {
     /// Labels of the finer graph from labels of this one.
     pub fn refined(&self, labels: &[u32]) -> Vec<u32> {
         self.group_of_face.iter().map(|&group| labels[group as usize]).collect()
@@ -61,7 +61,7 @@ impl Grouping {
     }
 }
 
-impl DualGraph {
+impl<E: Functional> DualGraph<E> {
     /// A lower bound of the number of groups that [`grouped`](Self::grouped) makes.
     pub fn least_groups(&self, heaviest: &[u64]) -> u64 {
         let of_component = |(component, &heaviest): (&Component, &u64)| match heaviest {
@@ -96,7 +96,7 @@ impl DualGraph {
     }
 
     /// The graph whose faces are the groups.
-    pub fn contracted(&self, grouping: Grouping) -> Coarse {
+    pub fn contracted(&self, grouping: Grouping) -> Coarse<E> {
         let groups = grouping.groups() as usize;
         let Grouping { group_of_face, ends } = grouping;
         // the faces of each group, one after the other
@@ -114,7 +114,7 @@ impl DualGraph {
             next[group as usize] += 1;
         }
         let faces_of = |group: usize| &members[first[group] as usize..first[group + 1] as usize];
-        let runs: Vec<Run> = (0..groups.div_ceil(RUN))
+        let runs: Vec<Run<E>> = (0..groups.div_ceil(RUN))
             .into_par_iter()
             .map(|run| {
                 let groups = run * RUN..((run + 1) * RUN).min(groups);
@@ -149,9 +149,8 @@ impl DualGraph {
 }
 
 /// Some groups, one after the other, as faces of a graph.
-#[derive(Default)]
-struct Run {
-    points: Vec<[i32; 3]>,
+struct Run<E: Functional> {
+    points: Vec<E::Point>,
     weights: Vec<u32>,
     /// Ascending for each group.
     neighbours: Vec<u32>,
@@ -159,9 +158,9 @@ struct Run {
     ends: Vec<u32>,
 }
 
-impl Run {
+impl<E: Functional> Run<E> {
     fn of<'a>(
-        graph: &DualGraph,
+        graph: &DualGraph<E>,
         group_of_face: &[u32],
         groups: impl ExactSizeIterator<Item = (u32, &'a [u32])>,
     ) -> Self {
@@ -173,14 +172,15 @@ impl Run {
         };
         let mut others = Vec::new();
         for (group, faces) in groups {
-            let mut sums = ClusterSums::default();
+            let mut sums = E::Sums::default();
             for &face in faces {
                 sums.add_face(graph.face(face as usize), 1);
                 others.extend(graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]));
             }
             ascending::append(&mut run.neighbours, &mut others, group);
             run.ends.push(run.neighbours.len() as u32);
-            run.points.push(sums.proxy().unwrap_or_default());
+            // every group has faces
+            run.points.extend(sums.point());
             run.weights.push(sums.weight() as u32);
         }
         run
@@ -200,7 +200,7 @@ impl Groups {
     }
 
     /// Puts every face of a component into a group.
-    fn form(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
+    fn form<E: Functional>(&mut self, graph: &DualGraph<E>, component: &Component, heaviest: u64) {
         for face in component.range() {
             if self.group_of_face[face] != NONE {
                 continue;
@@ -226,7 +226,7 @@ impl Groups {
     }
 
     /// Groups of one face join the neighbouring group with the fewest faces, the smaller number of equal ones.
-    fn merge_single_faces(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
+    fn merge_single_faces<E: Functional>(&mut self, graph: &DualGraph<E>, component: &Component, heaviest: u64) {
         for face in component.range() {
             let single = self.group_of_face[face] as usize;
             if self.faces[single] != 1 {
@@ -264,6 +264,7 @@ impl Groups {
 mod tests {
     use super::Coarse;
     use crate::dev::sample::{Sample, generate};
+    use crate::energy::Energy;
     use crate::surface::{DualGraph, Surface};
 
     fn surface(sample: Sample, faces: u64) -> Surface {
@@ -271,7 +272,7 @@ mod tests {
     }
 
     /// Two groups are neighbours exactly if faces of them are; the neighbours of each come in order, each once.
-    fn assert_neighbours_are_those_of_the_faces(graph: &DualGraph, coarse: &Coarse) {
+    fn assert_neighbours_are_those_of_the_faces(graph: &DualGraph, coarse: &Coarse<Energy>) {
         let mut expected: Vec<(u32, u32)> = (0..graph.faces() as u32)
             .flat_map(|face| graph.neighbours_of(face).iter().map(move |&near| (face, near)))
             .map(|(a, b)| (coarse.group_of_face[a as usize], coarse.group_of_face[b as usize]))

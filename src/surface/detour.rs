@@ -4,6 +4,7 @@
 //! searches every cluster that lost a face: a whole hierarchy of the bunny with optimisation then takes 1.1 to 1.2
 //! times as long (`benches/results/2026-11-22-two-cores/deleted.md`).
 
+use crate::energy::Functional;
 use crate::surface::DualGraph;
 
 /// Faces near the first neighbour that are remembered at most.
@@ -20,7 +21,7 @@ const STEPS: usize = 3;
 
 /// Whether a connected cluster surely stays connected without `face`, which has left it: whether its neighbours in the
 /// cluster are connected by short ways around the face, which any way through the face can take instead.
-pub fn surely_stays_connected(graph: &DualGraph, face: u32, is_own: impl Fn(u32) -> bool) -> bool {
+pub fn surely_stays_connected<E: Functional>(graph: &DualGraph<E>, face: u32, is_own: impl Fn(u32) -> bool) -> bool {
     let is_own = |near: &u32| is_own(*near);
     let mut own = graph.neighbours_of(face).iter().copied().filter(is_own);
     let Some((first, second)) = own.next().zip(own.next()) else { return true };
@@ -44,8 +45,8 @@ pub fn surely_stays_connected(graph: &DualGraph, face: u32, is_own: impl Fn(u32)
 
 /// Whether a way of at most `steps` faces of the cluster leads from a face, which was reached from `before`, to one of
 /// `nearby`.
-fn leads_to(
-    graph: &DualGraph,
+fn leads_to<E: Functional>(
+    graph: &DualGraph<E>,
     is_own: &impl Fn(&u32) -> bool,
     nearby: &[u32],
     [face, before]: [u32; 2],

@@ -1,7 +1,7 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::components::Component;
-use crate::energy::{Energy, Functional, Item, Point};
+use crate::energy::{Energy, Functional};
 use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
@@ -9,9 +9,9 @@ use crate::prefetch::prefetch;
 /// A [`super::Surface`] has one whose nodes are its faces; [`contracted`](Self::contracted) makes smaller ones whose
 /// nodes are groups of faces. Everything is in internal order.
 #[derive(Debug, Clone)]
-pub struct DualGraph {
+pub struct DualGraph<E: Functional = Energy> {
     /// Face centroids on the lattice, |coordinate| < 2²⁷.
-    pub points: Vec<Point>,
+    pub points: Vec<E::Point>,
     /// Face weights, at least 1. A component's weights sum to less than 2³⁴.
     pub weights: Vec<u32>,
     /// First neighbour of each face in `neighbours`, and one past the last: faces + 1 numbers.
@@ -26,7 +26,7 @@ pub struct DualGraph {
 /// graphs lie in the caches, and the requests took up to 5 % of a clustering.
 const OUTGROWS_CACHES: usize = 1 << 18;
 
-impl DualGraph {
+impl<E: Functional> DualGraph<E> {
     /// Whether reads all over the graph are worth [prefetching](crate::prefetch).
     pub(crate) fn outgrows_caches(&self) -> bool {
         self.faces() >= OUTGROWS_CACHES
@@ -49,8 +49,8 @@ impl DualGraph {
 
     /// What the energy sees of a face.
     #[inline]
-    pub fn face(&self, face: usize) -> Item {
-        Energy::item(self.points[face], self.weights[face])
+    pub fn face(&self, face: usize) -> E::Item {
+        E::item(self.points[face], self.weights[face])
     }
 
     /// Number of faces.

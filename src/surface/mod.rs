@@ -26,6 +26,7 @@ mod curvature;
 mod density;
 pub(crate) mod detour;
 mod graph;
+mod items;
 mod lattice;
 mod loose;
 mod order;
@@ -37,6 +38,7 @@ pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
 pub use graph::DualGraph;
+pub use items::{Items, Units};
 pub use loose::Loose;
 pub use order::NO_FACE;
 
@@ -44,7 +46,7 @@ use std::ops::{Deref, Range};
 
 use rayon::prelude::*;
 
-use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Merged, Sums};
+use crate::energy::{Energy, Functional};
 use crate::error::{Error, Result};
 use crate::mesh::{Frame, MeshView, PolygonMesh};
 use adjacency::Links;
@@ -56,26 +58,18 @@ use weld::UNUSED;
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
 #[derive(Debug)]
 pub struct Surface {
-    /// What algorithms and devices see of it; fields and methods of the graph can be used as the surface's own.
-    pub graph: DualGraph,
-    /// The face of the upload that each internal face is.
-    pub upload_face: Vec<u32>,
-    /// Faces of the upload that are no internal face, ascending.
-    pub loose: Vec<Loose>,
+    /// What algorithms see of it; fields and methods can be used as the surface's own.
+    pub items: Items,
     /// What was counted on the way.
     pub counts: Counts,
     /// Centroids and areas in f64, internal order: for energies in source units, never for labels.
     geometry: Vec<FaceGeometry>,
     frame: Frame,
-    /// Σ over faces of `w·|g|² << energy_shift`: the constant part of the energy.
-    moment: i128,
-    /// Weights of the finest component are areas in lattice units × 2^this.
-    weight_exponent: i32,
     /// What lies inside the faces and no energy of faces can see, lattice units: Σ area·(|ab|²+|bc|²+|ca|²)/36 over
     /// triangles, and area·|triangle centroid − face centroid|².
     moment_inside_faces: f64,
-    /// The density that areas here are relative to; none where all area counts alike.
-    density_unit: Option<f64>,
+    /// Whether areas are relative to a density.
+    has_density: bool,
 }
 
 impl Surface {
@@ -169,7 +163,7 @@ impl Surface {
         let neighbours = (rows.offsets, rows.neighbours);
         let density_unit = density.map(|density| density.unit);
         let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
-        Ok(Self { loose, ..surface })
+        Ok(Self { items: Items { loose, ..surface.items }, ..surface })
     }
 
     /// Weighs the items that were gathered.
@@ -184,78 +178,21 @@ impl Surface {
     ) -> Self {
         let Weighed { weights, components, moment } = Weighed::new(&gathered, runs, scales);
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
-        Self {
-            graph: DualGraph { points, weights, neighbour_offsets, neighbours, components },
-            upload_face,
-            loose: Vec::new(),
-            counts,
-            geometry,
-            frame,
-            moment,
-            weight_exponent: scales.finest,
-            moment_inside_faces,
-            density_unit,
-        }
-    }
-
-    /// Number of faces of the upload, loose ones included.
-    pub fn upload_faces(&self) -> usize {
-        self.upload_face.len() + self.loose.len()
-    }
-
-    /// The internal face that each face of the upload is: the inverse of `upload_face`. [`NO_FACE`] of a loose one.
-    pub fn internal_faces(&self) -> Vec<u32> {
-        order::inverse(&self.upload_face, self.upload_faces())
-    }
-
-    /// Labels of internal faces as labels of the upload's faces.
-    pub fn in_upload_order(&self, internal: &[u32]) -> Vec<u32> {
-        let mut labels = vec![0; self.upload_faces()];
-        for (&face, &label) in self.upload_face.iter().zip(internal) {
-            labels[face as usize] = label;
-        }
-        for loose in &self.loose {
-            labels[loose.face as usize] = labels[loose.host as usize];
-        }
-        labels
+        let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components };
+        let units = Units {
+            centre: frame.centre.to_array(),
+            exponent: frame.exponent,
+            // areas are in squared lengths
+            weight_exponent: -2 * frame.exponent - scales.finest,
+            density: density_unit.unwrap_or(1.0),
+        };
+        let items = Items { graph, upload_face, loose: Vec::new(), moment, units };
+        Self { items, counts, geometry, frame, moment_inside_faces, has_density: density_unit.is_some() }
     }
 
     /// Log₂ of the longest side of the bounding box in source units, rounded up.
     pub fn longest_side_exponent(&self) -> i32 {
         COORDINATE_BITS + 1 - self.frame.exponent
-    }
-
-    /// F in source units (area × length²), exact until this one conversion; infinite when f64 cannot hold it.
-    pub fn energy(&self, energy: LatticeEnergy) -> f64 {
-        let lattice = (self.moment - energy.explained) as f64;
-        libm::ldexp(lattice, -4 * self.frame.exponent - self.weight_exponent) * self.density_unit()
-    }
-
-    /// What an area × relative density of 1 counts in source units.
-    fn density_unit(&self) -> f64 {
-        self.density_unit.unwrap_or(1.0)
-    }
-
-    /// w·|g|² of a face, in units of its component: its share of the constant part of the energy.
-    pub fn moment_of(&self, face: u32) -> i128 {
-        Energy::constant(self.face(face as usize))
-    }
-
-    /// What becomes of two clusters of a component that merge. `moment` is Σ w·|g|² of both.
-    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, component: u32) -> Merged {
-        let energy_shift = self.components[component as usize].energy_shift as i32;
-        let energy_exponent = -4 * self.frame.exponent - self.weight_exponent + energy_shift;
-        let cost = Energy::merge_cost_of_means(a, b);
-        let mut sums = *a;
-        sums.add(b, 1);
-        let explained = sums.fit().map_or(0, |(_, explained)| explained);
-        Merged {
-            cost: libm::ldexp(cost, energy_exponent) * self.density_unit(),
-            energy: libm::ldexp((moment - explained) as f64, energy_exponent) * self.density_unit(),
-            faces: sums.faces(),
-            weight: libm::ldexp(sums.weight() as f64, energy_exponent + 2 * self.frame.exponent) * self.density_unit(),
-            proxy: self.frame.source_position(sums.mean()).to_array(),
-        }
     }
 
     /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions: Σ
@@ -266,13 +203,13 @@ impl Surface {
     }
 
     fn in_source_units(&self, lattice_energy: f64) -> f64 {
-        libm::ldexp(lattice_energy, -4 * self.frame.exponent) * self.density_unit()
+        libm::ldexp(lattice_energy, -4 * self.frame.exponent) * self.units.density
     }
 
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
     fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         let faces = self.geometry.iter().zip(labels);
-        Energy::source_energy(faces.map(|(face, &label)| (face.centroid, face.area, label)), clusters)
+        Energy::source_energy(faces.map(|(face, &label)| (face.centroid.to_array(), face.area, label)), clusters)
     }
 
     /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters`
@@ -283,7 +220,7 @@ impl Surface {
         let area: f64 = self.geometry.iter().map(|face| face.area).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
-        let is_measure = self.density_unit.is_none() && visible > tiling / 2.0;
+        let is_measure = !self.has_density && visible > tiling / 2.0;
         (self.in_source_units(energy), is_measure.then(|| energy / visible))
     }
 }
@@ -353,10 +290,10 @@ impl Weighed {
             let weight_of = lattice::weight(exponent);
             let (mut moment_of_run, mut weight) = (0, 0);
             for face in run.clone() {
-                let item = Item { centroid: points[face], weight: weight_of(geometry[face].area) };
-                moment_of_run += Energy::constant(item);
-                weight += u64::from(item.weight);
-                weights.push(item.weight);
+                let of_face = weight_of(geometry[face].area);
+                moment_of_run += Energy::constant(Energy::item(points[face], of_face));
+                weight += u64::from(of_face);
+                weights.push(of_face);
             }
             moment += moment_of_run << energy_shift;
             components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
@@ -366,10 +303,10 @@ impl Weighed {
 }
 
 impl Deref for Surface {
-    type Target = DualGraph;
+    type Target = Items;
 
-    fn deref(&self) -> &DualGraph {
-        &self.graph
+    fn deref(&self) -> &Items {
+        &self.items
     }
 }
 

@@ -1,5 +1,6 @@
 use super::*;
-use crate::energy::WideSums;
+use crate::energy::cvd::wide;
+use crate::energy::{LatticeEnergy, WideSums};
 use crate::mesh::{Adjusted, Faces, Format, Part};
 
 fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
@@ -158,7 +159,7 @@ fn the_lattice_energy_is_the_energy_from_the_source() {
         mesh.positions.iter_mut().for_each(|p| *p = p.map(|x| x * scale));
         let surface = Surface::build(&mesh).expect("a surface");
         // everything in one cluster
-        let mut sums = WideSums::default();
+        let mut sums = wide::Sums::<3>::default();
         (0..surface.faces()).for_each(|face| sums.add_face(surface.face(face)));
         let explained = sums.explained();
         let lattice = surface.energy(LatticeEnergy { explained });

@@ -11,7 +11,7 @@ use tesserae_mesh::cluster::{self, seeds::SeedFaces};
 use tesserae_mesh::dev::sample::hard::stacked_boxes;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::{Cancel, Device, FLOOD_FROM, FREE, pieces, plain};
-use tesserae_mesh::energy::{Energy, Functional, Side};
+use tesserae_mesh::energy::{Energy, Functional, Side, WideSums};
 use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::report::Phase;
 use tesserae_mesh::surface::Surface;
@@ -147,13 +147,13 @@ fn settled(surface: &Surface, component_of_cluster: &[u32], labels: &[u32], chan
     };
     let due: Vec<u32> = (0..surface.faces() as u32).filter(is_due).collect();
     for face in due {
-        let (own, weight) = (labels[face as usize], surface.graph.weights[face as usize]);
+        let (own, weight) = (labels[face as usize], surface.items.graph.weights[face as usize]);
         let sums = plain::sums(surface, clusters, &labels);
         let side = |cluster: u32| {
             let sums = &sums[cluster as usize];
             Side { cost: sums.cost(surface.graph.face(face as usize)) as u64, weight: sums.weight() }
         };
-        if sums[own as usize].faces == 1 {
+        if sums[own as usize].faces() == 1 {
             continue;
         }
         let near = surface.neighbours_of(face).iter().map(|&near| labels[near as usize]).filter(|&near| near != own);
@@ -220,7 +220,7 @@ fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
     let seeds = seeds(&surface, 40, &Seeds::Morton, 1);
     let (clustering, rows) = run(&surface, &seeds, PLAIN);
     let mut other = Surface::build(&mesh).expect("a surface");
-    other.graph.weights[100] += 1;
+    other.items.graph.weights[100] += 1;
     let explained = plain::explained(&other, &seeds.component_of_cluster, &clustering.labels);
     assert_ne!(rows.last().map(|row| row.energy.explained), Some(explained));
 }

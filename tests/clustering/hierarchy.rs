@@ -9,7 +9,7 @@ use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::dual_edge::{Rank, Ties};
 use tesserae_mesh::device::pieces::disconnected_clusters;
 use tesserae_mesh::device::plain;
-use tesserae_mesh::energy::{ClusterSums, End, Energy, Functional, Sums};
+use tesserae_mesh::energy::{ClusterSums, Energy, Functional, Sums};
 use tesserae_mesh::hierarchy::{Round, Tree};
 use tesserae_mesh::surface::Surface;
 
@@ -39,6 +39,8 @@ fn sums_of(surface: &Surface, labels: &[u32]) -> Vec<ClusterSums> {
     }
     sums
 }
+
+type End = <Energy as Functional>::End;
 
 fn end(sums: &ClusterSums) -> End {
     End { weight: sums.weight as u64, proxy: sums.fit().expect("it has faces").0 }
@@ -206,7 +208,7 @@ fn cuts_have_exactly_the_clusters_asked_for_all_of_them_connected() {
 fn at_levels_clusters_move_to_other_components_and_cuts_follow() {
     let mut surface = Surface::build(&generate(Sample::Parts, 1500).expect("a sample")).expect("a surface");
     // some heavy faces among light ones, in units that differ by component
-    let graph = &mut surface.graph;
+    let graph = &mut surface.items.graph;
     for (number, component) in graph.components.iter_mut().enumerate() {
         component.energy_shift = number as u32 % 3;
         component.range().for_each(|face| graph.weights[face] = if face * 7 % 5 == 0 { 1 << 20 } else { 1 });

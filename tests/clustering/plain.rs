@@ -158,6 +158,6 @@ fn a_changed_weight_shows_in_the_comparison() {
     let clusters = (surface.faces() as u64 / 12).max(surface.components.len() as u64);
     let options = Options { max_iterations: None, refine: true, allow_disconnected: false };
     let expected = flat(&surface, &mut PlainDevice::default(), clusters, options);
-    surface.graph.weights[0] += 1;
+    surface.items.graph.weights[0] += 1;
     assert_ne!(flat(&surface, &mut CpuDevice::new(), clusters, options), expected);
 }

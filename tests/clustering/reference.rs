@@ -154,7 +154,8 @@ fn every_variational_iteration_is_the_one_that_the_definition_says() {
         assert_eq!(clustering.initial, labels, "{name}");
         for row in &rows {
             assert_eq!(row.energy.explained, plain::explained(&surface, components, &labels), "{name} {row:?}");
-            let proxies = plain::proxies(&surface, components.len(), &labels);
+            let sums = plain::sums(&surface, components.len(), &labels);
+            let proxies: Vec<[i128; 3]> = sums.iter().map(|sums| sums.proxy()).collect();
             let distance = |face: usize| -> i128 {
                 let proxy = proxies[labels[face] as usize];
                 (0..3).map(|axis| (i128::from(surface.points[face][axis]) - proxy[axis]).pow(2)).sum()

@@ -4,38 +4,40 @@ use crate::common::gpu::{device, numbers, surface};
 use tesserae_mesh::dev::sample::Sample;
 use tesserae_mesh::device::dual_edge::{Rank, Ties};
 use tesserae_mesh::device::{Device, DualEdge};
-use tesserae_mesh::energy::{End, Energy, Functional, Sums};
+use tesserae_mesh::energy::{Energy, Functional, Sums};
 use tesserae_mesh::surface::{Component, Surface};
 
 /// Faces a cluster, so that weights reach 2³⁴.
 const FACES: usize = 4;
 
 /// A surface of pairs of clusters far from all others. The faces of a cluster lie in its proxy.
+type End = <Energy as Functional>::End;
+
 fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
     let mut surface = surface(Sample::Strip, 4);
     let faces = 2 * FACES * ends.len();
-    surface.graph.points.clear();
-    surface.graph.weights.clear();
+    surface.items.graph.points.clear();
+    surface.items.graph.weights.clear();
     for end in ends.iter().flatten() {
         for face in 0..FACES as u64 {
-            surface.graph.points.push(end.proxy);
-            surface.graph.weights.push(((end.weight + face) / FACES as u64) as u32);
+            surface.items.graph.points.push(end.proxy);
+            surface.items.graph.weights.push(((end.weight + face) / FACES as u64) as u32);
         }
     }
     // the first face of a cluster is beside the first of the other
-    surface.graph.neighbour_offsets = vec![0];
-    surface.graph.neighbours.clear();
+    surface.items.graph.neighbour_offsets = vec![0];
+    surface.items.graph.neighbours.clear();
     for face in 0..faces as u32 {
         match face as usize % (2 * FACES) {
-            0 => surface.graph.neighbours.push(face + FACES as u32),
-            FACES => surface.graph.neighbours.push(face - FACES as u32),
+            0 => surface.items.graph.neighbours.push(face + FACES as u32),
+            FACES => surface.items.graph.neighbours.push(face - FACES as u32),
             _ => {}
         }
-        surface.graph.neighbour_offsets.push(surface.neighbours.len() as u32);
+        surface.items.graph.neighbour_offsets.push(surface.neighbours.len() as u32);
     }
-    surface.upload_face = (0..faces as u32).collect();
-    surface.graph.components = vec![Component { energy_shift, ..surface.components[0] }];
-    surface.graph.components[0].faces = faces as u32;
+    surface.items.upload_face = (0..faces as u32).collect();
+    surface.items.graph.components = vec![Component { energy_shift, ..surface.components[0] }];
+    surface.items.graph.components[0].faces = faces as u32;
     let labels = (0..faces as u32).map(|face| face / FACES as u32).collect();
     (surface, labels)
 }

@@ -191,12 +191,12 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_seeds() {
     assert_eq!(same, cpu_run);
 
     let mut heavier = Surface::build(&mesh).expect("a surface");
-    heavier.graph.weights[100] += 1;
+    heavier.items.graph.weights[100] += 1;
     let other = run(&mut gpu, &heavier, &seeds_here, ALL).expect("a run");
     assert_ne!(other.3, cpu_run.3, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
-    moved.graph.points[100][1] += 1;
+    moved.items.graph.points[100][1] += 1;
     let other = run(&mut gpu, &moved, &seeds_here, ALL).expect("a run");
     assert_ne!(other.3, cpu_run.3, "a centroid");
 

@@ -137,12 +137,12 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_options() {
     assert!(run(&mut gpu, &here, &pml()).expect("the gpu runs") == expected);
 
     let mut heavier = Surface::build(&mesh).expect("a surface");
-    heavier.graph.weights[100] += 1;
+    heavier.items.graph.weights[100] += 1;
     let other = run(&mut gpu, &heavier, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
-    moved.graph.points[100][1] += 1;
+    moved.items.graph.points[100][1] += 1;
     let other = run(&mut gpu, &moved, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a centroid");
 
@@ -258,7 +258,7 @@ fn more_moves_than_expected_are_all_listed() {
     let faces = surface.faces();
     let mut next = numbers(11);
     let labels: Vec<u32> = (0..faces).map(|_| next(50) as u32).collect();
-    surface.graph.components[0].energy_shift = 0;
+    surface.items.graph.components[0].energy_shift = 0;
     let components = vec![0; 51];
     let mut gpu = device();
     let mut cpu = CpuDevice::new();

@@ -99,10 +99,10 @@ fn energies_are_exact_at_the_ends_of_the_lattice() {
     let far = (1 << 27) - 1;
     for face in 0..surface.faces() {
         let sign = |bit: u64| if bit == 0 { -far } else { far };
-        surface.graph.points[face] = std::array::from_fn(|_| sign(next(2)));
-        surface.graph.weights[face] = ((1u64 << 34) / surface.faces() as u64 - 1) as u32 - next(5) as u32;
+        surface.items.graph.points[face] = std::array::from_fn(|_| sign(next(2)));
+        surface.items.graph.weights[face] = ((1u64 << 34) / surface.faces() as u64 - 1) as u32 - next(5) as u32;
     }
-    surface.graph.components[0].energy_shift = 30;
+    surface.items.graph.components[0].energy_shift = 30;
     let mut gpu = device();
     for clusters in [1, 2, 255, 256, 257, 600] {
         let components = vec![0; clusters];
@@ -114,7 +114,7 @@ fn energies_are_exact_at_the_ends_of_the_lattice() {
     }
     // all in one corner: the largest magnitude there is
     for corner in [far, -far] {
-        surface.graph.points.fill([corner; 3]);
+        surface.items.graph.points.fill([corner; 3]);
         let mut steps = gpu.open(&surface, &[0]).expect("it fits");
         let labels = vec![0; surface.faces()];
         steps.set_labels(&labels).expect("set");
@@ -130,8 +130,8 @@ fn weights_of_all_32_bits_count_in_full() {
     let mut surface = surface(Sample::Strip, 4);
     let mut gpu = device();
     for weight in [u32::MAX, 1 << 31, (1 << 31) - 1] {
-        surface.graph.weights.fill(weight);
-        for (face, centroid) in surface.graph.points.iter_mut().enumerate() {
+        surface.items.graph.weights.fill(weight);
+        for (face, centroid) in surface.items.graph.points.iter_mut().enumerate() {
             *centroid = [(1 << 27) - 1, -(1 << 26), face as i32 * 1000];
         }
         let mut steps = gpu.open(&surface, &[0, 0]).expect("it fits");
@@ -264,7 +264,7 @@ fn a_changed_label_or_weight_shows_in_the_comparison() {
     let mut other = labels.clone();
     other[100] = (other[100] + 1) % 10;
     assert_ne!(energy, plain::explained(&surface, &components, &other));
-    surface.graph.weights[100] += 1;
+    surface.items.graph.weights[100] += 1;
     assert_ne!(energy, plain::explained(&surface, &components, &labels));
 }
 
@@ -273,10 +273,10 @@ fn of_two_equally_near_clusters_the_smaller_number_wins() {
     // a row of four faces; the second lies halfway between the first and the third, and far from its own cluster's
     // proxy
     let mut surface = surface(Sample::Strip, 4);
-    surface.graph.points = vec![[-10, 0, 0], [0, 0, 0], [10, 0, 0], [0, 1000, 0]];
-    surface.graph.weights = vec![5; 4];
-    surface.graph.neighbour_offsets = vec![0, 1, 3, 5, 6];
-    surface.graph.neighbours = vec![1, 0, 2, 1, 3, 2];
+    surface.items.graph.points = vec![[-10, 0, 0], [0, 0, 0], [10, 0, 0], [0, 1000, 0]];
+    surface.items.graph.weights = vec![5; 4];
+    surface.items.graph.neighbour_offsets = vec![0, 1, 3, 5, 6];
+    surface.items.graph.neighbours = vec![1, 0, 2, 1, 3, 2];
     let components = [0, 0, 0];
     let mut gpu = device();
     for (labels, expected) in [([1, 0, 2, 0], [1, 1, 2, 0]), ([2, 0, 1, 0], [2, 1, 1, 0])] {

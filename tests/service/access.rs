@@ -302,7 +302,7 @@ async fn quotas_of_the_file_hold_for_their_tenant_only() {
 async fn other_machines_are_not_listened_to_without_tokens() {
     let device = || Box::new(CpuDevice::new());
     let description = tesserae_service::DeviceDescription {
-        info: tesserae_mesh::device::Device::info(&CpuDevice::new()).clone(),
+        info: CpuDevice::new().info().clone(),
         chosen: String::new(),
         cpu_below_faces: None,
         adapters: Vec::new(),

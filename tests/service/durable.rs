@@ -150,7 +150,7 @@ async fn a_folder_in_use_is_refused() {
             ..Settings::default()
         };
         let device = CpuDevice::new();
-        let info = tesserae_mesh::device::Device::info(&device).clone();
+        let info = device.info().clone();
         let description =
             DeviceDescription { info, chosen: String::new(), cpu_below_faces: None, adapters: Vec::new() };
         Server::bind(settings, Box::new(device), description).await

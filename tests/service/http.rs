@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde_json::Value;
-use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_service::{DeviceDescription, Extras, Server, Settings, TokenFile};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};

@@ -4,7 +4,6 @@ use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_service::{DeviceDescription, Server, Settings};
 use tokio::net::TcpStream;

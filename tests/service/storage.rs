@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 
 use tempfile::TempDir;
-use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_service::{DeviceDescription, Extras, Server, Settings};
 

@@ -33,13 +33,14 @@ use crate::cluster::record::Record;
 use crate::cluster::run::{Phase, Row};
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Ending, FLOOD_FROM, OnStep, Step, Steps};
+use crate::energy::Functional;
 use crate::error::Result;
-use crate::surface::Surface;
+use crate::surface::Items;
 
 /// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Growth and repairs are the
 /// device's; `options.refine` has no meaning here.
-pub fn acvd(
-    surface: &Surface,
+pub fn acvd<E: Functional>(
+    items: &Items<E>,
     seeds: &SeedFaces,
     options: Options,
     steps: &mut dyn Steps,
@@ -47,10 +48,10 @@ pub fn acvd(
     on_row: &mut dyn FnMut(Row),
     record: &mut Record,
 ) -> Result<Clustering> {
-    let (mut run, initial) = grown(&seeds.labels(surface.faces()), options, steps, cancel, on_row, record)?;
-    let ending = run.complete(surface, options.allow_disconnected, |run| {
+    let (mut run, initial) = grown(&seeds.labels(items.faces()), options, steps, cancel, on_row, record)?;
+    let ending = run.complete(items, options.allow_disconnected, |run| {
         let labels = run.steps.labels()?;
-        let mut queries = LocalQueries::new(surface, Partition::new(surface, &seeds.component_of_cluster, labels));
+        let mut queries = LocalQueries::new(items, Partition::new(items, &seeds.component_of_cluster, labels));
         run.phase(Phase::Refine, |steps, left, cancel, on_step| {
             let ending = queries.minimise(left, cancel, on_step)?;
             steps.set_labels(&queries.partition.labels)?;
@@ -61,9 +62,9 @@ pub fn acvd(
 }
 
 /// The state of a minimisation.
-struct LocalQueries<'a> {
-    surface: &'a Surface,
-    partition: Partition<'a>,
+struct LocalQueries<'a, E: Functional> {
+    items: &'a Items<E>,
+    partition: Partition<'a, E>,
     /// The boundary edges, and maybe some that no longer are.
     queue: VecDeque<Edge>,
     /// In a flood, the edges that are taken before those of the queue.
@@ -91,17 +92,17 @@ struct Edge {
     place: u32,
 }
 
-impl<'a> LocalQueries<'a> {
+impl<'a, E: Functional> LocalQueries<'a, E> {
     /// Queues all boundary edges.
-    fn new(surface: &'a Surface, partition: Partition<'a>) -> Self {
-        let edges = surface.neighbours.len();
+    fn new(items: &'a Items<E>, partition: Partition<'a, E>) -> Self {
+        let edges = items.neighbours.len();
         let mut places: Vec<u32> = (0..edges as u32).collect();
-        for row in surface.neighbour_offsets.windows(2) {
-            places[row[0] as usize..row[1] as usize].sort_by_key(|&place| surface.neighbours[place as usize]);
+        for row in items.neighbour_offsets.windows(2) {
+            places[row[0] as usize..row[1] as usize].sort_by_key(|&place| items.neighbours[place as usize]);
         }
         let changed_at = vec![1; partition.clusters()];
         let mut queries = Self {
-            surface,
+            items,
             partition,
             queue: VecDeque::new(),
             ahead: VecDeque::new(),
@@ -112,7 +113,7 @@ impl<'a> LocalQueries<'a> {
             changed_at,
             now: 1,
         };
-        for face in 0..surface.faces() as u32 {
+        for face in 0..items.faces() as u32 {
             queries.queue_edges(face, |low, high| low < high);
         }
         queries
@@ -149,7 +150,7 @@ impl<'a> LocalQueries<'a> {
 
     /// Takes the best of the three configurations of an edge. Returns whether a face moved.
     fn query(&mut self, Edge { low, place }: Edge) -> bool {
-        let high = self.surface.neighbours[place as usize];
+        let high = self.items.neighbours[place as usize];
         let [a, b] = [low, high].map(|face| self.partition.labels[face as usize]);
         let changed_at = self.changed_at[a as usize].max(self.changed_at[b as usize]);
         if a == b || changed_at < self.tested_at[place as usize] {
@@ -173,9 +174,9 @@ impl<'a> LocalQueries<'a> {
 
     /// Queues the boundary edges of a face for which `wanted(face, neighbour)`.
     fn queue_edges(&mut self, face: u32, wanted: impl Fn(u32, u32) -> bool) {
-        let surface = self.surface;
-        let first = surface.neighbour_offsets[face as usize];
-        for (at, &near) in surface.neighbours_of(face).iter().enumerate() {
+        let items = self.items;
+        let first = items.neighbour_offsets[face as usize];
+        for (at, &near) in items.neighbours_of(face).iter().enumerate() {
             if !wanted(face, near) {
                 continue;
             }
@@ -192,16 +193,16 @@ impl<'a> LocalQueries<'a> {
 
     /// The first place of a neighbour among those of a face.
     fn place_of(&self, face: u32, neighbour: u32) -> Option<u32> {
-        let [start, end] = [face, face + 1].map(|face| self.surface.neighbour_offsets[face as usize] as usize);
+        let [start, end] = [face, face + 1].map(|face| self.items.neighbour_offsets[face as usize] as usize);
         let row = &self.places[start..end];
-        let found = row.partition_point(|&place| self.surface.neighbours[place as usize] < neighbour);
-        row.get(found).copied().filter(|&place| self.surface.neighbours[place as usize] == neighbour)
+        let found = row.partition_point(|&place| self.items.neighbours[place as usize] < neighbour);
+        row.get(found).copied().filter(|&place| self.items.neighbours[place as usize] == neighbour)
     }
 
     /// Puts an edge at the end of the queue, or of those that are taken before it, if it lies between clusters and is
     /// not queued.
     fn push_boundary(&mut self, edge: Edge, is_ahead: bool) {
-        let [low, high] = [edge.low, self.surface.neighbours[edge.place as usize]];
+        let [low, high] = [edge.low, self.items.neighbours[edge.place as usize]];
         let labels = &self.partition.labels;
         let is_queued = &mut self.is_queued[edge.place as usize];
         if labels[low as usize] != labels[high as usize] && !*is_queued {

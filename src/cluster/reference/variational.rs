@@ -28,16 +28,17 @@ use crate::cluster::record::Record;
 use crate::cluster::run::{Phase, Row};
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::device::{Cancel, Ending, FREE};
+use crate::energy::Functional;
 use crate::error::{Error, Result};
-use crate::surface::Surface;
+use crate::surface::Items;
 
 /// Faces between checks for cancellation.
 const BETWEEN_CHECKS: usize = 1 << 16;
 
 /// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Of the options, only
 /// `max_iterations` has a meaning here.
-pub fn variational(
-    surface: &Surface,
+pub fn variational<E: Functional>(
+    items: &Items<E>,
     seeds: &SeedFaces,
     options: Options,
     cancel: &Cancel,
@@ -45,18 +46,18 @@ pub fn variational(
     record: &mut Record,
 ) -> Result<Clustering> {
     let component_of_cluster = &seeds.component_of_cluster;
-    let fitted = |labels: Vec<u32>| Partition::new(surface, component_of_cluster, labels);
-    let row = |iteration: u32, partition: &Partition<'_>, moves: u64| {
+    let fitted = |labels: Vec<u32>| Partition::new(items, component_of_cluster, labels);
+    let row = |iteration: u32, partition: &Partition<'_, E>, moves: u64| {
         let energy = partition.energy();
         Row { iteration, round: None, phase: Phase::Regrow, energy, moves }
     };
-    let alone = fitted(seeds.labels(surface.faces()));
-    let mut best = fitted(flood(surface, &alone, &seeds.face_of_cluster, cancel)?);
+    let alone = fitted(seeds.labels(items.faces()));
+    let mut best = fitted(flood(items, &alone, &seeds.face_of_cluster, cancel)?);
     let initial = best.labels.clone();
     on_row(row(0, &best, 0));
     record.offer(0, || Ok::<_, Error>(best.labels.clone()))?;
     for iteration in 1..=options.max_iterations.unwrap_or(u32::MAX) {
-        let next = fitted(flood(surface, &best, &central_faces(&best), cancel)?);
+        let next = fitted(flood(items, &best, &central_faces(&best), cancel)?);
         if next.energy() <= best.energy() {
             return Ok(Clustering { initial, labels: best.labels, ending: Ending::Converged });
         }
@@ -69,7 +70,7 @@ pub fn variational(
 }
 
 /// The face of each cluster that is nearest to its proxy.
-fn central_faces(partition: &Partition<'_>) -> Vec<u32> {
+fn central_faces<E: Functional>(partition: &Partition<'_, E>) -> Vec<u32> {
     let mut nearest = vec![(u64::MAX, FREE); partition.clusters()];
     for (face, &cluster) in partition.labels.iter().enumerate() {
         let face = face as u32;
@@ -80,17 +81,22 @@ fn central_faces(partition: &Partition<'_>) -> Vec<u32> {
 }
 
 /// The labels that flooding from `seeds` with the proxies of `fitted` gives.
-fn flood(surface: &Surface, fitted: &Partition<'_>, seeds: &[u32], cancel: &Cancel) -> Result<Vec<u32>> {
-    let mut labels = seeds::labels(seeds, surface.faces());
+fn flood<E: Functional>(
+    items: &Items<E>,
+    fitted: &Partition<'_, E>,
+    seeds: &[u32],
+    cancel: &Cancel,
+) -> Result<Vec<u32>> {
+    let mut labels = seeds::labels(seeds, items.faces());
     let mut queue = BinaryHeap::new();
     // a face joins the cluster of its best pair, so that others need not be queued
-    let mut best = vec![(u64::MAX, FREE); surface.faces()];
+    let mut best = vec![(u64::MAX, FREE); items.faces()];
     let mut offer = |queue: &mut BinaryHeap<_>, labels: &[u32], face: u32, cluster: u32| {
-        for &near in surface.neighbours_of(face) {
+        for &near in items.neighbours_of(face) {
             let (cost, best) = (fitted.cost(near, cluster), &mut best[near as usize]);
             if labels[near as usize] == FREE && (cost, cluster) < *best {
                 *best = (cost, cluster);
-                let energy = u128::from(surface.weights[near as usize]) * u128::from(cost);
+                let energy = u128::from(items.weights[near as usize]) * u128::from(cost);
                 queue.push(Reverse((energy, near, cluster)));
             }
         }

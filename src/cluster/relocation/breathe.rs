@@ -15,6 +15,7 @@
 use super::resize::resize;
 use super::{State, settle_and_swap};
 use crate::device::Cancel;
+use crate::energy::Functional;
 use crate::error::Result;
 
 /// f, in units of 2⁻³².
@@ -31,7 +32,7 @@ impl Default for Breath {
 
 impl Breath {
     /// Takes one, and keeps the result if that lowers F. Returns whether it does.
-    pub fn lowers(&mut self, best: &mut State<'_>, cancel: &Cancel) -> Result<bool> {
+    pub fn lowers<E: Functional>(&mut self, best: &mut State<'_, E>, cancel: &Cancel) -> Result<bool> {
         let (faces, wanted) = (best.clusters.graph.faces(), best.clusters.count());
         let more = ((u128::from(self.0) * wanted as u128) >> 32) as usize;
         if more == 0 {

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::clusters::{CHUNK, Clusters};
 use super::split::Split;
+use crate::energy::Functional;
 
 /// The cheapest merge of a cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,7 +32,7 @@ enum KnownSplit {
 
 impl Candidates {
     /// Follows the changes since the last call: merges are computed anew, splits forgotten.
-    pub fn refresh(&mut self, clusters: &mut Clusters<'_>) {
+    pub fn refresh<E: Functional>(&mut self, clusters: &mut Clusters<'_, E>) {
         let touched = clusters.take_touched();
         let numbers = clusters.numbers();
         self.merges.resize(numbers, None);
@@ -66,7 +67,7 @@ impl Candidates {
     }
 
     /// Computes the splits of the wanted clusters, as far as they are not known.
-    pub fn split(&mut self, clusters: &Clusters<'_>, wanted: impl Fn(u32) -> bool + Sync) {
+    pub fn split<E: Functional>(&mut self, clusters: &Clusters<'_, E>, wanted: impl Fn(u32) -> bool + Sync) {
         let unknown = |&(cluster, ref split): &(usize, &mut KnownSplit)| {
             matches!(split, KnownSplit::Unknown) && wanted(cluster as u32)
         };

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::connection::Connection;
 use super::totals::Totals;
 use crate::device::{Ending, FREE};
-use crate::energy::{LatticeEnergy, Proxy, Sums};
+use crate::energy::{Functional, LatticeEnergy, Sums};
 use crate::surface::DualGraph;
 
 /// Passes at most, those over some of the clusters counted by their faces.
@@ -21,12 +21,12 @@ pub(super) const CHUNK: usize = 64;
 
 /// A clustering of a graph. Numbers of clusters may be free: [`compacted`](Self::compacted) closes the gaps.
 #[derive(Debug, Clone)]
-pub struct Clusters<'a> {
-    pub(super) graph: &'a DualGraph,
+pub struct Clusters<'a, E: Functional> {
+    pub(super) graph: &'a DualGraph<E>,
     labels: Vec<u32>,
     /// Where each face stands in the list of its cluster.
     place_of_face: Vec<u32>,
-    all: Vec<Cluster>,
+    all: Vec<Cluster<E>>,
     free_numbers: Vec<u32>,
     explained: i128,
     moves: u64,
@@ -38,9 +38,9 @@ pub struct Clusters<'a> {
 
 /// A cluster.
 #[derive(Debug, Clone, Default)]
-struct Cluster {
+struct Cluster<E: Functional> {
     faces: Vec<u32>,
-    totals: Totals,
+    totals: Totals<E>,
 }
 
 /// Clusters that gained or lost a face, each once.
@@ -65,14 +65,14 @@ impl Touched {
     }
 }
 
-impl<'a> Clusters<'a> {
+impl<'a, E: Functional> Clusters<'a, E> {
     /// From labels in which every face has one. All clusters count as touched.
-    pub fn new(graph: &'a DualGraph, labels: Vec<u32>) -> Self {
+    pub fn new(graph: &'a DualGraph<E>, labels: Vec<u32>) -> Self {
         let numbers = labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0);
         let mut sizes = vec![0; numbers];
         labels.iter().for_each(|&label| sizes[label as usize] += 1);
         let with_room = |&size: &usize| Cluster { faces: Vec::with_capacity(size), ..Cluster::default() };
-        let mut all: Vec<Cluster> = sizes.iter().map(with_room).collect();
+        let mut all: Vec<Cluster<E>> = sizes.iter().map(with_room).collect();
         let mut place_of_face = vec![0; labels.len()];
         for component in &graph.components {
             for face in component.range() {
@@ -117,7 +117,7 @@ impl<'a> Clusters<'a> {
     /// The labels, without gaps between the numbers.
     pub fn compacted(&self) -> Vec<u32> {
         let mut next = 0;
-        let number = |cluster: &Cluster| {
+        let number = |cluster: &Cluster<E>| {
             next += u32::from(!cluster.faces.is_empty());
             if cluster.faces.is_empty() { FREE } else { next - 1 }
         };
@@ -266,7 +266,7 @@ impl<'a> Clusters<'a> {
     }
 
     /// The proxy and the weight of a cluster.
-    pub fn proxy_and_weight(&self, cluster: u32) -> (Proxy, u64) {
+    pub fn proxy_and_weight(&self, cluster: u32) -> (E::Proxy, u64) {
         let Totals { fit, sums, .. } = self.totals(cluster);
         (fit.0, sums.weight())
     }
@@ -329,7 +329,7 @@ impl<'a> Clusters<'a> {
         self.note_change(from, to, faces.len() as u64);
     }
 
-    fn totals(&self, cluster: u32) -> &Totals {
+    fn totals(&self, cluster: u32) -> &Totals<E> {
         &self.all[cluster as usize].totals
     }
 

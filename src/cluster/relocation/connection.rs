@@ -14,6 +14,7 @@
 
 use std::collections::VecDeque;
 
+use crate::energy::Functional;
 use crate::surface::DualGraph;
 use crate::surface::detour::surely_stays_connected;
 use crate::union_find;
@@ -52,13 +53,18 @@ impl Connection {
     }
 
     /// Notes that a face has moved.
-    pub fn moved(&mut self, graph: &DualGraph, face: u32) {
+    pub fn moved<E: Functional>(&mut self, graph: &DualGraph<E>, face: u32) {
         self.is_held[face as usize] = false;
         graph.neighbours_of(face).iter().for_each(|&near| self.is_held[near as usize] = false);
     }
 
     /// Whether the faces that are inside, which are connected, are seen to stay so without `face`, one of them.
-    pub fn stays_without(&mut self, graph: &DualGraph, face: u32, is_inside: impl Fn(u32) -> bool) -> bool {
+    pub fn stays_without<E: Functional>(
+        &mut self,
+        graph: &DualGraph<E>,
+        face: u32,
+        is_inside: impl Fn(u32) -> bool,
+    ) -> bool {
         let is_left = |near: u32| near != face && is_inside(near);
         if surely_stays_connected(graph, face, is_left) {
             return true;
@@ -71,7 +77,12 @@ impl Connection {
         unite
     }
 
-    fn searches_unite(&mut self, graph: &DualGraph, face: u32, is_left: impl Fn(u32) -> bool) -> bool {
+    fn searches_unite<E: Functional>(
+        &mut self,
+        graph: &DualGraph<E>,
+        face: u32,
+        is_left: impl Fn(u32) -> bool,
+    ) -> bool {
         let beside = graph.neighbours_of(face);
         if self.first > u32::MAX - beside.len() as u32 {
             self.reached_by.fill(0);

@@ -6,16 +6,16 @@
 
 use rayon::prelude::*;
 
-use crate::energy::{Bounds, SplitBounds};
+use crate::energy::{Bounds, Functional};
 use crate::surface::DualGraph;
 
 /// Faces of a chunk.
 const CHUNK: usize = 1 << 13;
 
 /// Whether a swap might pay. Every cluster has faces, and every face a cluster.
-pub fn may_pay(graph: &DualGraph, labels: &[u32], clusters: usize) -> bool {
+pub fn may_pay<E: Functional>(graph: &DualGraph<E>, labels: &[u32], clusters: usize) -> bool {
     debug_assert!(clusters <= labels.len());
-    let mut all = vec![(SplitBounds::default(), 1.0); clusters];
+    let mut all = vec![(E::SplitBounds::default(), 1.0); clusters];
     for component in &graph.components {
         let unit = f64::from(1 << component.energy_shift);
         for face in component.range() {

@@ -6,11 +6,17 @@
 
 use crate::cluster::coarse::merge_cheaper_half;
 use crate::device::{Cancel, Device};
+use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::DualGraph;
 
 /// Labels with this many clusters, whose numbers have gaps.
-pub fn merged(graph: &DualGraph, clusters: usize, device: &mut dyn Device, cancel: &Cancel) -> Result<Vec<u32>> {
+pub fn merged<E: Functional>(
+    graph: &DualGraph<E>,
+    clusters: usize,
+    device: &mut dyn Device<E>,
+    cancel: &Cancel,
+) -> Result<Vec<u32>> {
     let component_of_face = graph.component_of_face();
     let mut steps = device.open_merging(graph, &component_of_face)?;
     steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>())?;

@@ -6,10 +6,15 @@
 //! results is not the one that was wanted; [`mod@super::resize`] makes it so.
 
 use super::clusters::Clusters;
+use crate::energy::Functional;
 
 /// The labels of the mix. The first clustering is the one with the lower F, and `cluster_worth` is λ. None where all
 /// components are taken from the first.
-pub fn mixed(first: &Clusters<'_>, second: &Clusters<'_>, cluster_worth: i128) -> Option<Vec<u32>> {
+pub fn mixed<E: Functional>(
+    first: &Clusters<'_, E>,
+    second: &Clusters<'_, E>,
+    cluster_worth: i128,
+) -> Option<Vec<u32>> {
     let of_first = costs(first, cluster_worth);
     let of_second = costs(second, cluster_worth);
     let mut labels = first.labels().to_vec();
@@ -26,7 +31,7 @@ pub fn mixed(first: &Clusters<'_>, second: &Clusters<'_>, cluster_worth: i128) -
 }
 
 /// F + λ · clusters of each component, less what no labels change.
-fn costs(clusters: &Clusters<'_>, cluster_worth: i128) -> Vec<i128> {
+fn costs<E: Functional>(clusters: &Clusters<'_, E>, cluster_worth: i128) -> Vec<i128> {
     let mut costs = vec![0; clusters.graph.components.len()];
     let starts: Vec<u32> = clusters.graph.components.iter().map(|component| component.first_face).collect();
     for cluster in 0..clusters.numbers() as u32 {

@@ -67,7 +67,7 @@ use self::resize::resize;
 use self::settle::settle;
 use super::run::Phase;
 use crate::device::{Cancel, Device, Ending};
-use crate::energy::LatticeEnergy;
+use crate::energy::{Functional, LatticeEnergy};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -116,23 +116,23 @@ pub type OnChange<'a> = &'a mut dyn FnMut(Phase, LatticeEnergy, u64, &[u32]) -> 
 pub type Cheaper<'a> = &'a mut dyn Iterator<Item = Result<Vec<u32>>>;
 
 /// A relocation: what it works with.
-pub struct Relocation<'a> {
+pub struct Relocation<'a, E: Functional> {
     /// The faces.
-    pub graph: &'a DualGraph,
+    pub graph: &'a DualGraph<E>,
     /// Which steps are made.
     pub effort: Effort,
     /// Ends it early.
     pub cancel: &'a Cancel,
 }
 
-impl<'a> Relocation<'a> {
+impl<'a, E: Functional> Relocation<'a, E> {
     /// Makes all steps from labels in which every cluster has faces and is connected. Returns labels with as many
     /// clusters, and whether a bound on work cut steps short that led to them. `device` merges single faces; `fast`
     /// computes the labels of the phases of that quality, and `cheaper` other labels, where they are worth it.
     pub fn labels(
         &self,
         labels: Vec<u32>,
-        device: &mut dyn Device,
+        device: &mut dyn Device<E>,
         fast: impl FnOnce() -> Result<Vec<u32>>,
         cheaper: Cheaper<'_>,
         on_change: OnChange<'_>,
@@ -211,7 +211,7 @@ impl<'a> Relocation<'a> {
     }
 
     /// Trials and breaths, in turns, or each as long as F falls.
-    fn relax_and_breathe(&self, best: &mut State<'a>, on_change: OnChange<'_>) -> Result<()> {
+    fn relax_and_breathe(&self, best: &mut State<'a, E>, on_change: OnChange<'_>) -> Result<()> {
         let (turns, rounds, breaths) = match self.effort {
             Effort::All => (1, self.rounds(), self.rounds()),
             Effort::Some | Effort::Swaps => (if self.is_small() { MORE_TURNS } else { TURNS }, 1, 1),
@@ -234,7 +234,7 @@ impl<'a> Relocation<'a> {
     }
 
     /// Swaps. Returns whether F has fallen by more than a thousandth.
-    fn swap(&self, state: &mut State<'_>, on_change: OnChange<'_>) -> Result<bool> {
+    fn swap(&self, state: &mut State<'_, E>, on_change: OnChange<'_>) -> Result<bool> {
         let before = state.clusters.energy().explained;
         swap::swap(&mut state.clusters, &mut state.candidates, self.cancel, |clusters| {
             report(Phase::Swap, clusters, on_change)
@@ -244,7 +244,7 @@ impl<'a> Relocation<'a> {
     }
 
     /// The lowest of two clusterings and their mix.
-    fn mix_in(&self, best: &mut State<'a>, other: State<'a>, on_change: OnChange<'_>) -> Result<()> {
+    fn mix_in(&self, best: &mut State<'a, E>, other: State<'a, E>, on_change: OnChange<'_>) -> Result<()> {
         let wanted = best.clusters.count();
         let before = best.clusters.energy();
         let mut second = other;
@@ -268,14 +268,14 @@ impl<'a> Relocation<'a> {
     }
 
     /// The same with another start, settled and after its own swaps.
-    fn mix_in_start(&self, best: &mut State<'a>, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<()> {
+    fn mix_in_start(&self, best: &mut State<'a, E>, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<()> {
         let mut other = State::new(self.graph, labels);
         settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
         self.mix_in(best, other, on_change)
     }
 
     /// Rounds of trials, each followed by swaps, until one keeps none.
-    fn relax(&self, state: &mut State<'_>, rounds: usize, on_change: OnChange<'_>) -> Result<()> {
+    fn relax(&self, state: &mut State<'_, E>, rounds: usize, on_change: OnChange<'_>) -> Result<()> {
         for _ in 0..rounds {
             if trial::round(&mut state.clusters, &mut state.candidates, self.cancel)? == 0 {
                 break;
@@ -289,19 +289,19 @@ impl<'a> Relocation<'a> {
 
 /// A clustering, and what its clusters offer.
 #[derive(Clone)]
-struct State<'a> {
-    clusters: Clusters<'a>,
+struct State<'a, E: Functional> {
+    clusters: Clusters<'a, E>,
     candidates: Candidates,
 }
 
-impl<'a> State<'a> {
-    fn new(graph: &'a DualGraph, labels: Vec<u32>) -> Self {
+impl<'a, E: Functional> State<'a, E> {
+    fn new(graph: &'a DualGraph<E>, labels: Vec<u32>) -> Self {
         Self { clusters: Clusters::new(graph, labels), candidates: Candidates::default() }
     }
 }
 
 /// (Σ w)²/Σ w² over all faces. Units of finer components than the coarsest are rounded down.
-fn effective_faces(graph: &DualGraph) -> usize {
+fn effective_faces<E: Functional>(graph: &DualGraph<E>) -> usize {
     let coarsest = graph.components.iter().map(|component| component.energy_shift).max().unwrap_or(0);
     let (mut sum, mut squares) = (0u128, 0u128);
     for component in &graph.components {
@@ -314,13 +314,17 @@ fn effective_faces(graph: &DualGraph) -> usize {
 }
 
 /// Settles all clusters, and makes swaps until none pays.
-fn settle_and_swap(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<()> {
+fn settle_and_swap<E: Functional>(
+    clusters: &mut Clusters<'_, E>,
+    candidates: &mut Candidates,
+    cancel: &Cancel,
+) -> Result<()> {
     let all = (0..clusters.numbers() as u32).collect();
     settle(clusters, all, u32::MAX, cancel)?;
     swap::swap(clusters, candidates, cancel, |_| Ok(()))
 }
 
-fn report(phase: Phase, clusters: &mut Clusters<'_>, on_change: OnChange<'_>) -> Result<()> {
+fn report<E: Functional>(phase: Phase, clusters: &mut Clusters<'_, E>, on_change: OnChange<'_>) -> Result<()> {
     let moves = clusters.take_moves();
     on_change(phase, clusters.energy(), moves, clusters.labels())
 }

@@ -13,13 +13,19 @@ use super::candidates::Candidates;
 use super::clusters::Clusters;
 use super::settle::settle;
 use crate::device::Cancel;
+use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 
 /// Passes that settle a round.
 const PASSES: u32 = 4;
 
 /// Makes it this many clusters; no fewer than components, no more than faces.
-pub fn resize(clusters: &mut Clusters<'_>, wanted: usize, candidates: &mut Candidates, cancel: &Cancel) -> Result<()> {
+pub fn resize<E: Functional>(
+    clusters: &mut Clusters<'_, E>,
+    wanted: usize,
+    candidates: &mut Candidates,
+    cancel: &Cancel,
+) -> Result<()> {
     while clusters.count() != wanted {
         let count = clusters.count();
         let most = count.abs_diff(wanted).min(count.div_ceil(4));
@@ -37,7 +43,7 @@ pub fn resize(clusters: &mut Clusters<'_>, wanted: usize, candidates: &mut Candi
 }
 
 /// Splits up to `most` clusters. Returns the parts.
-fn split(clusters: &mut Clusters<'_>, most: usize, candidates: &mut Candidates) -> Vec<u32> {
+fn split<E: Functional>(clusters: &mut Clusters<'_, E>, most: usize, candidates: &mut Candidates) -> Vec<u32> {
     let numbers = 0..clusters.numbers() as u32;
     let mut by_energy: Vec<u32> = numbers.filter(|&cluster| clusters.faces(cluster).len() > 1).collect();
     by_energy.sort_unstable_by_key(|&cluster| (Reverse(clusters.energy_of(cluster)), cluster));
@@ -60,7 +66,7 @@ fn split(clusters: &mut Clusters<'_>, most: usize, candidates: &mut Candidates) 
 }
 
 /// Merges the cheaper half of the mutual pairs, up to `most`. Returns what they became.
-fn merge(clusters: &mut Clusters<'_>, most: usize, candidates: &Candidates) -> Vec<u32> {
+fn merge<E: Functional>(clusters: &mut Clusters<'_, E>, most: usize, candidates: &Candidates) -> Vec<u32> {
     let mut pairs = candidates.merges();
     pairs.retain(|&(_, a, b)| candidates.merge(b).is_some_and(|back| back.other == a));
     pairs.truncate(pairs.len().div_ceil(2).min(most));

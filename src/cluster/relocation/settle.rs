@@ -15,11 +15,16 @@ use std::cmp::Reverse;
 
 use super::clusters::Clusters;
 use crate::device::Cancel;
-use crate::energy::{Energy, Functional, Side};
+use crate::energy::{Functional, Side};
 use crate::error::Result;
 
 /// Settles the borders of some clusters, and of those that change with them.
-pub fn settle(clusters: &mut Clusters<'_>, mut changed: Vec<u32>, most_passes: u32, cancel: &Cancel) -> Result<()> {
+pub fn settle<E: Functional>(
+    clusters: &mut Clusters<'_, E>,
+    mut changed: Vec<u32>,
+    most_passes: u32,
+    cancel: &Cancel,
+) -> Result<()> {
     for _ in 0..most_passes {
         if changed.is_empty() {
             break;
@@ -31,7 +36,7 @@ pub fn settle(clusters: &mut Clusters<'_>, mut changed: Vec<u32>, most_passes: u
 }
 
 /// Makes one pass. Returns the clusters that changed, ascending.
-pub fn pass(clusters: &mut Clusters<'_>, changed: &[u32]) -> Vec<u32> {
+pub fn pass<E: Functional>(clusters: &mut Clusters<'_, E>, changed: &[u32]) -> Vec<u32> {
     if !clusters.spend(changed) {
         return Vec::new();
     }
@@ -50,7 +55,7 @@ pub fn pass(clusters: &mut Clusters<'_>, changed: &[u32]) -> Vec<u32> {
 }
 
 /// The faces on both sides of the boundaries of some clusters, ascending.
-fn boundary_faces(clusters: &Clusters<'_>, of: &[u32]) -> Vec<u32> {
+fn boundary_faces<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32> {
     let mut faces = Vec::new();
     for &cluster in of {
         for &face in clusters.faces(cluster) {
@@ -68,12 +73,12 @@ fn boundary_faces(clusters: &Clusters<'_>, of: &[u32]) -> Vec<u32> {
 }
 
 /// The neighbouring cluster with the largest gain for a face, if that is positive.
-fn best_move(clusters: &Clusters<'_>, face: u32) -> Option<u32> {
+fn best_move<E: Functional>(clusters: &Clusters<'_, E>, face: u32) -> Option<u32> {
     let graph = clusters.graph;
     let from = clusters.label(face);
     let side = |cluster: u32| {
         let (proxy, weight) = clusters.proxy_and_weight(cluster);
-        Side { cost: Energy::cost(graph.points[face as usize], proxy), weight }
+        Side { cost: E::cost(graph.points[face as usize], proxy), weight }
     };
     let weight = graph.weights[face as usize];
     let own = side(from);
@@ -85,7 +90,7 @@ fn best_move(clusters: &Clusters<'_>, face: u32) -> Option<u32> {
     for &near in graph.neighbours_of(face) {
         let to = clusters.label(near);
         if to != from && to != last {
-            best = best.max(Some((Energy::gain(weight, own, side(to)), Reverse(to))));
+            best = best.max(Some((E::gain(weight, own, side(to)), Reverse(to))));
             last = to;
         }
     }

@@ -22,7 +22,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::connection::Connection;
-use crate::energy::{ClusterSums, Energy, Functional, Sums};
+use crate::energy::{Functional, Sums};
 use crate::surface::{Component, DualGraph};
 
 /// Passes of moves between the sides, at most.
@@ -39,7 +39,7 @@ pub struct Split {
 
 impl Split {
     /// The better split of a connected cluster, given by its faces, ascending. None for a single face.
-    pub fn of(graph: &DualGraph, faces: &[u32], energy_shift: u32) -> Option<Self> {
+    pub fn of<E: Functional>(graph: &DualGraph<E>, faces: &[u32], energy_shift: u32) -> Option<Self> {
         if faces.len() < 2 {
             return None;
         }
@@ -49,12 +49,15 @@ impl Split {
         let best = grown.filter(|grown| grown.explained() > cut.explained()).unwrap_or(cut);
         let stays = best.is_second[0];
         let leaving = faces.iter().zip(&best.is_second).filter(|&(_, &side)| side != stays).map(|(&face, _)| face);
-        Some(Self { gain: (best.explained() - explained(&best.whole())) << energy_shift, leaving: leaving.collect() })
+        Some(Self {
+            gain: (best.explained() - explained::<E>(&best.whole())) << energy_shift,
+            leaving: leaving.collect(),
+        })
     }
 }
 
 /// The graph of some faces of a component, given ascending; they keep their order.
-pub fn restricted(graph: &DualGraph, faces: &[u32], energy_shift: u32) -> DualGraph {
+pub fn restricted<E: Functional>(graph: &DualGraph<E>, faces: &[u32], energy_shift: u32) -> DualGraph<E> {
     let mut part = DualGraph {
         points: faces.iter().map(|&face| graph.points[face as usize]).collect(),
         weights: faces.iter().map(|&face| graph.weights[face as usize]).collect(),
@@ -74,40 +77,40 @@ pub fn restricted(graph: &DualGraph, faces: &[u32], energy_shift: u32) -> DualGr
 }
 
 /// What a cluster with these sums explains of F, in units of its component.
-fn explained(sums: &ClusterSums) -> i128 {
+fn explained<E: Functional>(sums: &E::Sums) -> i128 {
     sums.fit().map_or(0, |(_, explained)| explained)
 }
 
 /// A split, as the side of each face.
-struct Sides<'a> {
-    graph: &'a DualGraph,
+struct Sides<'a, E: Functional> {
+    graph: &'a DualGraph<E>,
     is_second: Vec<bool>,
-    sums: [ClusterSums; 2],
+    sums: [E::Sums; 2],
 }
 
-impl<'a> Sides<'a> {
-    fn new(graph: &'a DualGraph, is_second: Vec<bool>) -> Self {
-        let mut sums = [ClusterSums::default(); 2];
+impl<'a, E: Functional> Sides<'a, E> {
+    fn new(graph: &'a DualGraph<E>, is_second: Vec<bool>) -> Self {
+        let mut sums = [E::Sums::default(); 2];
         for (face, &side) in is_second.iter().enumerate() {
             sums[usize::from(side)].add_face(graph.face(face), 1);
         }
         Self { graph, is_second, sums }
     }
 
-    fn whole(&self) -> ClusterSums {
+    fn whole(&self) -> E::Sums {
         let mut whole = self.sums[0];
         whole.add(&self.sums[1], 1);
         whole
     }
 
     fn explained(&self) -> i128 {
-        self.sums.iter().map(explained).sum()
+        self.sums.iter().map(explained::<E>).sum()
     }
 
     /// The best cut of a minimum spanning tree.
-    fn by_tree(graph: &'a DualGraph) -> Self {
+    fn by_tree(graph: &'a DualGraph<E>) -> Self {
         let (order, parent) = minimum_spanning_tree(graph);
-        let mut below: Vec<ClusterSums> = vec![ClusterSums::default(); graph.faces()];
+        let mut below: Vec<E::Sums> = vec![E::Sums::default(); graph.faces()];
         for (face, sums) in below.iter_mut().enumerate() {
             sums.add_face(graph.face(face), 1);
         }
@@ -118,7 +121,7 @@ impl<'a> Sides<'a> {
         let gain = |&face: &u32| {
             let mut rest = below[0];
             rest.add(&below[face as usize], -1);
-            (explained(&rest) + explained(&below[face as usize]), Reverse(face))
+            (explained::<E>(&rest) + explained::<E>(&below[face as usize]), Reverse(face))
         };
         let top = order[1..].iter().copied().max_by_key(gain).unwrap_or(0);
         let mut is_second = vec![false; graph.faces()];
@@ -130,18 +133,18 @@ impl<'a> Sides<'a> {
     }
 
     /// Growth from two ends; None where all faces lie at one place.
-    fn by_growth(graph: &'a DualGraph) -> Option<Self> {
+    fn by_growth(graph: &'a DualGraph<E>) -> Option<Self> {
         let faces = graph.faces() as u32;
-        let mut sums = ClusterSums::default();
+        let mut sums = E::Sums::default();
         (0..faces as usize).for_each(|face| sums.add_face(graph.face(face), 1));
         let point = |face: u32| graph.points[face as usize];
-        let farthest = |from| (0..faces).max_by_key(|&face| (Energy::cost(point(face), from), Reverse(face)));
+        let farthest = |from| (0..faces).max_by_key(|&face| (E::cost(point(face), from), Reverse(face)));
         let first = farthest(sums.proxy()?)?;
-        let second = farthest(Energy::proxy_at(point(first)))?;
+        let second = farthest(E::proxy_at(point(first)))?;
         if point(first) == point(second) {
             return None;
         }
-        let ends = [first, second].map(|face| Energy::proxy_at(point(face)));
+        let ends = [first, second].map(|face| E::proxy_at(point(face)));
         let mut side_of: Vec<Option<bool>> = vec![None; faces as usize];
         let mut queue = BinaryHeap::from([Reverse((i64::MIN, first, false)), Reverse((i64::MIN, second, true))]);
         while let Some(Reverse((_, face, side))) = queue.pop() {
@@ -151,7 +154,7 @@ impl<'a> Sides<'a> {
             side_of[face as usize] = Some(side);
             for &near in graph.neighbours_of(face).iter().filter(|&&near| side_of[near as usize].is_none()) {
                 let [own, other] =
-                    [usize::from(side), usize::from(!side)].map(|end| Energy::cost(point(near), ends[end]) as i64);
+                    [usize::from(side), usize::from(!side)].map(|end| E::cost(point(near), ends[end]) as i64);
                 queue.push(Reverse((own - other, near, side)));
             }
         }
@@ -174,7 +177,7 @@ impl<'a> Sides<'a> {
                 let mut sums = self.sums;
                 sums[usize::from(side)].add_face(graph.face(face as usize), -1);
                 sums[usize::from(!side)].add_face(graph.face(face as usize), 1);
-                let then = sums.iter().map(explained).sum();
+                let then = sums.iter().map(explained::<E>).sum();
                 let is_own = |near: u32| self.is_second[near as usize] == side;
                 if then > now && connection.stays_without(graph, face, is_own) {
                     (self.sums, now) = (sums, then);
@@ -192,11 +195,11 @@ impl<'a> Sides<'a> {
 
 /// The faces in the order in which Prim's algorithm takes them, from face 0; and the parent of each, its own for the
 /// first.
-fn minimum_spanning_tree(graph: &DualGraph) -> (Vec<u32>, Vec<u32>) {
+fn minimum_spanning_tree<E: Functional>(graph: &DualGraph<E>) -> (Vec<u32>, Vec<u32>) {
     let end = |face: u32| {
-        let mut sums = ClusterSums::default();
+        let mut sums = E::Sums::default();
         sums.add_face(graph.face(face as usize), 1);
-        sums.end(Energy::proxy_at(graph.points[face as usize]))
+        sums.end(E::proxy_at(graph.points[face as usize]))
     };
     let mut order = Vec::with_capacity(graph.faces());
     let mut parent_of: Vec<Option<u32>> = vec![None; graph.faces()];
@@ -208,7 +211,7 @@ fn minimum_spanning_tree(graph: &DualGraph) -> (Vec<u32>, Vec<u32>) {
         parent_of[face as usize] = Some(parent);
         order.push(face);
         for &near in graph.neighbours_of(face).iter().filter(|&&near| parent_of[near as usize].is_none()) {
-            queue.push(Reverse((Energy::packed_merge_cost(end(face), end(near), 0), near, face)));
+            queue.push(Reverse((E::packed_merge_cost(end(face), end(near), 0), near, face)));
         }
     }
     let parent = parent_of.into_iter().map(Option::unwrap_or_default).collect();

@@ -29,17 +29,18 @@ use super::candidates::Candidates;
 use super::clusters::Clusters;
 use super::settle::settle;
 use crate::device::Cancel;
+use crate::energy::Functional;
 use crate::error::Result;
 
 /// Rounds at most. Ordinary meshes take under 20.
 const ROUNDS: u32 = 100;
 
 /// Makes rounds; `on_round` is called after each with swaps.
-pub fn swap(
-    clusters: &mut Clusters<'_>,
+pub fn swap<E: Functional>(
+    clusters: &mut Clusters<'_, E>,
     candidates: &mut Candidates,
     cancel: &Cancel,
-    mut on_round: impl FnMut(&mut Clusters<'_>) -> Result<()>,
+    mut on_round: impl FnMut(&mut Clusters<'_, E>) -> Result<()>,
 ) -> Result<()> {
     for _ in 0..ROUNDS {
         if round(clusters, candidates, cancel)? == 0 {
@@ -52,7 +53,7 @@ pub fn swap(
 }
 
 /// Makes one round. Returns the number of swaps.
-fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<usize> {
+fn round<E: Functional>(clusters: &mut Clusters<'_, E>, candidates: &mut Candidates, cancel: &Cancel) -> Result<usize> {
     cancel.check()?;
     candidates.refresh(clusters);
     let merges = candidates.merges();

@@ -13,7 +13,7 @@ use crate::surface::{Component, Surface};
 /// One face in five weighs a million times as much as the others, in units that differ by component.
 fn uneven(sample: Sample, faces: u64) -> Surface {
     let mut surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
-    let graph = &mut surface.graph;
+    let graph = &mut surface.items.graph;
     for (number, component) in graph.components.iter_mut().enumerate() {
         component.energy_shift = number as u32 % 3;
         for face in component.range() {
@@ -253,9 +253,9 @@ fn every_number_of_clusters_can_be_made() {
 #[test]
 fn effective_faces_are_all_where_they_are_equal_and_the_heavy_ones_else() {
     let mut surface = Surface::build(&generate(Sample::Cube, 300).expect("a mesh")).expect("a surface");
-    surface.graph.weights.fill(5);
+    surface.items.graph.weights.fill(5);
     assert_eq!(effective_faces(&surface), surface.faces());
-    surface.graph.weights.iter_mut().for_each(|weight| *weight = 1);
-    surface.graph.weights[..30].fill(1 << 20);
+    surface.items.graph.weights.iter_mut().for_each(|weight| *weight = 1);
+    surface.items.graph.weights[..30].fill(1 << 20);
     assert_eq!(effective_faces(&surface), 30);
 }

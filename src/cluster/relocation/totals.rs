@@ -1,28 +1,34 @@
 //! Exact totals of a cluster: what energies, merges and bounds of splits are computed from.
 
-use crate::energy::{Bounds, ClusterSums, Energy, Functional, Item, Proxy, SplitBounds, Sums};
+use crate::energy::{Bounds, Functional, Sums};
 use crate::surface::DualGraph;
 
 /// A proxy, and what it explains ([`Sums::fit`]).
-pub type Fit = (Proxy, i128);
+pub type Fit<E> = (<E as Functional>::Proxy, i128);
 
 /// The totals of a cluster. `constant` and `fit` are in the component's unit; the methods shift their results left by
 /// `shift`, to that of the finest component.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Totals {
-    pub sums: ClusterSums,
+#[derive(Debug, Clone, Copy)]
+pub struct Totals<E: Functional> {
+    pub sums: E::Sums,
     /// The part of F that no labels change.
     constant: i128,
-    pub fit: Fit,
+    pub fit: Fit<E>,
     /// The `energy_shift` of its component.
     pub shift: u32,
 }
 
-impl Totals {
+impl<E: Functional> Default for Totals<E> {
+    fn default() -> Self {
+        Self { sums: E::Sums::default(), constant: 0, fit: (E::NO_PROXY, 0), shift: 0 }
+    }
+}
+
+impl<E: Functional> Totals<E> {
     /// Counts a face in (1) or out (−1); the proxy is not fitted.
-    pub fn count(&mut self, face: Item, sign: i64) {
+    pub fn count(&mut self, face: E::Item, sign: i64) {
         self.sums.add_face(face, sign);
-        self.constant += Energy::constant(face) * i128::from(sign);
+        self.constant += E::constant(face) * i128::from(sign);
     }
 
     /// Counts the faces of another cluster in (1) or out (−1), and fits the proxy. Returns what is explained in
@@ -35,7 +41,7 @@ impl Totals {
 
     /// Fits the proxy. Returns what is explained in addition.
     pub fn refit(&mut self) -> i128 {
-        let before = std::mem::replace(&mut self.fit, self.sums.fit().unwrap_or_default());
+        let before = std::mem::replace(&mut self.fit, self.sums.fit().unwrap_or((E::NO_PROXY, 0)));
         (self.fit.1 - before.1) << self.shift
     }
 
@@ -53,14 +59,14 @@ impl Totals {
     pub fn merge_cost(&self, other: &Self) -> i128 {
         let mut sums = self.sums;
         sums.add(&other.sums, 1);
-        let (_, explained) = sums.fit().unwrap_or_default();
+        let explained = sums.fit().map_or(0, |(_, explained)| explained);
         (self.fit.1 + other.fit.1 - explained) << self.shift
     }
 
     /// Whether a split of the cluster, which has these faces, might gain more than this.
-    pub fn may_gain(&self, more_than: i128, graph: &DualGraph, faces: &[u32]) -> bool {
+    pub fn may_gain(&self, more_than: i128, graph: &DualGraph<E>, faces: &[u32]) -> bool {
         let most = || {
-            let mut bounds = SplitBounds::default();
+            let mut bounds = E::SplitBounds::default();
             faces.iter().for_each(|&face| bounds.add(graph.face(face as usize)));
             bounds.most_gain() as i128
         };

@@ -26,6 +26,7 @@ use super::clusters::Clusters;
 use super::settle::settle;
 use super::split::restricted;
 use crate::device::Cancel;
+use crate::energy::Functional;
 use crate::error::Result;
 
 /// A round tries one in this many clusters.
@@ -58,7 +59,11 @@ struct Trial {
 const NEW: u32 = u32::MAX;
 
 /// Makes one round. Returns the number of pairs of a merge and a split that were kept.
-pub fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<usize> {
+pub fn round<E: Functional>(
+    clusters: &mut Clusters<'_, E>,
+    candidates: &mut Candidates,
+    cancel: &Cancel,
+) -> Result<usize> {
     candidates.refresh(clusters);
     candidates.split(clusters, |_| true);
     let claims = claims(clusters, candidates);
@@ -90,7 +95,7 @@ pub fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &
 }
 
 /// Merges and splits take turns at claiming regions.
-fn claims(clusters: &Clusters<'_>, candidates: &Candidates) -> Vec<Claim> {
+fn claims<E: Functional>(clusters: &Clusters<'_, E>, candidates: &Candidates) -> Vec<Claim> {
     let most = clusters.count().div_ceil(TRIALS_OF);
     let mut merges = candidates.merges().into_iter().map(|(_, a, b)| Attempt::Merge(a, b));
     let mut splits = candidates.splits().into_iter().map(|(_, cluster)| Attempt::Split(cluster));
@@ -117,7 +122,7 @@ fn claims(clusters: &Clusters<'_>, candidates: &Candidates) -> Vec<Claim> {
 }
 
 /// The clusters of a trial and those beside, ascending.
-fn region(clusters: &Clusters<'_>, attempt: Attempt) -> Vec<u32> {
+fn region<E: Functional>(clusters: &Clusters<'_, E>, attempt: Attempt) -> Vec<u32> {
     let mut region = match attempt {
         Attempt::Merge(a, b) => {
             let mut region = clusters.beside(a);
@@ -137,7 +142,12 @@ fn region(clusters: &Clusters<'_>, attempt: Attempt) -> Vec<u32> {
 
 impl Claim {
     /// Makes the trial on a copy of its region.
-    fn made(self, clusters: &Clusters<'_>, candidates: &Candidates, cancel: &Cancel) -> Result<Trial> {
+    fn made<E: Functional>(
+        self,
+        clusters: &Clusters<'_, E>,
+        candidates: &Candidates,
+        cancel: &Cancel,
+    ) -> Result<Trial> {
         let Self { attempt, region } = self;
         let mut faces: Vec<u32> = region.iter().flat_map(|&cluster| clusters.faces(cluster)).copied().collect();
         faces.sort_unstable();

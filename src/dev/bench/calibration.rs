@@ -133,7 +133,7 @@ mod tests {
 
     impl Device for Troubled {
         fn info(&self) -> &DeviceInfo {
-            self.0.info()
+            Device::<crate::energy::Energy>::info(&self.0)
         }
 
         fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {

@@ -325,7 +325,7 @@ mod tests {
             tesserae: String::new(),
             processor: String::new(),
             threads: 1,
-            device: CpuDevice::new().info().clone(),
+            device: Device::<crate::energy::Energy>::info(&CpuDevice::new()).clone(),
             copy_bytes_a_second: None,
             rows: vec![row],
         }

@@ -21,6 +21,7 @@ use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::tuning::face_set::FaceSet;
 use super::tuning::filter::Filter;
 use super::tuning::stored_bound::StoredBound;
+use crate::energy::{Functional, Sums};
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
 use crate::surface::DualGraph;
 
@@ -53,7 +54,7 @@ pub struct Evaluation<T> {
 
 impl ActiveFaces {
     /// All boundary faces are active.
-    pub fn new(Partition { graph, boundary, .. }: &Partition<'_>) -> Self {
+    pub fn new<E: Functional>(Partition { graph, boundary, .. }: &Partition<'_, E>) -> Self {
         let faces = graph.faces();
         let mut candidates = FaceSet::new(faces);
         boundary.all().for_each(|face| candidates.insert(face));
@@ -77,7 +78,7 @@ impl ActiveFaces {
 
     /// A face has moved; `labels` already have its new cluster. Active are the face, and the neighbours whose bound
     /// does not cover that cluster.
-    pub fn moved(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
+    pub fn moved<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &Labels, face: u32) {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
@@ -100,7 +101,7 @@ impl ActiveFaces {
     }
 
     /// The cluster of a boundary face was merged into another; `labels` already say so.
-    pub fn merged(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
+    pub fn merged<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &Labels, face: u32) {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
@@ -115,11 +116,11 @@ impl ActiveFaces {
     /// Makes the faces active whose bound is exceeded, given the clusters whose proxies have changed since the last
     /// call. `rival` is how a face sees a cluster. Then brings the labels of all active faces and of their neighbours
     /// up to date.
-    pub fn collect(
+    pub fn collect<E: Functional>(
         &mut self,
-        partition: &mut Partition<'_>,
+        partition: &mut Partition<'_, E>,
         changed: &[u32],
-        rival: impl Fn(&Partition<'_>, u32, u32) -> Rival + Sync,
+        rival: impl Fn(&Partition<'_, E>, u32, u32) -> Rival + Sync,
     ) {
         let view = &*partition;
         let rival = |face: u32, cluster: u32| rival(view, face, cluster);
@@ -153,9 +154,9 @@ impl ActiveFaces {
     }
 
     /// Evaluates all active faces and returns what they decide. Those whose bound allows it become inactive.
-    pub fn evaluate<T: Send>(
+    pub fn evaluate<T: Send, E: Functional>(
         &mut self,
-        partition: &Partition<'_>,
+        partition: &Partition<'_, E>,
         decide: impl Fn(u32) -> Evaluation<T> + Sync,
     ) -> Vec<T> {
         let Self { candidates, bounds, queue, .. } = self;
@@ -185,13 +186,17 @@ impl ActiveFaces {
 
 /// Whether the clusters near a face have drifted beyond its bound.
 #[inline]
-fn is_exceeded(partition: &Partition<'_>, face: u32, bound: &StoredBound) -> bool {
+fn is_exceeded<E: Functional>(partition: &Partition<'_, E>, face: u32, bound: &StoredBound) -> bool {
     bound.limit() < bound.near().drift(partition, face)
 }
 
 /// Requests what the evaluation of later faces reads.
 #[inline]
-fn prefetch_ahead(Partition { graph, labels, .. }: &Partition<'_>, bounds: &[StoredBound], ahead: Ahead<'_, u32>) {
+fn prefetch_ahead<E: Functional>(
+    Partition { graph, labels, .. }: &Partition<'_, E>,
+    bounds: &[StoredBound],
+    ahead: Ahead<'_, u32>,
+) {
     if let Some(&later) = ahead.stage(4) {
         graph.prefetch(later);
         prefetch(bounds, later as usize);
@@ -206,8 +211,8 @@ fn prefetch_ahead(Partition { graph, labels, .. }: &Partition<'_>, bounds: &[Sto
 
 /// Whether a face that sees many clusters may want to go to one of them that has changed or has come to lie beside it,
 /// or its own proxy has drifted too far. If not, its bound covers that cluster.
-fn may_be_attracted(
-    Partition { labels, clusters, .. }: &Partition<'_>,
+fn may_be_attracted<E: Functional>(
+    Partition { labels, clusters, .. }: &Partition<'_, E>,
     bounds: &[StoredBound],
     rival: impl Fn(u32, u32) -> Rival,
     face: u32,
@@ -231,22 +236,22 @@ fn may_be_attracted(
 /// The same for all clusters that have changed. The face has no bid and was not refused, so that an evaluation in vain
 /// changes nothing. A face with no more neighbours than changed clusters is evaluated at once.
 #[cold]
-fn may_be_attracted_by_any(
-    partition: &Partition<'_>,
+fn may_be_attracted_by_any<E: Functional>(
+    partition: &Partition<'_, E>,
     bounds: &[StoredBound],
     rival: impl Fn(u32, u32) -> Rival,
     face: u32,
     changed: &[u32],
 ) -> bool {
     let Partition { graph, labels, clusters, .. } = partition;
-    let living = changed.iter().copied().filter(|&cluster| clusters.sums(cluster).faces > 0);
+    let living = changed.iter().copied().filter(|&cluster| clusters.sums(cluster).faces() > 0);
     graph.neighbours_of(face).len() <= changed.len()
         || living.chain([labels.of(face)]).any(|cluster| may_be_attracted(partition, bounds, &rival, face, cluster))
 }
 
 /// The boundary faces of some clusters, and their neighbours in others, whose bound is exceeded; some several times.
-fn exceeded_around(
-    partition: &Partition<'_>,
+fn exceeded_around<E: Functional>(
+    partition: &Partition<'_, E>,
     changed: &[u32],
     bounds: &[StoredBound],
     rival: impl Fn(u32, u32) -> Rival,

@@ -5,7 +5,7 @@ use super::change_log::Cursor;
 use super::clusters::Clusters;
 use super::nearby::{Nearby, Rival};
 use super::{Move, Partition};
-use crate::energy::{Energy, Functional};
+use crate::energy::{Functional, Sums};
 
 /// What boundary phases keep between passes.
 #[derive(Debug)]
@@ -18,23 +18,23 @@ pub struct BoundaryPhase {
 
 impl BoundaryPhase {
     /// All boundary faces are active.
-    pub fn new(partition: &Partition<'_>) -> Self {
+    pub fn new<E: Functional>(partition: &Partition<'_, E>) -> Self {
         Self { active: ActiveFaces::new(partition), leaving: vec![(0, 0); partition.clusters.len()] }
     }
 
     /// The moves of the first pass of an iteration; none when the phase has converged.
-    pub fn moves(&mut self, partition: &mut Partition<'_>) -> Vec<Move> {
+    pub fn moves<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> Vec<Move> {
         let changed = partition.clusters.take_changes(Cursor::Boundary);
         self.pass(partition, &changed)
     }
 
     /// The moves of the next pass of a flood: no proxy has changed.
-    pub fn more_moves(&mut self, partition: &mut Partition<'_>) -> Vec<Move> {
+    pub fn more_moves<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> Vec<Move> {
         self.pass(partition, &[])
     }
 
     /// The moves of a pass, given the clusters whose proxies changed since the last.
-    fn pass(&mut self, partition: &mut Partition<'_>, changed: &[u32]) -> Vec<Move> {
+    fn pass<E: Functional>(&mut self, partition: &mut Partition<'_, E>, changed: &[u32]) -> Vec<Move> {
         self.active.collect(partition, changed, rival);
         // 1. every face decides
         let mut moves = self.active.evaluate(partition, |face| decide(partition, face));
@@ -49,7 +49,7 @@ impl BoundaryPhase {
     }
 
     /// The smallest face of each cluster that all of its faces want to leave, sorted.
-    fn last_faces(&mut self, moves: &[Move], clusters: &Clusters) -> Vec<u32> {
+    fn last_faces<E: Functional>(&mut self, moves: &[Move], clusters: &Clusters<E>) -> Vec<u32> {
         for leaving in moves {
             let (count, smallest) = &mut self.leaving[leaving.from as usize];
             *smallest = if *count == 0 { leaving.face } else { leaving.face.min(*smallest) };
@@ -58,7 +58,7 @@ impl BoundaryPhase {
         let mut last = Vec::new();
         for leaving in moves {
             let (count, smallest) = std::mem::take(&mut self.leaving[leaving.from as usize]);
-            if count == clusters.sums(leaving.from).faces {
+            if count == clusters.sums(leaving.from).faces() {
                 last.push(smallest);
             }
         }
@@ -68,17 +68,21 @@ impl BoundaryPhase {
 }
 
 /// How a face that stays sees a cluster among its neighbours'.
-fn rival(Partition { graph, labels, clusters, .. }: &Partition<'_>, face: u32, cluster: u32) -> Rival {
+fn rival<E: Functional>(
+    Partition { graph, labels, clusters, .. }: &Partition<'_, E>,
+    face: u32,
+    cluster: u32,
+) -> Rival {
     let point = graph.points[face as usize];
     let own = clusters.cached(labels.near_boundary(face)).cost(point);
     let other = clusters.cached(cluster).cost(point);
-    (own <= other).then(|| Energy::boundary_slack(own, other))
+    (own <= other).then(|| E::boundary_slack(own, other))
 }
 
 /// The move of a face to the nearest cluster among its neighbours' (the smaller number of equally near ones), if that
 /// is nearer than its own.
 #[inline]
-fn decide(partition: &Partition<'_>, face: u32) -> Evaluation<Move> {
+fn decide<E: Functional>(partition: &Partition<'_, E>, face: u32) -> Evaluation<Move> {
     let Partition { graph, labels, clusters, .. } = partition;
     let from = labels.near_boundary(face);
     let point = graph.points[face as usize];
@@ -91,6 +95,6 @@ fn decide(partition: &Partition<'_>, face: u32) -> Evaluation<Move> {
     if distance < own {
         Evaluation { decision: Some(Move { face, from, to }), bound: nearby.active() }
     } else {
-        Evaluation { decision: None, bound: nearby.bound(Energy::boundary_slack(own, distance)) }
+        Evaluation { decision: None, bound: nearby.bound(E::boundary_slack(own, distance)) }
     }
 }

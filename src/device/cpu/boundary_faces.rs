@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::labels::Labels;
 use super::tuning::chunks::{CLUSTERS, FACES};
 use crate::device::FREE;
+use crate::energy::Functional;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
@@ -54,7 +55,7 @@ impl ClusterList<'_> {
 
 impl BoundaryFaces {
     /// The boundary faces of new labels. All faces are labelled.
-    pub fn collect(graph: &DualGraph, labels: &mut Labels, clusters: usize) -> Self {
+    pub fn collect<E: Functional>(graph: &DualGraph<E>, labels: &mut Labels, clusters: usize) -> Self {
         let all = labels.all();
         // which neighbours are in other clusters follows no pattern, so that a branch on each would be mispredicted
         let is_boundary = |&face: &u32| {
@@ -94,7 +95,7 @@ impl BoundaryFaces {
     }
 
     /// Requests what is read of the faces in the list of a cluster, except their neighbours.
-    pub fn prefetch_list(&self, graph: &DualGraph, cluster: u32) {
+    pub fn prefetch_list<E: Functional>(&self, graph: &DualGraph<E>, cluster: u32) {
         for &face in &self.faces_of_cluster[cluster as usize] {
             self.prefetch(face);
             graph.prefetch(face);
@@ -114,7 +115,7 @@ impl BoundaryFaces {
     }
 
     /// A face has moved; `labels` already have its new cluster.
-    pub fn moved(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32) {
+    pub fn moved<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &mut Labels, face: u32) {
         let to = labels.refresh(face);
         self.list(graph, labels, face, to);
         for &near in graph.neighbours_of(face) {
@@ -126,9 +127,9 @@ impl BoundaryFaces {
     }
 
     /// A cluster was merged into another; `labels` already say so. Calls `visit` with its boundary faces.
-    pub fn merged(
+    pub fn merged<E: Functional>(
         &mut self,
-        graph: &DualGraph,
+        graph: &DualGraph<E>,
         labels: &mut Labels,
         into: u32,
         from: u32,
@@ -169,7 +170,7 @@ impl BoundaryFaces {
     }
 
     /// Lists a face, and brings the labels around it up to date.
-    fn list(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32, cluster: u32) {
+    fn list<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &mut Labels, face: u32, cluster: u32) {
         labels.refresh_around(graph, &[face]);
         *self.listed_in[face as usize].get_mut() = cluster;
         let faces = &self.faces_of_cluster[cluster as usize];
@@ -180,7 +181,7 @@ impl BoundaryFaces {
     }
 
     /// Drops the faces of a list that are no longer boundary faces of its cluster.
-    pub fn prune(&mut self, graph: &DualGraph, labels: &Labels, cluster: u32) {
+    pub fn prune<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &Labels, cluster: u32) {
         let is_boundary = |face| graph.neighbours_of(face).iter().any(|&near| labels.of(near) != cluster);
         self.list_of(cluster).retain(is_boundary);
         let faces = &mut self.faces_of_cluster[cluster as usize];

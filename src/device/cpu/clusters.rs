@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::change_log::{ChangeLog, Cursor};
 use super::tuning::chunks::ITEMS;
 use crate::device::FREE;
-use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Point, Proxy, Sums};
+use crate::energy::{Functional, LatticeEnergy, Sums};
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
@@ -24,8 +24,8 @@ const FITS: usize = 1 << 15;
 
 /// What the evaluation of a face reads of a cluster.
 #[derive(Debug, Clone, Copy)]
-pub struct CachedProxy {
-    proxy: Proxy,
+pub struct CachedProxy<E: Functional> {
+    proxy: E::Proxy,
     /// How far the proxy has moved: the sum of its ways in steps of [`DRIFT_STEP`], each rounded up by up to a step, so
     /// that every change adds to it; at least 2. [`FAR`] is added when the weight falls below `least_weight`, and when
     /// the cluster ends.
@@ -40,23 +40,23 @@ pub fn slot(cluster: u32) -> u32 {
     cluster + 1
 }
 
-impl CachedProxy {
+impl<E: Functional> CachedProxy<E> {
     /// That of slot 0.
-    const NOWHERE: Self = Self { proxy: [0; 3], drift: 0, least_weight: 0 };
+    const NOWHERE: Self = Self { proxy: E::NO_PROXY, drift: 0, least_weight: 0 };
 
     /// The cost of a face of weight 1 at a point ([`Functional::cost`]).
     #[inline]
-    pub fn cost(&self, point: Point) -> u64 {
-        Energy::cost(point, self.proxy)
+    pub fn cost(&self, point: E::Point) -> u64 {
+        E::cost(point, self.proxy)
     }
 }
 
 /// All clusters of a clustering.
 #[derive(Debug)]
-pub struct Clusters {
-    sums: Vec<ClusterSums>,
+pub struct Clusters<E: Functional> {
+    sums: Vec<E::Sums>,
     /// By [`slot`]; apart from the sums, to stay in cache.
-    cached: Vec<CachedProxy>,
+    cached: Vec<CachedProxy<E>>,
     /// 2·P·S − M·|P|² of each cluster, in units of its component.
     explained: Vec<i128>,
     energy_shifts: Vec<u8>,
@@ -65,12 +65,12 @@ pub struct Clusters {
     change_log: ChangeLog,
 }
 
-impl Clusters {
+impl<E: Functional> Clusters<E> {
     /// The clusters of these labels; free faces count for none. All clusters have changed.
-    pub fn of(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Self {
+    pub fn of(graph: &DualGraph<E>, component_of_cluster: &[u32], labels: &[u32]) -> Self {
         let shift = |&component: &u32| graph.components[component as usize].energy_shift as u8;
         let count = component_of_cluster.len();
-        let mut sums = vec![ClusterSums::default(); count];
+        let mut sums = vec![E::Sums::default(); count];
         for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
             sums[label as usize].add_face(graph.face(face), 1);
         }
@@ -94,12 +94,12 @@ impl Clusters {
     }
 
     /// The sums of a cluster.
-    pub fn sums(&self, cluster: u32) -> &ClusterSums {
+    pub fn sums(&self, cluster: u32) -> &E::Sums {
         &self.sums[cluster as usize]
     }
 
     /// The proxy of a cluster that has faces.
-    pub fn proxy(&self, cluster: u32) -> Proxy {
+    pub fn proxy(&self, cluster: u32) -> E::Proxy {
         self.cached(cluster).proxy
     }
 
@@ -110,13 +110,13 @@ impl Clusters {
 
     /// What the evaluation of a face reads of a cluster.
     #[inline]
-    pub fn cached(&self, cluster: u32) -> &CachedProxy {
+    pub fn cached(&self, cluster: u32) -> &CachedProxy<E> {
         self.at_slot(slot(cluster))
     }
 
     /// The same by [`slot`].
     #[inline]
-    pub fn at_slot(&self, slot: u32) -> &CachedProxy {
+    pub fn at_slot(&self, slot: u32) -> &CachedProxy<E> {
         &self.cached[slot as usize]
     }
 
@@ -127,7 +127,7 @@ impl Clusters {
 
     /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit). Whether
     /// the clusters [may be in pieces](Self::may_be_in_pieces) is for the caller to note.
-    pub fn transfer(&mut self, graph: &DualGraph, face: u32, from: u32, to: u32) {
+    pub fn transfer(&mut self, graph: &DualGraph<E>, face: u32, from: u32, to: u32) {
         self.sums[from as usize].add_face(graph.face(face as usize), -1);
         self.sums[to as usize].add_face(graph.face(face as usize), 1);
         self.change_log.changed(from);
@@ -171,22 +171,22 @@ impl Clusters {
         let changed = self.change_log.take(Cursor::Proxies);
         for changed in changed.chunks(FITS) {
             let fits = changed.par_iter().with_min_len(ITEMS).map(|&cluster| self.sums[cluster as usize].fit());
-            let fits: Vec<Option<(Proxy, i128)>> = fits.collect();
+            let fits: Vec<Option<(E::Proxy, i128)>> = fits.collect();
             changed.iter().zip(fits).for_each(|(&cluster, fit)| self.store_fit(cluster, fit));
         }
     }
 
     /// Stores what [`Sums::fit`] gives for a cluster.
-    fn store_fit(&mut self, cluster: u32, fit: Option<(Proxy, i128)>) {
+    fn store_fit(&mut self, cluster: u32, fit: Option<(E::Proxy, i128)>) {
         let cluster = cluster as usize;
         let cached = &mut self.cached[slot(cluster as u32) as usize];
         // a cluster without faces keeps its last proxy, which is not read
         let (proxy, explained) = fit.unwrap_or((cached.proxy, 0));
         self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
         self.explained[cluster] = explained;
-        cached.drift += Energy::drift(cached.proxy, proxy) / DRIFT_STEP + 1;
+        cached.drift += E::drift(cached.proxy, proxy) / DRIFT_STEP + 1;
         cached.proxy = proxy;
-        let weight = self.sums[cluster].weight as u64;
+        let weight = self.sums[cluster].weight();
         if weight < cached.least_weight {
             cached.drift += FAR;
         }
@@ -197,7 +197,7 @@ impl Clusters {
 
     /// Whether the energy falls, exactly, when faces with these sums move from one cluster to another, and a face is
     /// left in the first.
-    pub fn improves(&self, from: u32, to: u32, moved: &ClusterSums) -> bool {
+    pub fn improves(&self, from: u32, to: u32, moved: &E::Sums) -> bool {
         let explained = |cluster: u32, sign: i64| {
             let mut sums = self.sums[cluster as usize];
             sums.add(moved, sign);

@@ -2,6 +2,7 @@
 
 use super::labels::Labels;
 use crate::device::{Cancel, FREE};
+use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -9,7 +10,12 @@ use crate::surface::DualGraph;
 /// faces.
 ///
 /// Only faces labelled in the last pass have free neighbours, so the cost is in proportion to the faces labelled.
-pub fn grow(graph: &DualGraph, labels: &mut Labels, mut front: Vec<u32>, cancel: &Cancel) -> Result<()> {
+pub fn grow<E: Functional>(
+    graph: &DualGraph<E>,
+    labels: &mut Labels,
+    mut front: Vec<u32>,
+    cancel: &Cancel,
+) -> Result<()> {
     while !front.is_empty() {
         cancel.check()?;
         let mut offers = Vec::new();

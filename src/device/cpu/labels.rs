@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::tuning::chunks::FACES;
 use crate::device::FREE;
+use crate::energy::Functional;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 use crate::union_find::root;
@@ -80,7 +81,7 @@ impl Labels {
     }
 
     /// Brings the labels of some faces and of their neighbours up to date.
-    pub fn refresh_around(&mut self, graph: &DualGraph, faces: &[u32]) {
+    pub fn refresh_around<E: Functional>(&mut self, graph: &DualGraph<E>, faces: &[u32]) {
         if FACES_AROUND * faces.len() >= self.raw.len() {
             self.renew();
         }

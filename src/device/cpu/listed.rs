@@ -15,6 +15,7 @@ use super::refine::RefinementPhase;
 use super::{Move, Partition};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, FLOOD_FROM, FREE};
+use crate::energy::Functional;
 use crate::error::Result;
 use crate::prefetch::{Ahead, with_lookahead};
 use crate::surface::DualGraph;
@@ -22,8 +23,8 @@ use crate::surface::detour::surely_stays_connected;
 
 /// A partition, and what phases keep between iterations.
 #[derive(Debug)]
-pub struct Listed<'a> {
-    pub partition: Partition<'a>,
+pub struct Listed<'a, E: Functional> {
+    pub partition: Partition<'a, E>,
     /// Created by the first boundary phase.
     boundary_phase: Option<BoundaryPhase>,
     /// Created by the first refinement.
@@ -42,10 +43,10 @@ pub struct Listed<'a> {
     moved_since_merge: Option<Vec<(u32, u32)>>,
 }
 
-impl<'a> Listed<'a> {
+impl<'a, E: Functional> Listed<'a, E> {
     /// Lists the boundary faces of clusters that are in step with `labels`. All faces are labelled. `has_merged`:
     /// whether clusters merged before.
-    pub fn new(graph: &'a DualGraph, mut labels: Labels, clusters: Clusters, has_merged: bool) -> Self {
+    pub fn new(graph: &'a DualGraph<E>, mut labels: Labels, clusters: Clusters<E>, has_merged: bool) -> Self {
         let boundary = BoundaryFaces::collect(graph, &mut labels, clusters.len());
         Self {
             living: (0..clusters.len() as u32).collect(),

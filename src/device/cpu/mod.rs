@@ -35,6 +35,7 @@ use rayon::current_num_threads;
 
 use super::{Device, MergeSteps, Steps};
 use crate::device::{DeviceInfo, DeviceKind};
+use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::DualGraph;
 use boundary_faces::BoundaryFaces;
@@ -59,6 +60,11 @@ impl CpuDevice {
         };
         Self { info }
     }
+
+    /// What it is, whatever the energy.
+    pub fn info(&self) -> &DeviceInfo {
+        &self.info
+    }
 }
 
 impl Default for CpuDevice {
@@ -67,24 +73,24 @@ impl Default for CpuDevice {
     }
 }
 
-impl Device for CpuDevice {
+impl<E: Functional> Device<E> for CpuDevice {
     fn info(&self) -> &DeviceInfo {
         &self.info
     }
 
-    fn another(&self) -> Option<Box<dyn Device>> {
+    fn another(&self) -> Option<Box<dyn Device<E>>> {
         Some(Box::new(Self { info: self.info.clone() }))
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        graph: &'a DualGraph,
+        graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn MergeSteps + 'a>> {
+    ) -> Result<Box<dyn MergeSteps<E> + 'a>> {
         Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
     }
 }
@@ -99,10 +105,10 @@ struct Move {
 
 /// A graph whose faces are all labelled, and what is kept in step with the labels.
 #[derive(Debug)]
-struct Partition<'a> {
-    graph: &'a DualGraph,
+struct Partition<'a, E: Functional> {
+    graph: &'a DualGraph<E>,
     labels: Labels,
-    clusters: Clusters,
+    clusters: Clusters<E>,
     boundary: BoundaryFaces,
 }
 

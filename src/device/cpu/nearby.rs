@@ -19,6 +19,7 @@ use std::hint::select_unpredictable;
 use super::Partition;
 use super::clusters::{CachedProxy, DRIFT_STEP, slot};
 use super::labels::Labels;
+use crate::energy::Functional;
 use crate::surface::DualGraph;
 
 /// In place of the first other cluster: there are more than two. No slot has this number. In place of the second is
@@ -85,7 +86,7 @@ impl NearClusters {
 
     /// How far the proxies of these clusters have drifted, added up.
     #[inline]
-    pub fn drift(self, partition: &Partition<'_>, face: u32) -> u64 {
+    pub fn drift<E: Functional>(self, partition: &Partition<'_, E>, face: u32) -> u64 {
         match self.others {
             [MANY, _] => drift_of_many(partition, face, self.own - 1),
             [first, second] => {
@@ -104,7 +105,12 @@ impl Nearby {
     /// Looks at the neighbours of a face of cluster `own`. Calls `visit` with each other cluster among theirs; with
     /// some maybe several times where there are more than two.
     #[inline]
-    pub fn of(partition: &Partition<'_>, face: u32, own: u32, mut visit: impl FnMut(u32, &CachedProxy)) -> Self {
+    pub fn of<E: Functional>(
+        partition: &Partition<'_, E>,
+        face: u32,
+        own: u32,
+        mut visit: impl FnMut(u32, &CachedProxy<E>),
+    ) -> Self {
         let Partition { graph, labels, clusters, .. } = partition;
         let mut others = [NO_SLOT; 2];
         let mut are_many = false;
@@ -158,8 +164,8 @@ pub fn saturated(drift: u64) -> u32 {
 }
 
 /// The clusters of a face's neighbours other than `own`; one maybe several times. The labels need not be up to date.
-pub fn other_clusters<'a>(
-    graph: &'a DualGraph,
+pub fn other_clusters<'a, E: Functional>(
+    graph: &'a DualGraph<E>,
     labels: &'a Labels,
     face: u32,
     own: u32,
@@ -176,7 +182,11 @@ pub fn other_clusters<'a>(
 
 /// How far the proxies of `own` and of the [`other_clusters`] of a face have drifted, added up.
 #[cold]
-fn drift_of_many(Partition { graph, labels, clusters, .. }: &Partition<'_>, face: u32, own: u32) -> u64 {
+fn drift_of_many<E: Functional>(
+    Partition { graph, labels, clusters, .. }: &Partition<'_, E>,
+    face: u32,
+    own: u32,
+) -> u64 {
     let others = other_clusters(graph, labels, face, own).map(|other| clusters.cached(other).drift);
     clusters.cached(own).drift + others.sum::<u64>()
 }

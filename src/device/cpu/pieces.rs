@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::Partition;
 use super::tuning::chunks::CLUSTERS;
+use crate::energy::Functional;
 use crate::surface::DualGraph;
 use crate::union_find::root;
 
@@ -52,7 +53,12 @@ impl<'a> Walk<'a> {
 
     /// Walks from faces of a cluster, at least one of each piece. Returns how many pieces there are; if
     /// several, all faces of the cluster were visited.
-    fn pieces(&mut self, graph: &DualGraph, from: impl Iterator<Item = u32>, is_own: impl Fn(u32) -> bool) -> usize {
+    fn pieces<E: Functional>(
+        &mut self,
+        graph: &DualGraph<E>,
+        from: impl Iterator<Item = u32>,
+        is_own: impl Fn(u32) -> bool,
+    ) -> usize {
         self.faces.clear();
         self.set_of_face.clear();
         for face in from {
@@ -96,7 +102,7 @@ impl<'a> Walk<'a> {
 
 /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each of the
 /// given clusters, each given once, sorted.
-pub fn cut_off(partition: &Partition<'_>, of_clusters: &[u32], places: &Places) -> Vec<u32> {
+pub fn cut_off<E: Functional>(partition: &Partition<'_, E>, of_clusters: &[u32], places: &Places) -> Vec<u32> {
     let Partition { graph, labels, boundary, .. } = partition;
     let of_chunk = |of_clusters: &[u32]| {
         let (mut cut_off, mut walk) = (Vec::new(), Walk::new(places));

@@ -10,7 +10,7 @@ use super::change_log::Cursor;
 use super::nearby::{Bound, Nearby, Rival, other_clusters};
 use super::tuning::chunks::CLUSTERS;
 use super::{Move, Partition};
-use crate::energy::{ClusterSums, Energy, Functional, RefinementSlack, Side, Sums};
+use crate::energy::{Functional, RefinementSlack, Side, Sums};
 use crate::surface::DualGraph;
 
 /// What refinement keeps between iterations.
@@ -23,7 +23,7 @@ pub struct RefinementPhase {
 
 impl RefinementPhase {
     /// All boundary faces are active.
-    pub fn new(partition: &Partition<'_>) -> Self {
+    pub fn new<E: Functional>(partition: &Partition<'_, E>) -> Self {
         let bids = Bids::new(partition.graph.faces(), partition.clusters.len());
         Self { active: ActiveFaces::new(partition), bids }
     }
@@ -34,7 +34,7 @@ impl RefinementPhase {
     }
 
     /// The moves of the next iteration, maybe none; None when there are no bids.
-    pub fn moves(&mut self, partition: &mut Partition<'_>) -> Option<Vec<Move>> {
+    pub fn moves<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> Option<Vec<Move>> {
         self.renew_bids(partition);
         if self.bids.is_empty() {
             return None;
@@ -45,7 +45,7 @@ impl RefinementPhase {
     }
 
     /// Evaluates active faces, and returns all bids.
-    pub fn renew_bids(&mut self, partition: &mut Partition<'_>) -> &Bids {
+    pub fn renew_bids<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> &Bids {
         let changed = partition.clusters.take_changes(Cursor::Refinement);
         // a bid depends on its clusters, also that of a face which lies on no boundary any more
         self.bids.at(&changed).for_each(|face| self.active.add(face));
@@ -61,7 +61,11 @@ impl RefinementPhase {
 }
 
 /// Tests each winner together with all that bid for its move, then alone.
-fn verdicts(Partition { graph, clusters, .. }: &Partition<'_>, bids: &Bids, winners: &[Move]) -> Vec<Verdict> {
+fn verdicts<E: Functional>(
+    Partition { graph, clusters, .. }: &Partition<'_, E>,
+    bids: &Bids,
+    winners: &[Move],
+) -> Vec<Verdict> {
     let verdict = |&winner: &Move| {
         let Move { from, to, .. } = winner;
         if clusters.improves(from, to, &sums_of(graph, bids.joining(winner))) {
@@ -76,8 +80,8 @@ fn verdicts(Partition { graph, clusters, .. }: &Partition<'_>, bids: &Bids, winn
 }
 
 /// The sums of faces that move.
-fn sums_of(graph: &DualGraph, moves: impl IntoIterator<Item = Move>) -> ClusterSums {
-    let mut sums = ClusterSums::default();
+fn sums_of<E: Functional>(graph: &DualGraph<E>, moves: impl IntoIterator<Item = Move>) -> E::Sums {
+    let mut sums = E::Sums::default();
     moves.into_iter().for_each(|moved| sums.add_face(graph.face(moved.face as usize), 1));
     sums
 }
@@ -85,7 +89,7 @@ fn sums_of(graph: &DualGraph, moves: impl IntoIterator<Item = Move>) -> ClusterS
 /// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),
 /// and until when that holds.
 #[inline]
-fn best_bid(partition: &Partition<'_>, face: u32) -> (Bid, Bound) {
+fn best_bid<E: Functional>(partition: &Partition<'_, E>, face: u32) -> (Bid, Bound) {
     let Partition { graph, labels, clusters, .. } = partition;
     let from = labels.near_boundary(face);
     let point = graph.points[face as usize];
@@ -95,31 +99,34 @@ fn best_bid(partition: &Partition<'_>, face: u32) -> (Bid, Bound) {
     let nearby = Nearby::of(partition, face, from, |_, other| {
         slack.other(other.cost(point), other.least_weight);
     });
-    if slack.is_clear() || clusters.sums(from).faces == 1 {
+    if slack.is_clear() || clusters.sums(from).faces() == 1 {
         return (Bid::default(), nearby.bound(slack.get()));
     }
-    let side =
-        |cluster| Side { cost: clusters.cached(cluster).cost(point), weight: clusters.sums(cluster).weight as u64 };
+    let side = |cluster| Side { cost: clusters.cached(cluster).cost(point), weight: clusters.sums(cluster).weight() };
     let own = side(from);
-    let gains = other_clusters(graph, labels, face, from).map(|to| (Energy::gain(weight, own, side(to)), Reverse(to)));
+    let gains = other_clusters(graph, labels, face, from).map(|to| (E::gain(weight, own, side(to)), Reverse(to)));
     match gains.max() {
         Some((gain, Reverse(to))) if gain > 0 => {
-            (Bid { gain: Energy::bid(gain, weight), from, to }, nearby.until_a_change())
+            (Bid { gain: E::bid(gain, weight), from, to }, nearby.until_a_change())
         }
         _ => (Bid::default(), nearby.bound(0)),
     }
 }
 
 /// How a face without a bid sees a cluster among its neighbours'.
-fn rival(Partition { graph, labels, clusters, .. }: &Partition<'_>, face: u32, cluster: u32) -> Rival {
+fn rival<E: Functional>(
+    Partition { graph, labels, clusters, .. }: &Partition<'_, E>,
+    face: u32,
+    cluster: u32,
+) -> Rival {
     let from = labels.near_boundary(face);
     let (point, weight) = (graph.points[face as usize], graph.weights[face as usize]);
     let [own, other] = [from, cluster].map(|cluster| clusters.cached(cluster));
     let mut slack = RefinementSlack::new(weight, own.cost(point), own.least_weight);
     slack.other(other.cost(point), other.least_weight);
     let [own, other] = [(from, own), (cluster, other)]
-        .map(|(cluster, cached)| Side { cost: cached.cost(point), weight: clusters.sums(cluster).weight as u64 });
+        .map(|(cluster, cached)| Side { cost: cached.cost(point), weight: clusters.sums(cluster).weight() });
     // a face that is alone in its cluster does not bid, until its cluster grows
-    let is_alone = clusters.sums(from).faces == 1;
-    (slack.is_clear() || is_alone || Energy::gain(weight, own, other) <= 0).then(|| slack.get())
+    let is_alone = clusters.sums(from).faces() == 1;
+    (slack.is_clear() || is_alone || E::gain(weight, own, other) <= 0).then(|| slack.get())
 }

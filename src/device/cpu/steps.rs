@@ -9,39 +9,39 @@ use super::labels::Labels;
 use super::listed::Listed;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
-use crate::energy::{ClusterSums, LatticeEnergy};
+use crate::energy::{Functional, LatticeEnergy};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
 /// One clustering.
-pub struct CpuSteps<'a> {
-    graph: &'a DualGraph,
+pub struct CpuSteps<'a, E: Functional> {
+    graph: &'a DualGraph<E>,
     component_of_cluster: &'a [u32],
-    state: State<'a>,
+    state: State<'a, E>,
 }
 
 /// The labels, and what is known about them. A step brings it as far as it needs; labels set from outside begin anew.
 #[derive(Debug)]
-enum State<'a> {
+enum State<'a, E: Functional> {
     /// Nothing.
     Labelled(Labels),
     /// The sums of the clusters.
-    Summed(Labels, Clusters),
+    Summed(Labels, Clusters<E>),
     /// Each cluster is what merges made of single faces: the sums, and the graph of the clusters.
-    Contracted(Labels, Clusters, Box<Contraction>),
+    Contracted(Labels, Clusters<E>, Box<Contraction<E>>),
     /// The sums, and the boundary faces of each cluster. Only here faces move.
-    Listed(Box<Listed<'a>>),
+    Listed(Box<Listed<'a, E>>),
 }
 
-impl Default for State<'_> {
+impl<E: Functional> Default for State<'_, E> {
     fn default() -> Self {
         Self::Labelled(Labels::default())
     }
 }
 
-impl<'a> CpuSteps<'a> {
+impl<'a, E: Functional> CpuSteps<'a, E> {
     /// All faces free.
-    pub fn new(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Self {
+    pub fn new(graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Self {
         Self { graph, component_of_cluster, state: State::Labelled(Labels::new(graph.faces())) }
     }
 
@@ -53,7 +53,7 @@ impl<'a> CpuSteps<'a> {
     }
 
     /// Takes labels and sums out of the state, and whether clusters merged before.
-    fn take_summed(&mut self) -> (Labels, Clusters, bool) {
+    fn take_summed(&mut self) -> (Labels, Clusters<E>, bool) {
         match take(&mut self.state) {
             State::Labelled(mut labels) => {
                 let clusters = Clusters::of(self.graph, self.component_of_cluster, labels.all());
@@ -66,7 +66,7 @@ impl<'a> CpuSteps<'a> {
     }
 
     /// Brings the state to sums at least, and reads them.
-    fn with_clusters<T>(&mut self, read: impl FnOnce(&Clusters) -> T) -> T {
+    fn with_clusters<T>(&mut self, read: impl FnOnce(&Clusters<E>) -> T) -> T {
         match &self.state {
             State::Labelled(_) => {
                 let (labels, clusters, _) = self.take_summed();
@@ -80,7 +80,7 @@ impl<'a> CpuSteps<'a> {
     }
 
     /// Brings the state to listed boundaries, and works on them.
-    pub fn with_listed<T>(&mut self, work: impl FnOnce(&mut Listed<'a>) -> T) -> T {
+    pub fn with_listed<T>(&mut self, work: impl FnOnce(&mut Listed<'a, E>) -> T) -> T {
         if let State::Listed(listed) = &mut self.state {
             return work(listed);
         }
@@ -92,7 +92,7 @@ impl<'a> CpuSteps<'a> {
     }
 
     /// The contraction, where each cluster is what merges made of single faces.
-    fn contraction(&mut self, ties: Ties) -> Option<(&Clusters, &mut Contraction)> {
+    fn contraction(&mut self, ties: Ties) -> Option<(&Clusters<E>, &mut Contraction<E>)> {
         if matches!(self.state, State::Labelled(_) | State::Summed(..)) && self.labels_mut().are_faces() {
             let (labels, clusters, _) = self.take_summed();
             self.state = State::Contracted(labels, clusters, Box::new(Contraction::new(self.graph, ties)));
@@ -109,7 +109,7 @@ impl<'a> CpuSteps<'a> {
         limit: u32,
         cancel: &Cancel,
         on_step: OnStep<'_>,
-        iterate: impl Fn(&mut Listed<'a>) -> Option<u64>,
+        iterate: impl Fn(&mut Listed<'a, E>) -> Option<u64>,
     ) -> Result<Ending> {
         self.with_listed(|listed| {
             let mut left = limit;
@@ -127,7 +127,7 @@ impl<'a> CpuSteps<'a> {
     }
 }
 
-impl Steps for CpuSteps<'_> {
+impl<E: Functional> Steps for CpuSteps<'_, E> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         let mut own = take(self.labels_mut());
         own.replace(labels);
@@ -193,7 +193,7 @@ impl Steps for CpuSteps<'_> {
     }
 }
 
-impl MergeSteps for CpuSteps<'_> {
+impl<E: Functional> MergeSteps<E> for CpuSteps<'_, E> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         let choices = match self.contraction(ties) {
             Some((clusters, contraction)) => contraction.choices(clusters),
@@ -230,7 +230,7 @@ impl MergeSteps for CpuSteps<'_> {
         Ok(())
     }
 
-    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<E::Sums>> {
         Ok(self.with_clusters(|all| clusters.iter().map(|&cluster| *all.sums(cluster)).collect()))
     }
 

@@ -3,6 +3,7 @@ use crate::dev::sample::{Sample, generate};
 use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
+use crate::energy::Energy;
 use crate::surface::Surface;
 
 #[test]
@@ -33,7 +34,7 @@ fn a_bid_is_renewed_when_its_face_is_no_longer_on_the_boundary() {
 }
 
 /// Moves of a third of the boundary faces that leave a face in each cluster.
-fn random_moves(partition: &mut Partition<'_>, random: &mut impl FnMut(usize) -> usize) -> Vec<Move> {
+fn random_moves(partition: &mut Partition<'_, Energy>, random: &mut impl FnMut(usize) -> usize) -> Vec<Move> {
     let Partition { graph, labels, clusters, .. } = partition;
     let labels = labels.all();
     let mut left: Vec<u32> = (0..labels.len() as u32).map(|cluster| clusters.sums(cluster).faces).collect();

@@ -7,7 +7,7 @@ use bytemuck::{Pod, cast, cast_slice};
 
 use super::connection::{Connection, InFlight, PATIENCE, Staging};
 use super::lock;
-use crate::energy::Item;
+use crate::energy::words::Face;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -35,8 +35,8 @@ pub(super) fn upload_graph(
     neighbours: &wgpu::Buffer,
 ) -> Result<()> {
     let rows = graph.faces() + 1;
-    write(connection, faces, (0, rows - 1), |range, to: To<'_, { size_of::<Item>() }>| {
-        to.write_iter(range.map(|face| cast(graph.face(face))));
+    write(connection, faces, (0, rows - 1), |range, to: To<'_, { size_of::<Face>() }>| {
+        to.write_iter(range.map(|face| cast(Face::from(graph.face(face)))));
     })?;
     let offset = |face: usize| graph.neighbour_offsets[face] + rows as u32;
     write(connection, neighbours, (0, rows), |range, to: To<'_, 4>| to.write_iter(range.map(offset).map(cast)))?;

@@ -7,7 +7,7 @@ use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
 use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
 use crate::device::{DeviceInfo, DeviceKind};
-use crate::energy::{ClusterSums, End, Energy, Functional, LatticeEnergy, WideSums};
+use crate::energy::{Functional, LatticeEnergy, WideSums};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -24,33 +24,36 @@ impl Default for PlainDevice {
     }
 }
 
-impl Device for PlainDevice {
+impl<E: Functional> Device<E> for PlainDevice {
     fn info(&self) -> &DeviceInfo {
         &self.info
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         Ok(open(graph, component_of_cluster))
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        graph: &'a DualGraph,
+        graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn MergeSteps + 'a>> {
+    ) -> Result<Box<dyn MergeSteps<E> + 'a>> {
         Ok(open(graph, component_of_cluster))
     }
 }
 
 /// The steps on a surface: what [`PlainDevice`] opens.
-pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dyn MergeSteps + 'a> {
+pub fn open<'a, E: Functional>(
+    graph: &'a DualGraph<E>,
+    component_of_cluster: &'a [u32],
+) -> Box<dyn MergeSteps<E> + 'a> {
     let phase = Refinement::new(graph, component_of_cluster, vec![FREE; graph.faces()]);
     Box::new(PlainSteps { labels_at_merge: phase.labels.clone(), phase, iteration: 0, is_resumed: false })
 }
 
 /// The labels of a surface, and what a phase that is resumed has refused.
-struct PlainSteps<'a> {
-    phase: Refinement<'a>,
+struct PlainSteps<'a, E: Functional> {
+    phase: Refinement<'a, E>,
     /// The labels after the last merge.
     labels_at_merge: Vec<u32>,
     /// The last iteration of the last boundary phase.
@@ -58,15 +61,15 @@ struct PlainSteps<'a> {
     is_resumed: bool,
 }
 
-impl PlainSteps<'_> {
-    fn sums(&self) -> Vec<WideSums> {
+impl<E: Functional> PlainSteps<'_, E> {
+    fn sums(&self) -> Vec<E::WideSums> {
         sums(self.phase.graph, self.phase.component_of_cluster.len(), &self.phase.labels)
     }
 
     /// What merge costs read of a cluster that has faces.
-    fn ends(&self) -> impl Fn(u32) -> End + use<> {
-        let sums = (0..).zip(self.sums()).filter(|(_, sums)| sums.faces > 0);
-        let ends: BTreeMap<u32, End> = sums.map(|(cluster, sums)| (cluster, sums.end())).collect();
+    fn ends(&self) -> impl Fn(u32) -> E::End + use<E> {
+        let sums = (0..).zip(self.sums()).filter(|(_, sums)| sums.faces() > 0);
+        let ends: BTreeMap<u32, E::End> = sums.map(|(cluster, sums)| (cluster, sums.end())).collect();
         move |cluster| ends[&cluster]
     }
 
@@ -99,7 +102,7 @@ fn iterations(
     Ok(Ending::IterationLimit)
 }
 
-impl Steps for PlainSteps<'_> {
+impl<E: Functional> Steps for PlainSteps<'_, E> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         self.phase.labels = labels.to_vec();
         self.labels_at_merge = labels.to_vec();
@@ -160,12 +163,12 @@ impl Steps for PlainSteps<'_> {
     }
 }
 
-impl MergeSteps for PlainSteps<'_> {
+impl<E: Functional> MergeSteps<E> for PlainSteps<'_, E> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         let end = self.ends();
         let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; self.phase.component_of_cluster.len()];
         for (cluster, other) in self.dual_edges() {
-            let cost = Energy::packed_merge_cost(end(cluster), end(other), self.energy_shift(cluster));
+            let cost = E::packed_merge_cost(end(cluster), end(other), self.energy_shift(cluster));
             let rank = Rank::new(cost, cluster, other, ties);
             let best = &mut best[cluster as usize];
             if best.is_none_or(|(best, _)| rank < best) {
@@ -178,7 +181,7 @@ impl MergeSteps for PlainSteps<'_> {
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         let end = self.ends();
         let rank = |(a, b): (u32, u32)| {
-            let cost = Energy::merge_cost(end(a), end(b)) << self.energy_shift(a);
+            let cost = E::merge_cost(end(a), end(b)) << self.energy_shift(a);
             Rank::new(cost, a.min(b), a.max(b), ties)
         };
         Ok(self.dual_edges().map(rank).min().map(|rank| rank.ends()))
@@ -192,7 +195,7 @@ impl MergeSteps for PlainSteps<'_> {
         Ok(())
     }
 
-    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<E::Sums>> {
         let sums = self.sums();
         Ok(clusters.iter().map(|&cluster| sums[cluster as usize].narrow()).collect())
     }

@@ -1,53 +1,107 @@
-//! How the faces of a cluster scatter: bounds of what splits and merges change, in f64 with a margin for its error.
+//! How the faces of a cluster scatter: bounds of what splits and merges change, in f64 with a margin for their error.
 
-use glam::DVec3;
+use super::{ClusterSums, Item};
+use crate::energy::functional::{Bounds, Sums as _};
 
-use super::{ClusterSums, Cvd, Face};
-use crate::energy::functional::{Bounds, Functional as _, Sums as _};
+/// A number of coordinates that points can have.
+#[derive(Debug)]
+pub struct Axes<const D: usize>;
 
-/// Exact sums, and Σ w·d·dᵀ over the faces of a cluster, d = g − the centroid of its first face.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Scatter {
-    first: [i32; 3],
-    sums: ClusterSums,
-    /// xx, yy, zz.
-    squares: DVec3,
-    /// yz, zx, xy.
-    products: DVec3,
+/// The products of different axes in a scatter matrix. None above 8 axes: the trace then bounds the norm.
+pub trait Products {
+    /// One a pair of axes.
+    type OfPairs: AsRef<[f64]> + AsMut<[f64]> + Clone + Default + Send + Sync + std::fmt::Debug;
 }
 
-impl Bounds for Scatter {
-    type Item = Face;
+macro_rules! products {
+    ($($axes:literal: $pairs:literal),*) => {$(
+        impl Products for Axes<$axes> {
+            type OfPairs = [f64; $pairs];
+        }
+    )*};
+}
+products!(3: 3, 8: 28, 16: 0, 32: 0, 64: 0);
+
+/// Exact sums, and Σ w·d·dᵀ over the faces of a cluster, d = g − the centroid of its first face.
+#[derive(Debug, Clone)]
+pub struct Scatter<const D: usize>
+where
+    Axes<D>: Products,
+{
+    first: [i32; D],
+    sums: ClusterSums<D>,
+    squares: [f64; D],
+    products: <Axes<D> as Products>::OfPairs,
+}
+
+impl<const D: usize> Default for Scatter<D>
+where
+    Axes<D>: Products,
+{
+    fn default() -> Self {
+        Self { first: [0; D], sums: ClusterSums::default(), squares: [0.0; D], products: Default::default() }
+    }
+}
+
+impl<const D: usize> Scatter<D>
+where
+    Axes<D>: Products,
+{
+    /// What rounded proxies change a gain or a cost by, at most, a unit of weight: d/4.
+    const ROUNDING: f64 = if D > 4 { D as f64 / 4.0 } else { 1.0 };
+}
+
+/// The pairs of axes, in the order of their products.
+fn pairs<const D: usize>() -> impl Iterator<Item = (usize, usize)> {
+    (0..D).flat_map(|a| (a + 1..D).map(move |b| (a, b)))
+}
+
+impl<const D: usize> Bounds for Scatter<D>
+where
+    Axes<D>: Products,
+{
+    type Item = Item<D>;
 
     #[inline]
-    fn add(&mut self, face: Face) {
+    fn add(&mut self, face: Item<D>) {
         if self.sums.faces == 0 {
-            self.first = face.centroid;
+            self.first = face.point;
         }
         self.sums.add_face(face, 1);
-        let d: DVec3 = std::array::from_fn(|axis| f64::from(face.centroid[axis] - self.first[axis])).into();
+        let d: [f64; D] = std::array::from_fn(|axis| f64::from(face.point[axis] - self.first[axis]));
         let weight = f64::from(face.weight);
-        self.squares += weight * d * d;
-        self.products += weight * DVec3::new(d.y * d.z, d.z * d.x, d.x * d.y);
+        for axis in 0..D {
+            self.squares[axis] += weight * d[axis] * d[axis];
+        }
+        for (product, (a, b)) in self.products.as_mut().iter_mut().zip(pairs::<D>()) {
+            *product += weight * (d[a] * d[b]);
+        }
     }
 
-    /// The norm of the scatter matrix about the mean, its error, and M for rounded proxies (`docs/arithmetic.md`).
+    /// The norm of the scatter matrix about the mean, its error, and what rounding changes (`docs/arithmetic.md`).
     fn most_gain(&self) -> f64 {
         let ClusterSums { centroid, weight, faces } = self.sums;
-        let sum: DVec3 = std::array::from_fn(|at| (centroid[at] - weight * i64::from(self.first[at])) as f64).into();
-        let mean = sum / weight as f64;
-        let squares = self.squares - sum * mean;
-        let products = self.products - DVec3::new(sum.y * mean.z, sum.z * mean.x, sum.x * mean.y);
-        let norm = (squares.length_squared() + 2.0 * products.length_squared()).sqrt();
+        let sum: [f64; D] = std::array::from_fn(|at| (centroid[at] - weight * i64::from(self.first[at])) as f64);
+        let mean = sum.map(|sum| sum / weight as f64);
+        let squares: [f64; D] = std::array::from_fn(|axis| self.squares[axis] - sum[axis] * mean[axis]);
+        let products = self.products.as_ref();
+        let norm = if products.is_empty() {
+            squares.iter().sum()
+        } else {
+            let products = products.iter().zip(pairs::<D>()).map(|(product, (a, b))| product - sum[a] * mean[b]);
+            let of_squares: f64 = squares.iter().map(|x| x * x).sum();
+            (of_squares + 2.0 * products.map(|x| x * x).sum::<f64>()).sqrt()
+        };
         // every addition may round by 2⁻⁵³ of the sum so far
-        let error = f64::from(faces + 16) * f64::EPSILON * 4.0 * self.squares.element_sum();
-        norm + error + weight as f64
+        let error = f64::from(faces + 16) * f64::EPSILON * 4.0 * self.squares.iter().sum::<f64>();
+        norm + error + Self::ROUNDING * weight as f64
     }
 
-    /// M₁M₂/(M₁+M₂)·|m₁ − m₂|², less a part for its error, and M₁ + M₂ for rounded proxies (`docs/arithmetic.md`).
+    /// M₁M₂/(M₁+M₂)·|m₁ − m₂|², less a part for its error, and (M₁ + M₂)·d/4 for rounded proxies.
     fn least_merge_cost(&self, other: &Self) -> f64 {
-        let (a, b) = (&self.sums, &other.sums);
-        (1.0 - 1e-9) * Cvd::merge_cost_of_means(a, b) - (a.weight + b.weight) as f64
+        let [(a, m), (b, n)] = [self, other].map(|of| (of.sums.weight as f64, of.sums.mean()));
+        let square: f64 = (0..D).map(|axis| (m[axis] - n[axis]) * (m[axis] - n[axis])).sum();
+        (1.0 - 1e-9) * (a * b / (a + b) * square) - Self::ROUNDING * (a + b)
     }
 }
 
@@ -55,7 +109,9 @@ impl Bounds for Scatter {
 mod tests {
     use super::*;
 
-    fn sums(faces: &[Face]) -> ClusterSums {
+    type Face = Item<3>;
+
+    fn sums(faces: &[Face]) -> ClusterSums<3> {
         let mut sums = ClusterSums::default();
         faces.iter().for_each(|&face| sums.add_face(face, 1));
         sums
@@ -74,14 +130,14 @@ mod tests {
             let (near, far) = (1 + round % 20, round % 27);
             let far: [i32; 3] = std::array::from_fn(|_| next(far + 1));
             let mut part = |count: usize, at: [i32; 3]| -> Vec<Face> {
-                let mut point = || Face { centroid: at.map(|at| at + next(near)), weight: 1 + next(near) as u32 };
+                let mut point = || Face { point: at.map(|at| at + next(near)), weight: 1 + next(near) as u32 };
                 (0..count).map(|_| point()).collect()
             };
             let faces = if round < 2000 { [1 + round % 5, 1 + round % 7] } else { [30_000, 30_000] };
             let [mut a, mut b] = [(faces[0], [0; 3]), (faces[1], far)].map(|(count, at)| part(count as usize, at));
             if round >= 2000 {
                 // the first faces lie far from all others, so that all sums round in one direction
-                let corner = Face { centroid: [1 - (1 << 27); 3], weight: 1 };
+                let corner = Face { point: [1 - (1 << 27); 3], weight: 1 };
                 [&mut a, &mut b].into_iter().for_each(|faces| faces.insert(0, corner));
             }
             let explained = |faces: &[Face]| sums(faces).fit().map_or(0, |(_, explained)| explained);

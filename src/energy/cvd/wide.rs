@@ -1,61 +1,73 @@
 //! The sums in 128 bits, as their definition reads. The plain device computes with them; the narrow forms are compared
 //! with it.
 
-use super::{ClusterSums, End, Face};
+use super::{ClusterSums, End, Item};
+use crate::energy::functional::WideSums;
 
 /// Sums over the faces of a cluster.
-#[derive(Debug, Clone, Default)]
-pub struct Sums {
+#[derive(Debug, Clone)]
+pub struct Sums<const D: usize> {
     /// S = Σ w·g.
-    s: [i128; 3],
+    s: [i128; D],
     /// M = Σ w.
     m: i128,
-    /// Number of faces.
-    pub faces: u32,
+    faces: u32,
 }
 
-impl Sums {
-    /// Adds a face.
-    pub fn add_face(&mut self, face: Face) {
+impl<const D: usize> Default for Sums<D> {
+    fn default() -> Self {
+        Self { s: [0; D], m: 0, faces: 0 }
+    }
+}
+
+impl<const D: usize> Sums<D> {
+    /// P: S / M rounded to the nearest lattice point, halves up. The cluster has faces.
+    pub fn proxy(&self) -> [i128; D] {
+        self.s.map(|s| (2 * s + self.m).div_euclid(2 * self.m))
+    }
+}
+
+impl<const D: usize> WideSums for Sums<D> {
+    type Item = Item<D>;
+    type Sums = ClusterSums<D>;
+    type End = End<D>;
+
+    fn add_face(&mut self, face: Item<D>) {
         let weight = i128::from(face.weight);
-        for axis in 0..3 {
-            self.s[axis] += weight * i128::from(face.centroid[axis]);
+        for axis in 0..D {
+            self.s[axis] += weight * i128::from(face.point[axis]);
         }
         self.m += weight;
         self.faces += 1;
     }
 
-    /// M.
-    pub fn weight(&self) -> u64 {
+    fn faces(&self) -> u32 {
+        self.faces
+    }
+
+    fn weight(&self) -> u64 {
         self.m as u64
     }
 
-    /// P: S / M rounded to the nearest lattice point, halves up. The cluster has faces.
-    pub fn proxy(&self) -> [i128; 3] {
-        self.s.map(|s| (2 * s + self.m).div_euclid(2 * self.m))
+    /// |g − P|².
+    fn cost(&self, face: Item<D>) -> i128 {
+        let proxy = self.proxy();
+        (0..D).map(|axis| (i128::from(face.point[axis]) - proxy[axis]).pow(2)).sum()
     }
 
-    /// |g − P|² of a face. The cluster has faces.
-    pub fn cost(&self, face: Face) -> i128 {
+    /// 2·P·S − M·|P|².
+    fn explained(&self) -> i128 {
         let proxy = self.proxy();
-        (0..3).map(|axis| (i128::from(face.centroid[axis]) - proxy[axis]).pow(2)).sum()
-    }
-
-    /// 2·P·S − M·|P|². The cluster has faces.
-    pub fn explained(&self) -> i128 {
-        let proxy = self.proxy();
-        let along: i128 = (0..3).map(|axis| 2 * proxy[axis] * self.s[axis]).sum();
+        let along: i128 = (0..D).map(|axis| 2 * proxy[axis] * self.s[axis]).sum();
         let square: i128 = proxy.iter().map(|p| p * p).sum();
         along - self.m * square
     }
 
-    /// What a merge cost needs. The cluster has faces.
-    pub fn end(&self) -> End {
+    fn end(&self) -> End<D> {
         End { weight: self.m as u64, proxy: self.proxy().map(|p| p as i32) }
     }
 
-    /// The same in 64 bits.
-    pub fn narrow(&self) -> ClusterSums {
+    fn narrow(&self) -> ClusterSums<D> {
         ClusterSums { centroid: self.s.map(|s| s as i64), weight: self.m as i64, faces: self.faces }
     }
 }

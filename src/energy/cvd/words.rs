@@ -1,6 +1,6 @@
 //! Which words a face, the sums of a cluster and a proxy take on a gpu. `shaders/energy/cvd.wgsl` computes with them.
 
-use super::ClusterSums;
+use super::{ClusterSums, Item};
 use crate::energy::shared::{Vec3, shared};
 
 /// The energy in WGSL.
@@ -34,7 +34,13 @@ impl Proxy {
     }
 }
 
-impl ClusterSums {
+impl From<Item<3>> for Face {
+    fn from(Item { point, weight }: Item<3>) -> Self {
+        Self { centroid: point, weight }
+    }
+}
+
+impl ClusterSums<3> {
     /// The sums from their words, the low one of each number first.
     pub fn of_words(words: [u32; 2 * SUMS], faces: u32) -> Self {
         let number = |at: usize| (u64::from(words[2 * at + 1]) << 32 | u64::from(words[2 * at])).cast_signed();

@@ -1,33 +1,33 @@
 //! The search for best dual edges along the boundaries of all clusters.
 
-use super::{end, packed_cost};
+use super::{packed_cost, rough_end};
 use crate::device::FREE;
 use crate::device::cpu::Partition;
 use crate::device::cpu::boundary_faces::ClusterList;
 use crate::device::cpu::labels::Labels;
 use crate::device::cpu::tuning::filter::Filter;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::energy::{Energy, Functional};
+use crate::energy::{Functional, Sums};
 use crate::surface::DualGraph;
 
-/// Costs in f64 that differ by this factor or more are in the order of the packed costs, which resolve 1 + 2⁻²⁴.
-const MARGIN: f64 = 1.0 + 1e-6;
-
 /// The choices of the clusters. `living` are those that may have faces, ascending; ones that have none are dropped.
-pub fn choices(partition: &mut Partition<'_>, living: &mut Vec<u32>, ties: Ties) -> Vec<(u32, u32)> {
+pub fn choices<E: Functional>(partition: &mut Partition<'_, E>, living: &mut Vec<u32>, ties: Ties) -> Vec<(u32, u32)> {
     let Partition { graph, labels, clusters, boundary } = partition;
-    living.retain(|&cluster| clusters.sums(cluster).faces > 0);
+    living.retain(|&cluster| clusters.sums(cluster).faces() > 0);
     let choices = boundary.search(living, Filter::default, |others, list| {
         let cluster = list.cluster;
-        let own = end(clusters, cluster);
+        let own = rough_end(clusters, cluster);
         let rank = |other: u32| Rank::new(packed_cost(clusters, cluster, other), cluster, other, ties);
-        let (mut best, mut cost) = (FREE, f64::INFINITY);
+        let (mut best, mut cost) = (FREE, f32::INFINITY);
         find_neighbours(graph, labels, list, others);
         for &other in others.kept() {
-            let about = Energy::merge_cost_about(own, end(clusters, other));
-            // packed costs decide between edges whose costs in f64 are too close
-            if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
-                (best, cost) = (other, about);
+            let rough = E::rough_merge_cost(own, rough_end(clusters, other));
+            // packed costs decide between edges whose rough costs are too close
+            if rough <= cost * E::ROUGH_MARGIN
+                && other != best
+                && (rough * E::ROUGH_MARGIN < cost || rank(other) < rank(best))
+            {
+                (best, cost) = (other, rough);
             }
         }
         (best != FREE).then_some((cluster, best))
@@ -40,7 +40,12 @@ const RECENT: usize = 16;
 
 /// Finds the clusters beside those of a list, some maybe several times, in place of what `others` has. Faces that are
 /// on no boundary are dropped from the list.
-pub fn find_neighbours(graph: &DualGraph, labels: &Labels, list: ClusterList<'_>, others: &mut Filter) {
+pub fn find_neighbours<E: Functional>(
+    graph: &DualGraph<E>,
+    labels: &Labels,
+    list: ClusterList<'_>,
+    others: &mut Filter,
+) {
     let cluster = list.cluster;
     others.clear();
     list.retain(|face| {

@@ -13,9 +13,8 @@
 //!
 //! # Which edges have packed costs
 //!
-//! Rows have costs in single precision ([`RoughEnd::rough_cost`]) with a relative error below 2⁻²⁰. Two edges whose
-//! rough costs differ by more than the factor [`MARGIN`] are in the order of their packed costs, which resolve 1 +
-//! 2⁻²⁴. Only edges that are closer than that, and the resulting pairs, get packed costs.
+//! Rows have [rough costs](Functional::rough_merge_cost). Only edges whose costs are closer than their margin, and the
+//! resulting pairs, get packed costs.
 
 mod node;
 mod search;
@@ -24,26 +23,24 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use self::node::{Edge, Grown, NO_NODE, Node, RoughEnd, Row, Status, resolve};
+use self::node::{Edge, Grown, NO_NODE, Node, Row, Status, resolve};
 use self::search::{Context, SearchResult};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
+use crate::energy::{Functional, RoughEnd, Sums};
 use crate::surface::DualGraph;
 
 /// The round before the first. A row of this round has no costs.
 const NEVER: u32 = 0;
-
-/// Rough costs that differ by more than this factor are in the order of the packed costs.
-const MARGIN: f32 = 1.0 + 1.0 / (1 << 18) as f32;
 
 /// The living clusters, their neighbours and their best dual edges.
 ///
 /// A node stands for a cluster. Nodes are in the order of their clusters, and are renumbered when half of them have
 /// ended, so that the living ones lie close together.
 #[derive(Debug)]
-pub struct Contraction {
-    nodes: Vec<Node>,
+pub struct Contraction<E: Functional> {
+    nodes: Vec<Node<E>>,
     rows: Vec<Row>,
     cluster_of_node: Vec<u32>,
     /// The node of each cluster that has not ended.
@@ -66,16 +63,16 @@ pub struct Contraction {
     is_current: bool,
 }
 
-impl Contraction {
+impl<E: Functional> Contraction<E> {
     /// The graph of clusters that are one face each.
-    pub fn new(graph: &DualGraph, ties: Ties) -> Self {
+    pub fn new(graph: &DualGraph<E>, ties: Ties) -> Self {
         let faces = graph.faces() as u32;
         let row = |face: u32| {
             let start = graph.neighbour_offsets[face as usize] as usize;
             Row::new(start, graph.neighbours_of(face).len() as u32, NEVER)
         };
         let node = |face: u32| Node {
-            end: RoughEnd { weight: 0.0, proxy: [0; 3] },
+            end: RoughEnd { weight: 0.0, proxy: E::NO_PROXY },
             status: Status { into: face, grown: NEVER + 1 },
             best: Edge::LOST.packed().into(),
         };
@@ -104,9 +101,9 @@ impl Contraction {
     }
 
     /// The neighbour that each cluster would best merge with, in the order of the clusters.
-    pub fn choices(&mut self, clusters: &Clusters) -> Vec<(u32, u32)> {
+    pub fn choices(&mut self, clusters: &Clusters<E>) -> Vec<(u32, u32)> {
         self.update(clusters);
-        let choice = |(node, &cluster): (&Node, &u32)| {
+        let choice = |(node, &cluster): (&Node<E>, &u32)| {
             let other = node.best().other;
             (other != NO_NODE).then(|| (cluster, self.cluster_of_node[other as usize]))
         };
@@ -115,14 +112,14 @@ impl Contraction {
 
     /// The pairs of clusters that chose each other, in any order. They are kept between rounds: only new ones get
     /// packed costs.
-    pub fn mutual(&mut self, clusters: &Clusters) -> Vec<Rank<u32>> {
+    pub fn mutual(&mut self, clusters: &Clusters<E>) -> Vec<Rank<u32>> {
         self.update(clusters);
         self.pairs.iter().map(|(rank, _)| *rank).collect()
     }
 
     /// Merges the first cluster of each pair into the second; no cluster is in two pairs. Call it before `clusters` are
     /// merged.
-    pub fn merge(&mut self, clusters: &Clusters, pairs: &[(u32, u32)]) {
+    pub fn merge(&mut self, clusters: &Clusters<E>, pairs: &[(u32, u32)]) {
         self.update(clusters);
         // the second condition: a cluster with a long row that grows in many rounds
         if self.ended > self.rows.len() / 2 || self.edges.len() > room(self.compacted, self.rows.len()) {
@@ -147,14 +144,14 @@ impl Contraction {
     }
 
     /// Finds the best edges after the last round, and the pairs.
-    fn update(&mut self, clusters: &Clusters) {
+    fn update(&mut self, clusters: &Clusters<E>) {
         if self.is_current {
             return;
         }
         self.is_current = true;
         let grown = std::mem::take(&mut self.grown);
         let end =
-            |cluster: u32| RoughEnd { weight: clusters.sums(cluster).weight as f32, proxy: clusters.proxy(cluster) };
+            |cluster: u32| RoughEnd { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.proxy(cluster) };
         let mut lost = Vec::new();
         if self.round == NEVER {
             self.round += 1;
@@ -180,7 +177,7 @@ impl Contraction {
 
     /// Finds the pairs whose best edges lead to each other, given the nodes that searched in this round. A new pair has
     /// such a node, because offers lead to grown nodes.
-    fn pair_up(&mut self, clusters: &Clusters, searched: &[u32]) {
+    fn pair_up(&mut self, clusters: &Clusters<E>, searched: &[u32]) {
         let context = self.context(clusters);
         let choice = |node: u32| self.nodes[node as usize].best().other;
         // a node that searched without having grown did so because its choice had grown or ended, or in the first round
@@ -248,7 +245,7 @@ impl Contraction {
         self.edges = kept_edges;
     }
 
-    fn context<'a>(&'a self, clusters: &'a Clusters) -> Context<'a> {
+    fn context<'a>(&'a self, clusters: &'a Clusters<E>) -> Context<'a, E> {
         Context {
             nodes: &self.nodes,
             rows: &self.rows,

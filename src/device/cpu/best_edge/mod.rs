@@ -16,17 +16,17 @@ use super::clusters::Clusters;
 use super::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{DualEdge, FREE};
-use crate::energy::{End, Energy, Functional, Sums};
+use crate::energy::{Functional, RoughEnd, Sums};
 
 /// The best dual edges, given the choices.
-pub fn optimal(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<DualEdge> {
+pub fn optimal<E: Functional>(clusters: &Clusters<E>, choices: &[(u32, u32)]) -> Vec<DualEdge> {
     let edge =
         |&(cluster, other): &(u32, u32)| DualEdge { cluster, other, cost: packed_cost(clusters, cluster, other) };
     choices.par_iter().with_min_len(ITEMS).map(edge).collect()
 }
 
 /// The pairs of clusters that chose each other. Costs less than [`optimal`]: only these edges get packed costs.
-pub fn mutual(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<Rank<u32>> {
+pub fn mutual<E: Functional>(clusters: &Clusters<E>, choices: &[(u32, u32)]) -> Vec<Rank<u32>> {
     let mut choice_of_cluster = vec![FREE; clusters.len()];
     choices.iter().for_each(|&(cluster, other)| choice_of_cluster[cluster as usize] = other);
     let is_mutual = |&&(cluster, other): &&(u32, u32)| cluster < other && choice_of_cluster[other as usize] == cluster;
@@ -35,11 +35,16 @@ pub fn mutual(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<Rank<u32>> {
 }
 
 /// The packed cost of merging two clusters.
-fn packed_cost(clusters: &Clusters, cluster: u32, other: u32) -> u32 {
-    Energy::packed_merge_cost(end(clusters, cluster), end(clusters, other), clusters.energy_shift(cluster))
+fn packed_cost<E: Functional>(clusters: &Clusters<E>, cluster: u32, other: u32) -> u32 {
+    E::packed_merge_cost(end(clusters, cluster), end(clusters, other), clusters.energy_shift(cluster))
 }
 
 /// A cluster as an end of a dual edge.
-fn end(clusters: &Clusters, cluster: u32) -> End {
+fn end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> E::End {
     clusters.sums(cluster).end(clusters.proxy(cluster))
+}
+
+/// The same in single precision.
+fn rough_end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> RoughEnd<E> {
+    RoughEnd { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.proxy(cluster) }
 }

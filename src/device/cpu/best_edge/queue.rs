@@ -9,7 +9,7 @@ use crate::device::cpu::Partition;
 use crate::device::cpu::change_log::Cursor;
 use crate::device::cpu::tuning::filter::Filter;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::energy::{Energy, Functional};
+use crate::energy::{Functional, Sums};
 
 /// All dual edges. When a cluster changes, its edges are queued anew, and the old entries are skipped when they come
 /// up.
@@ -37,14 +37,14 @@ impl Queue {
     }
 
     /// The cheapest dual edge of all, which stays in the queue.
-    pub fn cheapest(&mut self, partition: &mut Partition<'_>) -> Option<Rank<u128>> {
+    pub fn cheapest<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> Option<Rank<u128>> {
         let Partition { graph, labels, clusters, boundary } = partition;
         let changed = clusters.take_changes(Cursor::DualEdges);
         for &cluster in &changed {
             self.versions[cluster as usize] += 1;
         }
         let mut others = Filter::default();
-        for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces > 0) {
+        for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces() > 0) {
             find_neighbours(graph, labels, boundary.list_of(cluster), &mut others);
             others.kept_mut().sort_unstable();
             for other in others.kept().chunk_by(|a, b| a == b).map(|equal| equal[0]) {
@@ -53,7 +53,7 @@ impl Queue {
                     continue;
                 }
                 let cost =
-                    Energy::merge_cost(end(clusters, cluster), end(clusters, other)) << clusters.energy_shift(cluster);
+                    E::merge_cost(end(clusters, cluster), end(clusters, other)) << clusters.energy_shift(cluster);
                 let rank = Rank::new(cost, cluster.min(other), cluster.max(other), self.ties);
                 self.edges.push(Reverse(Entry { rank, versions: self.versions_of(rank) }));
             }

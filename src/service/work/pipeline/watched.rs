@@ -31,7 +31,7 @@ impl<'d> Watched<'d> {
 
     /// Whether labels of a graph are labels of the mesh.
     fn shows(&self, graph: &DualGraph) -> bool {
-        std::ptr::eq(graph, &raw const **self.surface)
+        std::ptr::eq(graph, &raw const self.surface.graph)
     }
 }
 

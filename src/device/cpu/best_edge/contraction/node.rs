@@ -3,14 +3,16 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
+use crate::energy::{Functional, RoughEnd};
+
 /// No node.
 pub const NO_NODE: u32 = u32::MAX;
 
 /// What searches read of a neighbour, in half a cache line.
 #[derive(Debug)]
 #[repr(align(32))]
-pub struct Node {
-    pub end: RoughEnd,
+pub struct Node<E: Functional> {
+    pub end: RoughEnd<E>,
     pub status: Status,
     /// Its best edge, packed. Written by the node's own search. Before that search, the search of a neighbour that grew
     /// may reset it to [`Edge::LOST`]; offers are applied between the two.
@@ -52,15 +54,8 @@ pub struct Edge {
     pub cost: f32,
 }
 
-/// A cluster as an end of a dual edge, in single precision.
-#[derive(Debug, Clone, Copy)]
-pub struct RoughEnd {
-    pub weight: f32,
-    pub proxy: [i32; 3],
-}
-
 /// The living node that a node is part of.
-pub fn resolve(nodes: &[Node], mut node: u32) -> u32 {
+pub fn resolve<E: Functional>(nodes: &[Node<E>], mut node: u32) -> u32 {
     loop {
         let into = nodes[node as usize].status.into;
         if into == node {
@@ -70,7 +65,7 @@ pub fn resolve(nodes: &[Node], mut node: u32) -> u32 {
     }
 }
 
-impl Node {
+impl<E: Functional> Node<E> {
     pub fn best(&self) -> Edge {
         Edge::unpacked(self.best.load(Relaxed))
     }
@@ -109,19 +104,6 @@ impl Status {
     /// Whether the node of this status is what it was at the end of a round.
     pub fn is_unchanged_since(self, node: u32, round: u32) -> bool {
         self.into == node && self.grown <= round
-    }
-}
-
-impl RoughEnd {
-    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component. Relative error below 12·2⁻²⁴: each conversion and
-    /// operation adds 2⁻²⁴, and only integers are subtracted.
-    pub fn rough_cost(self, other: Self) -> f32 {
-        let square = |axis: usize| {
-            let difference = (self.proxy[axis] - other.proxy[axis]) as f32;
-            difference * difference
-        };
-        let harmonic = self.weight * other.weight / (self.weight + other.weight);
-        harmonic * (square(0) + square(1) + square(2))
     }
 }
 

@@ -3,23 +3,24 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use super::{Edge, Grown, MARGIN, NO_NODE, Node, Row, resolve};
+use super::{Edge, Grown, NO_NODE, Node, Row, resolve};
 use crate::device::cpu::best_edge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::dual_edge::{Rank, Ties};
+use crate::energy::Functional;
 use crate::prefetch::{prefetch, with_lookahead};
 
 /// What a search reads. It writes the row and the best edge of the searching node. Several threads search at a time;
 /// their results do not depend on the order, because statuses and ends do not change meanwhile, and a search reads the
 /// best edges only of nodes that do not search.
 #[derive(Clone, Copy)]
-pub(super) struct Context<'a> {
-    pub(super) nodes: &'a [Node],
+pub(super) struct Context<'a, E: Functional> {
+    pub(super) nodes: &'a [Node<E>],
     pub(super) rows: &'a [Row],
     pub(super) cluster_of_node: &'a [u32],
     pub(super) edges: &'a [AtomicU64],
     pub(super) round: u32,
-    pub(super) clusters: &'a Clusters,
+    pub(super) clusters: &'a Clusters<E>,
     pub(super) ties: Ties,
 }
 
@@ -32,7 +33,7 @@ pub(super) struct SearchResult {
     pub(super) offers: Vec<(u32, Edge)>,
 }
 
-impl Context<'_> {
+impl<E: Functional> Context<'_, E> {
     /// The packed cost of merging two nodes.
     pub(super) fn packed_cost(&self, node: u32, other: u32) -> u32 {
         let [cluster, other] = [node, other].map(|node| self.cluster_of_node[node as usize]);
@@ -41,7 +42,7 @@ impl Context<'_> {
 
     /// Whether one edge of a node is better than another.
     pub(super) fn prefers(&self, node: u32, edge: Edge, than: Edge) -> bool {
-        if edge.cost > than.cost * MARGIN || than.cost > edge.cost * MARGIN {
+        if edge.cost > than.cost * E::ROUGH_MARGIN || than.cost > edge.cost * E::ROUGH_MARGIN {
             return edge.cost < than.cost;
         }
         let cluster = |node: u32| self.cluster_of_node[node as usize];
@@ -50,7 +51,7 @@ impl Context<'_> {
     }
 
     fn rough_cost(&self, node: u32, other: u32) -> f32 {
-        self.nodes[node as usize].end.rough_cost(self.nodes[other as usize].end)
+        E::rough_merge_cost(self.nodes[node as usize].end, self.nodes[other as usize].end)
     }
 
     /// Requests the nodes that some edges lead to.
@@ -91,7 +92,7 @@ impl Context<'_> {
                         if nodes[other as usize].lose_best() {
                             result.lost.push(other);
                         }
-                    } else if cost <= its.cost * MARGIN {
+                    } else if cost <= its.cost * E::ROUGH_MARGIN {
                         result.offers.push((other, Edge { other: node, cost }));
                     }
                 }
@@ -140,7 +141,7 @@ impl Context<'_> {
     /// Stores the result of a search: the length of the row and the best edge.
     fn store_row(&self, node: u32, edges: &[AtomicU64], cheapest: Cheapest) {
         let mut best = Edge::unpacked(cheapest.first);
-        if Edge::unpacked(cheapest.second).cost <= best.cost * MARGIN {
+        if Edge::unpacked(cheapest.second).cost <= best.cost * E::ROUGH_MARGIN {
             for edge in edges.iter().map(|edge| Edge::unpacked(edge.load(Relaxed))) {
                 if edge.other != best.other && self.prefers(node, edge, best) {
                     best = edge;

@@ -4,14 +4,15 @@ use crate::device::cpu::best_edge;
 use crate::device::dual_edge::{Rank, mutual};
 use crate::device::plain;
 use crate::device::{DualEdge, MergeSteps};
+use crate::energy::Energy;
 use crate::surface::{Component, Surface};
 
 /// Clusters and their contraction, and the plain device that they are compared with.
 struct Both<'a> {
     ties: Ties,
     plain: Box<dyn MergeSteps + 'a>,
-    clusters: Clusters,
-    contraction: Contraction,
+    clusters: Clusters<Energy>,
+    contraction: Contraction<Energy>,
 }
 
 impl<'a> Both<'a> {
