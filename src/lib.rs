@@ -63,6 +63,7 @@
 pub mod artifacts;
 pub mod cluster;
 pub mod complex;
+pub mod data;
 pub mod dev;
 pub mod device;
 pub mod energy;
@@ -74,6 +75,7 @@ pub mod hierarchy;
 pub mod job;
 pub mod mesh;
 pub mod parameters;
+mod power;
 mod prefetch;
 pub mod remesh;
 pub mod report;

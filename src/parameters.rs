@@ -1,6 +1,7 @@
 //! The parameters of a job: defined once, for the command line, the query string and the JSON part.
 
 mod levels;
+mod neighbours;
 mod subdivide;
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
@@ -9,6 +10,7 @@ use utoipa::ToSchema;
 
 use self::heading::{CLUSTERS, COMPARISON, HIERARCHIES, OUTPUTS, REMESH};
 pub use self::levels::Levels;
+pub use self::neighbours::Neighbours;
 pub use self::subdivide::Subdivide;
 use crate::cluster::hierarchy::Pairs;
 use crate::cluster::quality::Quality;
@@ -122,6 +124,13 @@ pub struct Parameters {
     #[arg(long, value_name = "NAME", help_heading = CLUSTERS, hide_short_help = true)]
     pub weight_attribute: Option<String>,
 
+    /// Points: what makes them neighbours, knn:Q (one is among the Q nearest of the other), grid (of 2 or 3 dimensions,
+    /// before that of the columns; grid:full with corners) or the edges of a sparse matrix, FILE.npz, as
+    /// scipy.sparse.save_npz writes it; when left out, the edges that come with the points, else knn:8
+    #[arg(long, value_name = "knn:Q|grid|grid:full|FILE.npz", help_heading = CLUSTERS)]
+    #[schema(value_type = Option<String>, example = "knn:8")]
+    pub graph: Option<Neighbours>,
+
     /// Hierarchies: optimise after the merges of a round, or not, which gives a strictly nested tree; hr never does.
     /// Rounds of pml do so once clusters have 4 faces on average, with quality best from the first on; levels and the
     /// end always
@@ -218,6 +227,32 @@ impl Parameters {
                 Name::COLLAPSE_FRACTION
             ))),
             _ => Ok(()),
+        }
+    }
+
+    /// Refuses what means nothing to a mesh.
+    pub fn check_mesh(&self) -> Result<()> {
+        match &self.graph {
+            Some(graph) => Err(Error::parameter(format_args!(
+                "{} goes with points, not with a mesh, whose faces are neighbours by their edges: {graph}",
+                Name::GRAPH
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses what means nothing to points.
+    pub fn check_points(&self) -> Result<()> {
+        let of_meshes = [
+            (Name::CURVATURE_EXPONENT, self.curvature_exponent.is_some()),
+            (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
+            (Name::SUBDIVIDE, self.subdivide.is_some()),
+        ];
+        match of_meshes.into_iter().find(|&(_, is_given)| is_given) {
+            Some((name, _)) => {
+                Err(Error::parameter(format_args!("{name} goes with meshes, not with points: leave it out")))
+            }
+            None => Ok(()),
         }
     }
 

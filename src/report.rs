@@ -4,6 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 pub use crate::cluster::run::Phase;
+use crate::data::Format as PointsFormat;
 pub use crate::device::{DeviceInfo, DeviceKind};
 pub use crate::hierarchy::Level;
 use crate::mesh::{Format, Part};
@@ -51,7 +52,59 @@ pub struct Report {
 
 /// What was read.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct Input {
+#[serde(untagged)]
+pub enum Input {
+    /// A mesh.
+    Mesh(MeshInput),
+    /// Points with neighbours.
+    Points(PointsInput),
+}
+
+impl Input {
+    /// Faces of the mesh, or items.
+    pub fn items(&self) -> u64 {
+        match self {
+            Self::Mesh(mesh) => mesh.faces,
+            Self::Points(points) => points.items,
+        }
+    }
+
+    /// Connected components.
+    pub fn components(&self) -> u64 {
+        match self {
+            Self::Mesh(mesh) => mesh.components,
+            Self::Points(points) => points.components,
+        }
+    }
+}
+
+/// Points that were read.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct PointsInput {
+    /// The format of the upload. Null for points that were in memory, as in Python.
+    #[schema(value_type = PointsFormat)]
+    pub format: Option<PointsFormat>,
+    /// Items; each has a label, unless a mask leaves it out.
+    pub items: u64,
+    /// Items that a mask leaves out.
+    pub masked: u64,
+    /// Coordinates of an item.
+    pub dimensions: u64,
+    /// Shape of the items: that of the grid, or their number.
+    pub shape: Vec<u64>,
+    /// Pairs of neighbours.
+    pub edges: u64,
+    /// Sets of items that neighbours connect.
+    pub components: u64,
+    /// What makes items neighbours: `knn:Q`, `grid`, `grid:full` or `edges`.
+    pub graph: String,
+    /// Coordinates are rounded to multiples of this.
+    pub lattice_unit: f64,
+}
+
+/// A mesh that was read.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct MeshInput {
     /// The format of the upload. Null for a mesh that was in memory, as in Python.
     #[schema(value_type = Format)]
     pub format: Option<Format>,
@@ -101,6 +154,12 @@ pub struct Energy {
     #[serde(rename = "final")]
     #[schema(rename = "final")]
     pub final_: Option<f64>,
+    /// With one cluster. Of points alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub total: Option<f64>,
+    /// The part of `total` that the clusters explain: 1 − `final`/`total`. Of points alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub explained: Option<f64>,
     /// `final` over the energy of a flat tiling by regular hexagons with as many clusters, less what lies inside the
     /// faces; null where that difference leaves less than half of the tiling's energy, and where `weighted_by` is not
     /// empty.

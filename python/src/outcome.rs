@@ -60,7 +60,7 @@ impl Outcome {
 
     #[getter]
     fn faces(&self) -> u64 {
-        self.report.input.faces
+        self.report.input.items()
     }
 
     /// One label a face; none for a whole hierarchy.

@@ -36,7 +36,7 @@ pub static GRAPH: Artifact = Artifact {
     ],
     choices: &[],
     flags: &[Flag {
-        name: "--graph",
+        name: "--clusters-graph",
         value: "OUT",
         help: "Where to write the graph of neighbouring clusters: OUT.json (as networkx reads it), OUT.npz (scipy's \
                sparse matrix of lengths) or OUT.graphml, or - for JSON on standard output",

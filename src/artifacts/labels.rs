@@ -33,7 +33,7 @@ pub const LABELS_JSON: Form = Form {
     encode: json,
 };
 
-/// NumPy's `.npy`, format version 1.0, one-dimensional uint32, little-endian.
+/// NumPy's `.npy`, format version 1.0, uint32, little-endian: one dimension, or the shape of a grid of points.
 pub const LABELS_NPY: Form =
     Form { file: "labels.npy", media_type: "application/x-npy", is_stored: true, schema: None, encode: npy };
 
@@ -99,8 +99,12 @@ fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
 
 fn npy<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let labels = given(content.labels)?.labels;
+    let shape = match content.shape {
+        Some(shape @ [_, _, ..]) => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
+        Some(_) | None => format!("({},)", labels.len()),
+    };
     Ok(Box::new(move |out| {
-        out.write_all(&npy_header("<u4", &format!("({},)", labels.len())))?;
+        out.write_all(&npy_header("<u4", &shape))?;
         write_u32(out, labels)
     }))
 }

@@ -209,6 +209,8 @@ pub fn stored(parameters: &Parameters) -> impl Iterator<Item = &'static Form> {
 pub struct Content<'a> {
     /// The labels.
     pub labels: Option<Labels<'a>>,
+    /// The shape of what has labels, where it is no list.
+    pub shape: Option<&'a [usize]>,
     /// The labels of iterations.
     pub snapshots: Option<&'a Record>,
     /// The hierarchy.

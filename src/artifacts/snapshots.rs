@@ -25,7 +25,7 @@ pub const SNAPSHOTS_JSON: Form =
 
 fn npy<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let (snapshots, report) = (given(content.snapshots)?, given(content.report)?);
-    let shape = format!("({}, {})", report.snapshots.len(), report.input.faces);
+    let shape = format!("({}, {})", report.snapshots.len(), report.input.items());
     Ok(Box::new(move |out| {
         out.write_all(&npy_header("<u4", &shape))?;
         snapshots.replay(|_, labels| write_u32(out, labels))

@@ -129,7 +129,7 @@ mod tests {
     fn an_extension_that_may_mean_several_outputs_is_refused_with_their_flags() {
         for (name, words) in [
             ("x.stl", vec!["--submeshes OUT.stl.zip", "--remesh OUT.stl"]),
-            ("x.npz", vec!["--submeshes OUT.npz", "--graph OUT.npz", "--remesh-source OUT.npz"]),
+            ("x.npz", vec!["--submeshes OUT.npz", "--clusters-graph OUT.npz", "--remesh-source OUT.npz"]),
             ("x.png", vec![".png", ".npy, ", ".glb", ".stl.zip"]),
             ("x", vec!["the extension says", ".npy"]),
             ("-", vec!["the extension says", ".npy"]),
@@ -139,7 +139,7 @@ mod tests {
         }
         let of_mesh = |name: &str| file(&Target::from(PathBuf::from(name)), |artifact| artifact.needs(Need::Mesh));
         let error = of_mesh("x.json").expect_err("several");
-        assert!(error.contains("--graph OUT.json or --boundaries OUT.json"), "{error}");
+        assert!(error.contains("--clusters-graph OUT.json or --boundaries OUT.json"), "{error}");
         assert!(of_mesh("x.npy").expect_err("none").contains("no output has the extension .npy"));
         assert_eq!(of_mesh("x.csv").map(|(artifact, _)| artifact.name), Ok("clusters"));
     }

@@ -102,7 +102,7 @@ fn check(arguments: &Arguments) -> Result<Choices, Failure> {
 
 fn read_mesh(arguments: &Arguments, file: &MeshFile) -> Result<PolygonMesh, Failure> {
     let limits = arguments.limits.limits();
-    let (bytes, format) = file.read(&limits, &mut |_, _| ())?;
+    let (bytes, format) = file.read_mesh(&limits)?;
     let outputs = places(&arguments.outputs);
     let resources = file.resources(&outputs);
     mesh::read(&bytes, format, &*resources, &limits).map_err(Failure::about(&file.source))

@@ -5,6 +5,7 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use flate2::read::MultiGzDecoder;
+use tesserae_mesh::data::Format as PointsFormat;
 use tesserae_mesh::error::Error;
 use tesserae_mesh::mesh::{Beside, Format, Limits, NoResources, Resources};
 use tesserae_mesh::parameters::heading;
@@ -34,7 +35,7 @@ pub struct OneMesh {
 /// Which meshes are read.
 #[derive(Debug, clap::Args)]
 pub struct Meshes {
-    #[arg(value_name = "INPUT", id = "input", required = true, num_args = 1.., help = help("The mesh, or several"),
+    #[arg(value_name = "INPUT", id = "input", required = true, num_args = 1.., help = format!("{}; or points with neighbours: .npy or .npz", help("The mesh, or several")),
           help_heading = heading::INPUT, display_order = 0)]
     inputs: Vec<PathBuf>,
 
@@ -73,9 +74,18 @@ impl LimitFlags {
     }
 }
 
-/// What is said about an input.
+/// What is said about a mesh.
 fn help(what: &str) -> String {
     format!("{what}: {}, or - for standard input; also with .gz", Format::choice("."))
+}
+
+/// A format by which a file is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileFormat {
+    /// Of meshes.
+    Mesh(Format),
+    /// Of points.
+    Points(PointsFormat),
 }
 
 impl OneMesh {
@@ -116,9 +126,20 @@ impl MeshFile {
         }
     }
 
-    /// The bytes of the mesh, unpacked, and its format. `on_read` is called with the bytes read so far and the length
+    /// The bytes of a mesh, unpacked, and its format. Refuses points.
+    pub fn read_mesh(&self, limits: &Limits) -> Result<(Vec<u8>, Format), Failure> {
+        match self.read(limits, &mut |_, _| ())? {
+            (bytes, FileFormat::Mesh(format)) => Ok((bytes, format)),
+            (_, FileFormat::Points(format)) => Err(Failure::about(&self.source)(Error::parameter(format_args!(
+                "these are points, not a mesh: tesserae cluster takes them; their format is {}",
+                format.name()
+            )))),
+        }
+    }
+
+    /// The bytes of the file, unpacked, and its format. `on_read` is called with the bytes read so far and the length
     /// of the file, 0 where it is unknown.
-    pub fn read(&self, limits: &Limits, on_read: &mut dyn FnMut(u64, u64)) -> Result<(Vec<u8>, Format), Failure> {
+    pub fn read(&self, limits: &Limits, on_read: &mut dyn FnMut(u64, u64)) -> Result<(Vec<u8>, FileFormat), Failure> {
         let about = || Failure::about(&self.source);
         let mut bytes = self.source.read_with(limits.max_bytes, on_read)?;
         if bytes.starts_with(&GZIP) {
@@ -126,14 +147,17 @@ impl MeshFile {
         }
         limits.check_bytes(bytes.len() as u64).map_err(about())?;
         if let Some(format) = self.format {
-            return Ok((bytes, format));
+            return Ok((bytes, FileFormat::Mesh(format)));
+        }
+        if let Some(format) = PointsFormat::of(&bytes) {
+            return Ok((bytes, FileFormat::Points(format)));
         }
         let name = match &self.source {
             Source::Stdin => None,
             Source::File(path) => Some(without_gz(path).to_string_lossy()),
         };
         let format = Format::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(about())?;
-        Ok((bytes, format))
+        Ok((bytes, FileFormat::Mesh(format)))
     }
 
     /// The files beside it, which no output may replace.

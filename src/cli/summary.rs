@@ -81,7 +81,7 @@ impl Row {
     pub fn new(name: String, report: &Report, labels: Option<&[u32]>) -> Self {
         Self {
             name,
-            faces: report.input.faces,
+            faces: report.input.items(),
             clusters: labels.map(|_| report.clusters),
             balance: labels.and_then(|labels| Balance::of(labels, report.clusters)),
             energy: report.energy.final_.filter(|_| labels.is_some()),

@@ -165,9 +165,10 @@ impl<E: Functional> CoarseStart<E> {
         for (level, coarse) in self.levels.iter().enumerate().rev() {
             start.labels = coarse.refined(&start.labels);
             if level > 0 {
-                let mut steps = device.open(graph_of(level), &start.component_of_cluster)?;
+                let graph = graph_of(level);
+                let mut steps = device.open(graph, &start.component_of_cluster)?;
                 steps.set_labels(&start.labels)?;
-                self.optimise(steps.as_mut(), self.effort.iterations_a_graph, cancel)?;
+                self.optimise(graph, steps.as_mut(), self.effort.iterations_a_graph, cancel)?;
                 start.labels = steps.labels()?;
             }
         }
@@ -178,19 +179,19 @@ impl<E: Functional> CoarseStart<E> {
     /// iterations are limited, no energies are compared, and nothing is repaired.
     fn settle(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
         if self.effort.iterations_a_graph < u32::MAX {
-            return self.optimise(steps, self.effort.iterations_a_graph, cancel);
+            return self.optimise(graph, steps, self.effort.iterations_a_graph, cancel);
         }
         let on_row = &mut |_| {};
         let mut run = Run::new(steps, cancel, on_row);
-        run.complete(graph, false, |run| run.optimise(self.effort.refine))?;
+        run.complete(graph, false, |run| run.optimise(graph, self.effort.refine))?;
         Ok(())
     }
 
     /// The phases on a coarse graph.
-    fn optimise(&self, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
+    fn optimise(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
         let on_row = &mut |_| {};
         let mut run = Run { left: iterations, ..Run::new(steps, cancel, on_row) };
-        run.optimise(self.effort.refine)?;
+        run.optimise(graph, self.effort.refine)?;
         Ok(())
     }
 
@@ -216,7 +217,7 @@ impl<E: Functional> CoarseStart<E> {
                 self.settle(graph, steps.as_mut(), cancel)?;
                 break;
             }
-            self.optimise(steps.as_mut(), self.effort.iterations_a_round, cancel)?;
+            self.optimise(graph, steps.as_mut(), self.effort.iterations_a_round, cancel)?;
             merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?;
         }
         let (energy, mut labels) = self.teleported(graph, component_of_cluster, steps.as_mut(), cancel)?;

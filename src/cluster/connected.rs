@@ -9,13 +9,16 @@
 //! [`REPAIRS`] of them faces move one after the other, each only where F falls and its cluster stays connected
 //! ([`mod@super::relocation::settle`] has the definition and the proof). That includes the moves of the boundary phase:
 //! a face that is nearer to another proxy has a positive gain.
+//!
+//! Where [`Moves`] are connected, that is all there is, from the start: no free phase. Labels that come in pieces, as
+//! teleports and references make them, are repaired before or after.
 
 use super::relocation::{Clusters, settle};
 use super::run::{Phase, Run};
 use crate::device::{Ending, FLOOD_FROM, Step};
 use crate::energy::Functional;
 use crate::error::Result;
-use crate::surface::DualGraph;
+use crate::surface::{DualGraph, Moves};
 
 /// Repairs at most. Scans take one or two.
 const REPAIRS: u32 = 3;
@@ -29,6 +32,11 @@ impl Run<'_> {
         allow_disconnected: bool,
         mut optimise: impl FnMut(&mut Self) -> Result<Ending>,
     ) -> Result<Ending> {
+        if graph.moves == Moves::Connected {
+            self.repair()?;
+            let ending = optimise(self)?;
+            return if self.repair()? { self.settle(graph) } else { Ok(ending) };
+        }
         for _ in 0..REPAIRS {
             let before = self.iteration;
             let ending = optimise(self)?;
@@ -40,6 +48,11 @@ impl Run<'_> {
                 break;
             }
         }
+        self.settle(graph)
+    }
+
+    /// Moves faces one after the other, and keeps clusters connected, until none moves.
+    pub(super) fn settle<E: Functional>(&mut self, graph: &DualGraph<E>) -> Result<Ending> {
         let mut clusters = Clusters::new(graph, self.steps.labels()?);
         let mut changed = clusters.take_touched();
         self.phase(Phase::Refine, |steps, left, cancel, on_step| {

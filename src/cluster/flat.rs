@@ -92,7 +92,7 @@ pub fn boundary_based<E: Functional>(
     record: &mut Record,
 ) -> Result<Clustering> {
     let (mut run, initial) = grown(start, options, steps, cancel, on_row, record)?;
-    let ending = run.complete(graph, options.allow_disconnected, |run| run.optimise(options.refine))?;
+    let ending = run.complete(graph, options.allow_disconnected, |run| run.optimise(graph, options.refine))?;
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
 

@@ -49,7 +49,7 @@ use crate::energy::{Functional, LatticeEnergy};
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
-use crate::surface::Items;
+use crate::surface::{Items, Moves};
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -324,11 +324,11 @@ fn optimise<E: Functional>(
 ) -> Result<()> {
     run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
     if is_level {
-        run.complete(items, options.allow_disconnected, |run| run.optimise(options.refine))?;
+        run.complete(items, options.allow_disconnected, |run| run.optimise(items, options.refine))?;
         return Ok(());
     }
-    run.optimise(options.refine)?;
-    if !options.allow_disconnected {
+    run.optimise(items, options.refine)?;
+    if items.moves == Moves::Free && !options.allow_disconnected {
         run.repair()?;
     }
     Ok(())

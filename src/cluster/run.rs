@@ -5,8 +5,9 @@ use utoipa::ToSchema;
 
 use super::record::Record;
 use crate::device::{Cancel, Ending, FLOOD_FROM, OnStep, Step, Steps};
-use crate::energy::LatticeEnergy;
+use crate::energy::{Functional, LatticeEnergy};
 use crate::error::Result;
+use crate::surface::{DualGraph, Moves};
 
 /// Kinds of optimisation steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -85,8 +86,12 @@ impl<'a> Run<'a> {
     }
 
     /// Runs the boundary phase to its end, then refinement if `refine`, unless the limit was reached or the boundary
-    /// phase has flooded ([`super::flat`] has the reason).
-    pub fn optimise(&mut self, refine: bool) -> Result<Ending> {
+    /// phase has flooded ([`super::flat`] has the reason). On a graph whose [`Moves`] are connected, faces move one
+    /// after the other in place of both.
+    pub fn optimise<E: Functional>(&mut self, graph: &DualGraph<E>, refine: bool) -> Result<Ending> {
+        if graph.moves == Moves::Connected {
+            return self.settle(graph);
+        }
         let before = self.iteration;
         let ending =
             self.phase(Phase::Boundary, |steps, left, cancel, on_step| steps.optimise_boundary(left, cancel, on_step))?;

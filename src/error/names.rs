@@ -39,6 +39,7 @@ names! {
     CLUSTERS "clusters",
     COLLAPSE_FRACTION "collapse_fraction",
     CURVATURE_EXPONENT "curvature_exponent",
+    GRAPH "graph",
     LEVELS "levels",
     MAX_CLUSTERS "max_clusters",
     MAX_ITERATIONS "max_iterations",

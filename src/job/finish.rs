@@ -8,7 +8,8 @@ use std::time::Instant;
 
 use sha2::{Digest, Sha256};
 
-use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
+use super::subject::with_items;
+use super::{Clustered, Outcome, Planned, Prepared, Subject, Width, finite, hierarchical, milliseconds};
 use crate::device::pieces;
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
@@ -16,25 +17,40 @@ use crate::hierarchy::stored::Stored;
 use crate::report::{Energy, Report, Timings};
 use crate::surface::Surface;
 
-/// Makes the results of what a device gave for this mesh.
+/// Makes the results of what a device gave.
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     let started = Instant::now();
-    let Prepared { surface, spec, plan, .. } = prepared;
+    let spec = &prepared.spec;
     let Clustered { mut labels, clusters, initial, tree, mut snapshots, .. } = clustered;
     if tree.is_some() {
         hierarchical::number(&mut labels, clusters)?;
     }
-    let results = Results::of(surface, initial.as_deref(), &labels, clusters, spec.clustering.has_listed_seeds());
+    let (energies, (disconnected_clusters, numbered)) = rayon::join(
+        || Energies::of(&prepared.subject, initial.as_deref(), &labels, clusters),
+        || {
+            let keep_numbers = spec.clustering.has_listed_seeds();
+            with_items!(&prepared.subject, |items, _plan| rayon::join(
+                || pieces::disconnected_clusters(items, clusters, &labels),
+                || Numbered::of(items.in_upload_order(&labels), clusters, keep_numbers),
+            ))
+        },
+    );
     let energy = Energy {
         functional: crate::energy::Energy::NAME.to_owned(),
         weighted_by: prepared.weighted_by.clone(),
-        initial: results.initial_energy.and_then(finite),
-        final_: finite(results.energy),
-        hexagon_ratio: results.hexagon_ratio,
+        initial: energies.initial.and_then(finite),
+        final_: finite(energies.last),
+        total: energies.total.and_then(finite),
+        explained: energies.total.and_then(|total| finite(1.0 - energies.last / total)),
+        hexagon_ratio: energies.hexagon_ratio,
     };
-    let (labels, labels_sha256) = if plan.has_labels() {
-        let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
-        snapshots.renumber(&surface.upload_face, &surface.loose, &number_of_cluster);
+    let (labels, labels_sha256) = if spec.clustering.has_labels() {
+        let Numbered { labels, number_of_cluster } = numbered?;
+        let labels = prepared.subject.with_masked(labels);
+        with_items!(&prepared.subject, |items, _plan| {
+            snapshots.renumber(&items.upload_face, &items.loose, &number_of_cluster);
+        });
+        let sha256 = labels_sha256(&labels);
         (Some(labels), Some(sha256))
     } else {
         (None, None)
@@ -44,7 +60,9 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         None => None,
     };
     let mut warnings = [prepared.warnings.clone(), clustered.warnings].concat();
-    warnings.extend(out_of_range(surface, results.initial_energy.unwrap_or(0.0).max(results.energy)));
+    if let Subject::Mesh(surface, _) = &prepared.subject {
+        warnings.extend(out_of_range(surface, energies.initial.unwrap_or(0.0).max(energies.last)));
+    }
     let timings_ms = Timings {
         upload: milliseconds(clustered.upload),
         cluster: milliseconds(clustered.cluster),
@@ -57,7 +75,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         parameters: spec.reported().clone(),
         device: clustered.device,
         clusters: clusters as u64,
-        disconnected_clusters: results.disconnected_clusters,
+        disconnected_clusters,
         energy,
         iterations: clustered.iterations,
         levels: clustered.levels,
@@ -67,7 +85,15 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         remesh: None,
         warnings,
     };
-    Ok(Outcome { labels, hierarchy, snapshots, mesh: prepared.mesh.clone(), origin: prepared.origin.clone(), report })
+    Ok(Outcome {
+        labels,
+        hierarchy,
+        shape: prepared.subject.shape(),
+        snapshots,
+        mesh: prepared.mesh.clone(),
+        origin: prepared.origin.clone(),
+        report,
+    })
 }
 
 /// A warning where the mesh is so large or small that its energies leave the range of f64.
@@ -89,14 +115,31 @@ fn out_of_range(surface: &Surface, energy: f64) -> Option<String> {
     ))
 }
 
-/// What the report says of labels, computed in parallel.
-struct Results {
-    /// Source units.
-    initial_energy: Option<f64>,
-    energy: f64,
+/// Energies of the report, source units.
+struct Energies {
+    initial: Option<f64>,
+    last: f64,
+    /// With one cluster, of points.
+    total: Option<f64>,
     hexagon_ratio: Option<f64>,
-    disconnected_clusters: u64,
-    labels: Result<Numbered>,
+}
+
+impl Energies {
+    fn of(subject: &Subject, initial: Option<&[u32]>, labels: &[u32], clusters: usize) -> Self {
+        match subject {
+            Subject::Mesh(surface, _) => {
+                let initial = initial.map(|labels| surface.source_energy(labels, clusters));
+                let (last, hexagon_ratio) = surface.energy_and_hexagon_ratio(labels, clusters);
+                Self { initial, last, total: None, hexagon_ratio }
+            }
+            Subject::Points(points) => {
+                let initial = initial.map(|labels| points.energy(|item| labels[item], clusters));
+                let (last, total) =
+                    rayon::join(|| points.energy(|item| labels[item], clusters), || points.energy(|_| 0, 1));
+                Self { initial, last, total: Some(total), hexagon_ratio: None }
+            }
+        }
+    }
 }
 
 /// Labels in upload order.
@@ -104,31 +147,14 @@ struct Numbered {
     labels: Vec<u32>,
     /// What each of the device's labels became.
     number_of_cluster: Vec<u32>,
-    sha256: String,
-}
-
-impl Results {
-    fn of(surface: &Surface, initial: Option<&[u32]>, internal: &[u32], clusters: usize, keep_numbers: bool) -> Self {
-        let labels = || Numbered::of(surface, internal, clusters, keep_numbers);
-        let energies = || {
-            let initial = initial.map(|labels| surface.source_energy(labels, clusters));
-            (initial, surface.energy_and_hexagon_ratio(internal, clusters))
-        };
-        let (disconnected_clusters, ((initial_energy, (energy, hexagon_ratio)), labels)) = rayon::join(
-            || pieces::disconnected_clusters(surface, clusters, internal),
-            || rayon::join(energies, labels),
-        );
-        Self { initial_energy, energy, hexagon_ratio, disconnected_clusters, labels }
-    }
 }
 
 impl Numbered {
     /// Those of listed seeds keep their numbers, others are numbered by the first face that carries them. Checks that
     /// every cluster has a face.
-    fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Self> {
+    fn of(mut labels: Vec<u32>, clusters: usize, keep_numbers: bool) -> Result<Self> {
         /// Of a cluster without faces.
         const NONE: u32 = u32::MAX;
-        let mut labels = surface.in_upload_order(internal);
         let mut number_of_cluster = vec![NONE; clusters];
         let mut seen = 0;
         for label in &mut labels {
@@ -142,8 +168,7 @@ impl Numbered {
         if seen as usize != clusters {
             return Err(Error::new(Kind::Internal, format_args!("{seen} of {clusters} clusters have faces")));
         }
-        let sha256 = labels_sha256(&labels);
-        Ok(Self { labels, number_of_cluster, sha256 })
+        Ok(Self { labels, number_of_cluster })
     }
 }
 

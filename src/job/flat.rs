@@ -18,32 +18,41 @@ use crate::cluster::run::{self, Phase};
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device, Ending, Steps};
-use crate::energy::LatticeEnergy;
+use crate::energy::{Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::parameters::{Name, Seeds};
 use crate::report::{DeviceKind, Iteration, Row};
-use crate::surface::Surface;
+use crate::surface::Items;
+
+/// A job, and its items.
+#[derive(Clone, Copy)]
+pub(super) struct Job<'a, E: Functional> {
+    /// The job.
+    pub prepared: &'a Prepared,
+    /// The items of its subject.
+    pub items: &'a Items<E>,
+}
 
 /// Runs boundary-based clustering, coarse to fine.
-pub(super) fn run_coarse(
-    prepared: &Prepared,
-    coarse: &Coarse,
-    device: &mut dyn Device,
+pub(super) fn run_coarse<E: Functional>(
+    job: Job<'_, E>,
+    coarse: &Coarse<E>,
+    device: &mut dyn Device<E>,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
-    let surface = &prepared.surface;
+    let items = job.items;
     let started = Instant::now();
-    let start = coarse.start.labels(surface, device, cancel)?;
-    let mut run = Run::new(prepared, started, &start, on_row);
+    let start = coarse.start.labels(items, device, cancel)?;
+    let mut run = Run::new(job, started, &start, on_row);
     let mut clustering = run.phases(device, |steps, keep, record| {
-        flat::boundary_based(surface, &start.labels, coarse.spec.options(), steps, cancel, keep, record)
+        flat::boundary_based(items, &start.labels, coarse.spec.options(), steps, cancel, keep, record)
     })?;
     if let Some(effort) = coarse.relocation_after(clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
-        let cheaper = &mut labels_of_cheaper(surface, coarse.spec, cancel);
-        let relocation = Relocation { graph: surface, effort, cancel };
-        let fast = || coarse.fast_labels(surface, cancel);
+        let cheaper = &mut labels_of_cheaper(items, coarse.spec, cancel);
+        let relocation = Relocation { graph: items, effort, cancel };
+        let fast = || coarse.fast_labels(items, cancel);
         let (labels, ending) =
             relocation.labels(labels, device, fast, cheaper, &mut |phase, energy, moves, labels| {
                 run.add_row(phase, energy, moves, labels)
@@ -56,7 +65,7 @@ pub(super) fn run_coarse(
     Ok(run.ended(device, clustering))
 }
 
-impl Coarse {
+impl<E: Functional> Coarse<E> {
     /// Which moves of whole clusters follow the phases, if any: none where the caller's limit ended them.
     fn relocation_after(&self, ending: Ending) -> Option<relocation::Effort> {
         let is_cut_short = ending == Ending::IterationLimit && self.spec.max_iterations.is_some();
@@ -64,23 +73,23 @@ impl Coarse {
     }
 
     /// The labels of the phases of quality `fast`.
-    fn fast_labels(&self, surface: &Surface, cancel: &Cancel) -> Result<Vec<u32>> {
-        fast::labels(surface, self.spec.clusters, self.spec.seed, cancel)
+    fn fast_labels(&self, items: &Items<E>, cancel: &Cancel) -> Result<Vec<u32>> {
+        fast::labels(items, self.spec.clusters, self.spec.seed, cancel)
     }
 
     /// The labels of a run without a report.
-    fn labels(&self, surface: &Surface, cancel: &Cancel) -> Result<Vec<u32>> {
+    fn labels(&self, items: &Items<E>, cancel: &Cancel) -> Result<Vec<u32>> {
         let (device, record) = (&mut CpuDevice::new(), &mut Record::new(None));
-        let start = self.start.labels(surface, device, cancel)?;
-        let mut steps = device.open(surface, &start.component_of_cluster)?;
+        let start = self.start.labels(items, device, cancel)?;
+        let mut steps = device.open(items, &start.component_of_cluster)?;
         let options = self.spec.options();
-        let run = flat::boundary_based(surface, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
+        let run = flat::boundary_based(items, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
         drop(steps);
         match self.relocation_after(run.ending) {
             Some(effort) => {
-                let relocation = Relocation { graph: surface, effort, cancel };
-                let cheaper = &mut labels_of_cheaper(surface, self.spec, cancel);
-                let fast = || self.fast_labels(surface, cancel);
+                let relocation = Relocation { graph: items, effort, cancel };
+                let cheaper = &mut labels_of_cheaper(items, self.spec, cancel);
+                let fast = || self.fast_labels(items, cancel);
                 Ok(relocation.labels(run.labels, device, fast, cheaper, &mut |_, _, _, _| Ok(()))?.0)
             }
             None => Ok(run.labels),
@@ -107,66 +116,70 @@ fn cheaper_than(spec: CoarseSpec) -> &'static [Cheaper] {
 }
 
 /// What the cheaper jobs end with.
-fn labels_of_cheaper(surface: &Surface, spec: CoarseSpec, cancel: &Cancel) -> impl Iterator<Item = Result<Vec<u32>>> {
-    cheaper_than(spec).iter().map(move |&job| labels_of(job, surface, spec, cancel))
+fn labels_of_cheaper<E: Functional>(
+    items: &Items<E>,
+    spec: CoarseSpec,
+    cancel: &Cancel,
+) -> impl Iterator<Item = Result<Vec<u32>>> {
+    cheaper_than(spec).iter().map(move |&job| labels_of(job, items, spec, cancel))
 }
 
 /// What a job ends with. It runs on the cpu, whatever the device: labels are the same.
-fn labels_of(job: Cheaper, surface: &Surface, spec: CoarseSpec, cancel: &Cancel) -> Result<Vec<u32>> {
+fn labels_of<E: Functional>(job: Cheaper, items: &Items<E>, spec: CoarseSpec, cancel: &Cancel) -> Result<Vec<u32>> {
     let mut device = CpuDevice::new();
     Ok(match job {
         Cheaper::Default => {
             let spec = CoarseSpec { quality: Quality::Default, ..spec };
-            Coarse::new(surface, spec)?.labels(surface, cancel)?
+            Coarse::new(items, spec)?.labels(items, cancel)?
         }
         Cheaper::Parallel => {
             let options = spec.as_hierarchy();
-            hierarchical(surface, &options, &mut device, cancel, &mut |_| {}, &mut |_| {})?.labels
+            hierarchical(items, &options, &mut device, cancel, &mut |_| {}, &mut |_| {})?.labels
         }
         Cheaper::Acvd => {
-            let seeds = seeds::choose(surface, spec.clusters, &Seeds::Morton, spec.seed, None)?;
+            let seeds = seeds::choose(items, spec.clusters, &Seeds::Morton, spec.seed, None)?;
             let options = Options { refine: false, ..spec.options() };
-            let mut steps = device.open(surface, &seeds.component_of_cluster)?;
+            let mut steps = device.open(items, &seeds.component_of_cluster)?;
             let record = &mut Record::new(None);
-            acvd(surface, &seeds, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels
+            acvd(items, &seeds, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels
         }
     })
 }
 
 /// Runs a flat algorithm from seeds.
-pub(super) fn run_seeded(
-    prepared: &Prepared,
+pub(super) fn run_seeded<E: Functional>(
+    job: Job<'_, E>,
     method: Method,
     seeds: &SeedFaces,
     options: Options,
-    device: &mut dyn Device,
+    device: &mut dyn Device<E>,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
-    let surface = &prepared.surface;
     if method != Method::BoundaryBased && device.info().kind == DeviceKind::Gpu {
         return Err(Error::new(
             Kind::DeviceUnsuitable,
             format_args!(
                 "the device must be cpu or auto for this algorithm, a sequential reference that no gpu runs: {}",
-                prepared.spec.reported().algorithm.name()
+                job.prepared.spec.reported().algorithm.name()
             ),
         ));
     }
+    let items = job.items;
     let started = Instant::now();
-    let start = Start::from_seeds(seeds.clone(), surface.faces());
-    let mut run = Run::new(prepared, started, &start, on_row);
+    let start = Start::from_seeds(seeds.clone(), items.faces());
+    let mut run = Run::new(job, started, &start, on_row);
     let clustering = run.phases(device, |steps, keep, record| match method {
-        Method::BoundaryBased => flat::boundary_based(surface, &start.labels, options, steps, cancel, keep, record),
-        Method::Acvd => acvd(surface, seeds, options, steps, cancel, keep, record),
-        Method::Variational => variational(surface, seeds, options, cancel, keep, record),
+        Method::BoundaryBased => flat::boundary_based(items, &start.labels, options, steps, cancel, keep, record),
+        Method::Acvd => acvd(items, seeds, options, steps, cancel, keep, record),
+        Method::Variational => variational(items, seeds, options, cancel, keep, record),
     })?;
     Ok(run.ended(device, clustering))
 }
 
 /// A run, and what it reports.
-struct Run<'a> {
-    prepared: &'a Prepared,
+struct Run<'a, E: Functional> {
+    job: Job<'a, E>,
     started: Instant,
     start: &'a Start,
     on_row: &'a mut dyn FnMut(Row),
@@ -175,25 +188,24 @@ struct Run<'a> {
     upload: Duration,
 }
 
-impl<'a> Run<'a> {
-    fn new(prepared: &'a Prepared, started: Instant, start: &'a Start, on_row: &'a mut dyn FnMut(Row)) -> Self {
-        let record = Record::new(prepared.spec.snapshots.clone());
-        Self { prepared, started, start, on_row, iterations: Iterations::default(), record, upload: Duration::ZERO }
+impl<'a, E: Functional> Run<'a, E> {
+    fn new(job: Job<'a, E>, started: Instant, start: &'a Start, on_row: &'a mut dyn FnMut(Row)) -> Self {
+        let record = Record::new(job.prepared.spec.snapshots.clone());
+        Self { job, started, start, on_row, iterations: Iterations::default(), record, upload: Duration::ZERO }
     }
 
     /// Runs `cluster` on a device that is opened with the clusters of the start.
     fn phases(
         &mut self,
-        device: &mut dyn Device,
+        device: &mut dyn Device<E>,
         cluster: impl FnOnce(&mut dyn Steps, &mut dyn FnMut(run::Row), &mut Record) -> Result<Clustering>,
     ) -> Result<Clustering> {
-        let surface = &self.prepared.surface;
         let opened = Instant::now();
-        let mut steps = device.open(surface, &self.start.component_of_cluster)?;
+        let mut steps = device.open(self.job.items, &self.start.component_of_cluster)?;
         self.upload = opened.elapsed();
-        let Self { started, on_row, iterations, record, .. } = self;
+        let Self { job, started, on_row, iterations, record, .. } = self;
         let mut keep = |row: run::Row| {
-            let row = iteration(row, finite(surface.energy(row.energy)), *started);
+            let row = iteration(row, finite(job.items.energy(row.energy)), *started);
             on_row(Row::Iteration(row.clone()));
             iterations.add(row);
         };
@@ -204,18 +216,18 @@ impl<'a> Run<'a> {
     fn add_row(&mut self, phase: Phase, energy: LatticeEnergy, moves: u64, labels: &[u32]) -> Result<()> {
         let number = self.iterations.rows.last().map_or(0, |row| row.iteration + 1);
         let row = run::Row { iteration: number, round: None, phase, energy, moves };
-        let row = iteration(row, finite(self.prepared.surface.energy(energy)), self.started);
+        let row = iteration(row, finite(self.job.items.energy(energy)), self.started);
         (self.on_row)(Row::Iteration(row.clone()));
         self.iterations.add(row);
-        if let Some(viewer) = self.prepared.viewer.as_ref().filter(|viewer| viewer.is_due()) {
-            viewer.show(self.prepared.surface.in_upload_order(labels));
+        if let Some(viewer) = self.job.prepared.viewer.as_ref().filter(|viewer| viewer.is_due()) {
+            viewer.show(self.job.items.in_upload_order(labels));
         }
         // clusters that move as a whole leave gaps between the numbers
         self.record.offer_like_last(number, || numbers::compact(labels));
         Ok(())
     }
 
-    fn ended(self, device: &dyn Device, clustering: Clustering) -> Clustered {
+    fn ended(self, device: &dyn Device<E>, clustering: Clustering) -> Clustered {
         let cluster = self.started.elapsed() - self.upload;
         Clustered {
             device: device.info().clone(),
@@ -223,7 +235,7 @@ impl<'a> Run<'a> {
             tree: None,
             iterations: self.iterations.rows,
             levels: Vec::new(),
-            warnings: warnings(self.prepared.spec.reported().max_iterations, &clustering, &self.record),
+            warnings: warnings(self.job.prepared.spec.reported().max_iterations, &clustering, &self.record),
             snapshots: self.record,
             upload: self.upload,
             cluster,

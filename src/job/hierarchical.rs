@@ -5,15 +5,17 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::iterations::Iterations;
-use super::{Clustered, Prepared, finite};
+use super::{Clustered, finite};
 use crate::cluster::hierarchy::{Hierarchy, Options, RoundRow, hierarchical};
 use crate::cluster::record::Record;
 use crate::cluster::run;
 use crate::device::{Cancel, Device};
+use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::Header;
 use crate::parameters::Parameters;
 use crate::report::{Input, Level, Row};
+use crate::surface::Items;
 
 /// Number of clusters from which on every round has a row.
 const EVERY_ROUND_AT: u64 = 10_000;
@@ -22,30 +24,29 @@ const EVERY_ROUND_AT: u64 = 10_000;
 const PART: u64 = 1000;
 
 /// Runs a hierarchical algorithm that ends with `target` clusters.
-pub(super) fn run(
-    prepared: &Prepared,
+pub(super) fn run<E: Functional>(
+    items: &Items<E>,
     options: &Options,
     target: u64,
-    device: &mut dyn Device,
+    device: &mut dyn Device<E>,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
-    let surface = &prepared.surface;
     let started = Instant::now();
     let mut iterations = Iterations::default();
-    let mut levels = Levels::new(surface.faces() as u64, target);
+    let mut levels = Levels::new(items.faces() as u64, target);
     let told = std::cell::RefCell::new(on_row);
     let mut keep_iteration = |row: run::Row| {
-        let row = super::flat::iteration(row, finite(surface.energy(row.energy)), started);
+        let row = super::flat::iteration(row, finite(items.energy(row.energy)), started);
         (told.borrow_mut())(Row::Iteration(row.clone()));
         iterations.add(row);
     };
     let mut keep_round = |row: RoundRow| {
-        if let Some(level) = levels.add(row, || finite(surface.energy(row.energy))) {
+        if let Some(level) = levels.add(row, || finite(items.energy(row.energy))) {
             (told.borrow_mut())(Row::Round(level));
         }
     };
-    let hierarchy = hierarchical(surface, options, device, cancel, &mut keep_iteration, &mut keep_round)?;
+    let hierarchy = hierarchical(items, options, device, cancel, &mut keep_iteration, &mut keep_round)?;
     let cluster = started.elapsed() - hierarchy.upload;
     let Hierarchy { tree, labels, upload } = hierarchy;
     Ok(Clustered {
@@ -73,12 +74,21 @@ pub(super) fn header(input: &Input, parameters: &Parameters) -> Result<Header> {
             Value::Object(parameters) => parameters,
             other => return Err(Error::new(Kind::Internal, format_args!("parameters are no object: {other}"))),
         },
-        input: json!({
-            "format": input.format,
-            "vertices": input.vertices,
-            "faces": input.faces,
-            "components": input.components,
-        }),
+        input: match input {
+            Input::Mesh(mesh) => json!({
+                "format": mesh.format,
+                "vertices": mesh.vertices,
+                "faces": mesh.faces,
+                "components": mesh.components,
+            }),
+            Input::Points(points) => json!({
+                "format": points.format,
+                "items": points.items,
+                "dimensions": points.dimensions,
+                "shape": points.shape,
+                "components": points.components,
+            }),
+        },
     })
 }
 

@@ -1,6 +1,6 @@
 //! Labels from a file: `.npy` with whole numbers, one a face.
 
-use super::npy;
+use crate::data::npy;
 use crate::error::{Error, Result};
 
 /// The labels in a file, one for each of `faces` faces, and the number of clusters: one more than the largest label.
@@ -12,14 +12,8 @@ pub fn parse(bytes: &[u8], faces: usize) -> Result<(Vec<u32>, u64)> {
         return Err(Error::parameter("the labels must be a .npy file, as --labels OUT.npy and numpy.save write it"));
     }
     let kinds = ["<u4", "<i4", "<u8", "<i8"];
-    let array = npy::parse(bytes, "file of labels", &kinds, "little-endian whole numbers of 4 or 8 bytes")?;
-    let saturated = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
-    let numbers: Vec<i64> = match array.kind {
-        "<u4" => array.data.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes).into()).collect(),
-        "<i4" => array.data.as_chunks().0.iter().map(|bytes| i32::from_le_bytes(*bytes).into()).collect(),
-        "<u8" => array.data.as_chunks().0.iter().map(|bytes| saturated(u64::from_le_bytes(*bytes))).collect(),
-        _ => array.data.as_chunks().0.iter().map(|bytes| i64::from_le_bytes(*bytes)).collect(),
-    };
+    let array = npy::parse_flat(bytes, "file of labels", &kinds, "little-endian whole numbers of 4 or 8 bytes")?;
+    let numbers: Vec<i64> = array.whole_numbers().collect();
     if numbers.len() != faces {
         return Err(Error::parameter(format_args!(
             "the mesh has {faces} faces, so there must be as many labels: {}",

@@ -10,22 +10,26 @@ mod flat;
 mod hierarchical;
 mod iterations;
 mod label_list;
-mod npy;
 mod on_device;
 mod plan;
+mod points;
 mod prepare;
 mod seed_list;
 mod spec;
+mod subject;
+mod watched;
 mod weight_list;
 
 pub use finish::{finish, labels_sha256};
 pub use label_list::parse as parse_labels;
 pub use on_device::{Ahead, DeviceFor, OnDevice, instead_of_gpu, run_on};
 pub use plan::{Coarse, Plan};
+pub use points::{PointsInMemory, PointsRequest, prepare_points, prepare_points_in_memory};
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
 pub use spec::{Clustering, CoarseSpec, JobSpec, Method};
+pub use subject::{Planned, Points, Subject, Width};
 pub use weight_list::check_head as check_head_of_weights;
 #[cfg(fuzzing)]
 pub(crate) use weight_list::parse as parse_weights;
@@ -44,7 +48,6 @@ use crate::mesh::divide::Origin;
 use crate::mesh::{self, Format, Limits, NoResources, PolygonMesh, Resources};
 use crate::parameters::Parameters;
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
-use crate::surface::Surface;
 
 use self::prepare::{About, Checked};
 
@@ -77,20 +80,18 @@ impl<'a> Request<'a> {
     }
 }
 
-/// A mesh that is ready to be clustered.
+/// A mesh or points, ready to be clustered.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The lattice and the topology.
-    pub surface: Surface,
+    /// What is clustered: the lattice and the neighbours.
+    pub subject: Subject,
     /// What the job does, with what the mesh decides filled in.
     pub spec: JobSpec,
-    /// How to go about it.
-    pub plan: Plan,
     /// What was read, for the report.
     pub input: Input,
     /// What areas are multiplied by.
     pub weighted_by: Vec<WeightedBy>,
-    /// What is unusual about the mesh.
+    /// What is unusual about it.
     pub warnings: Vec<String>,
     /// The mesh that is clustered, if an output needs it.
     pub mesh: Option<Arc<PolygonMesh>>,
@@ -117,10 +118,13 @@ pub trait Viewer: fmt::Debug + Send + Sync {
 /// What a job gives.
 #[derive(Debug)]
 pub struct Outcome {
-    /// One label a face, in upload order; none for a whole hierarchy, which has labels at every number of clusters.
+    /// One label a face or item, in upload order, [`FREE`](crate::device::FREE) of an item that a mask leaves out; none for a whole hierarchy,
+    /// which has labels at every number of clusters.
     pub labels: Option<Vec<u32>>,
     /// The hierarchy, of hierarchical algorithms.
     pub hierarchy: Option<Stored>,
+    /// The shape of the items that the labels are of, where it is no list.
+    pub shape: Option<Vec<usize>>,
     /// The labels of the requested iterations, in upload order; numbered as `labels`, so that a number means
     /// the same cluster in all of them.
     pub snapshots: Record,
@@ -137,6 +141,7 @@ impl Outcome {
     pub fn content(&self) -> Content<'_> {
         Content {
             labels: self.labels.as_deref().map(|labels| Labels::new(self.report.clusters, labels)),
+            shape: self.shape.as_deref(),
             snapshots: Some(&self.snapshots),
             hierarchy: self.hierarchy.as_ref(),
             report: Some(&self.report),
@@ -150,12 +155,14 @@ impl Outcome {
 /// The file of a [`Request`] that an error is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputFile {
-    /// The mesh, with its buffers.
+    /// The mesh, with its buffers, or the points.
     Mesh,
     /// The list of seeds.
     Seeds,
     /// The weights.
     Weights,
+    /// The edges between points.
+    Graph,
 }
 
 /// An error of [`prepare_naming_files`].
@@ -275,13 +282,7 @@ pub fn cluster(
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Clustered> {
     cancel.check()?;
-    where_it_works(device.info().kind, || match &prepared.plan {
-        Plan::Coarse(coarse) => flat::run_coarse(prepared, coarse, device, cancel, on_row),
-        Plan::Seeded(method, seeds, options) => {
-            flat::run_seeded(prepared, *method, seeds, *options, device, cancel, on_row)
-        }
-        Plan::Hierarchy { options, target } => hierarchical::run(prepared, options, *target, device, cancel, on_row),
-    })
+    where_it_works(device.info().kind, || prepared.subject.cluster(prepared, device, cancel, on_row))
 }
 
 /// Runs `work` for a device. The cpu works from within rayon's pool, the current one or else the global: each of

@@ -41,11 +41,11 @@ impl DeviceFor<'_> {
     }
 
     /// Opens the device for one mesh, unless `ahead` is the right one. `auto` takes the cpu for what merges one pair
-    /// after the other, as for small meshes.
+    /// after the other and for points that no gpu has code for, as for small meshes.
     fn open(&self, ahead: Ahead, prepared: &Prepared) -> Result<Box<dyn Device>> {
-        let faces = match prepared.plan.is_sequential() {
+        let faces = match prepared.wants_cpu() {
             true => 0,
-            false => prepared.input.faces,
+            false => prepared.input.items(),
         };
         match ahead.filter(|_| self.wants_gpu() || faces >= FACES_FOR_GPU) {
             Some(ahead) => ahead,

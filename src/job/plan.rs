@@ -1,17 +1,18 @@
-//! How a job goes about its mesh: a [`Clustering`] and what the mesh decides.
+//! How a job goes about what it clusters: a [`Clustering`] and what the items decide.
 
 use super::{Clustering, CoarseSpec, Method};
 use crate::cluster::coarse::CoarseStart;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{flat, hierarchy};
+use crate::energy::{Energy, Functional};
 use crate::error::Result;
-use crate::surface::Surface;
+use crate::surface::Items;
 
-/// A [`Clustering`] with what the mesh decides: where clusters start, and where a hierarchy ends.
+/// A [`Clustering`] with what the items decide: where clusters start, and where a hierarchy ends.
 #[derive(Debug)]
-pub enum Plan {
+pub enum Plan<E: Functional = Energy> {
     /// Boundary-based clustering, coarse to fine.
-    Coarse(Coarse),
+    Coarse(Coarse<E>),
     /// A flat clustering from these seeds.
     Seeded(Method, SeedFaces, flat::Options),
     /// A hierarchy.
@@ -25,50 +26,36 @@ pub enum Plan {
 
 /// A boundary-based clustering, coarse to fine.
 #[derive(Debug)]
-pub struct Coarse {
+pub struct Coarse<E: Functional = Energy> {
     /// Where it starts.
-    pub start: CoarseStart,
+    pub start: CoarseStart<E>,
     /// What follows.
     pub spec: CoarseSpec,
 }
 
-impl Coarse {
+impl<E: Functional> Coarse<E> {
     /// Builds the start.
-    pub(super) fn new(surface: &Surface, spec: CoarseSpec) -> Result<Self> {
-        let start = CoarseStart::new(surface, spec.clusters, spec.seed, spec.quality.start())?;
+    pub(super) fn new(items: &Items<E>, spec: CoarseSpec) -> Result<Self> {
+        let start = CoarseStart::new(items, spec.clusters, spec.seed, spec.quality.start())?;
         Ok(Self { start, spec })
     }
 }
 
-impl Plan {
-    /// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the surface cannot have.
-    pub(super) fn new(surface: &Surface, clustering: &Clustering) -> Result<Self> {
+impl<E: Functional> Plan<E> {
+    /// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the items cannot have.
+    pub(super) fn new(items: &Items<E>, clustering: &Clustering) -> Result<Self> {
         Ok(match clustering {
             Clustering::Coarse(spec) => {
-                let quality = spec.quality.on(surface.faces());
-                Self::Coarse(Coarse::new(surface, CoarseSpec { quality, ..*spec })?)
+                let quality = spec.quality.on(items.faces());
+                Self::Coarse(Coarse::new(items, CoarseSpec { quality, ..*spec })?)
             }
             Clustering::Seeded { method, clusters, seeds, seed, listed, options } => {
-                Self::Seeded(*method, seeds::choose(surface, *clusters, seeds, *seed, listed.as_deref())?, *options)
+                Self::Seeded(*method, seeds::choose(items, *clusters, seeds, *seed, listed.as_deref())?, *options)
             }
             Clustering::Hierarchy(options) => {
-                let target = hierarchy::check(surface, options)?;
+                let target = hierarchy::check(items, options)?;
                 Self::Hierarchy { options: options.clone(), target }
             }
         })
-    }
-
-    /// Whether the job has labels of its own. A whole hierarchy has some at every number of clusters instead.
-    pub fn has_labels(&self) -> bool {
-        !matches!(self, Self::Hierarchy { options, .. } if options.clusters.is_none())
-    }
-
-    /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
-    pub fn is_sequential(&self) -> bool {
-        match self {
-            Self::Coarse(..) => false,
-            Self::Seeded(method, ..) => *method != Method::BoundaryBased,
-            Self::Hierarchy { options, .. } => options.sequential_at == u64::MAX,
-        }
     }
 }

@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use super::{InputFile, JobSpec, Plan, Prepared, Preparing, Refusal, milliseconds, weight_list};
+use super::{Clustering, InputFile, JobSpec, Plan, Prepared, Preparing, Refusal, Subject, milliseconds, weight_list};
+use crate::energy::Functional;
 use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
 use crate::parameters::{Name, Parameters};
-use crate::report::{Input, Timings, WeightedBy};
-use crate::surface::{Surface, Wanted};
+use crate::report::{Input, MeshInput, Timings, WeightedBy};
+use crate::surface::{Items, Surface, Wanted};
 
 /// A job on a mesh that this program has in memory; a [`Request`](super::Request) has the bytes of a file.
 #[derive(Debug, Clone, Copy)]
@@ -67,6 +68,7 @@ pub(super) struct About {
 impl Checked {
     pub fn new(parameters: &Parameters, seeds: Option<&[u8]>, weights: Option<&[u8]>) -> Result<Self, Refusal> {
         let started = Instant::now();
+        parameters.check_mesh()?;
         let spec = JobSpec::new(parameters, seeds)?;
         if weights.is_some() && spec.weight_attribute.is_some() {
             return Err(Refusal::from(Error::parameter(format_args!(
@@ -132,7 +134,7 @@ impl Checked {
         mut warnings: Vec<String>,
     ) -> Result<Prepared, Refusal> {
         let Self { spec, started, .. } = self;
-        let plan = plan(&surface, &spec)?;
+        let plan = plan(&surface.items, &spec.clustering)?;
         let counts = surface.counts;
         if counts.degenerate_faces > 0 {
             warnings.push(format!("degenerate faces, with two corners at one position: {}", counts.degenerate_faces));
@@ -156,9 +158,8 @@ impl Checked {
         let input = describe(mesh, about, &surface);
         let weighted_by = Vec::new();
         Ok(Prepared {
-            surface,
+            subject: Subject::Mesh(Box::new(surface), plan),
             spec,
-            plan,
             input,
             weighted_by,
             warnings,
@@ -171,27 +172,32 @@ impl Checked {
 }
 
 impl Prepared {
-    /// Prepares the same mesh for another number of clusters. Its timings are those of this alone.
+    /// Prepares the same for another number of clusters. Its timings are those of this alone.
     pub fn with_clusters(&mut self, clusters: u64) -> Result<(), Refusal> {
         let started = Instant::now();
         self.spec = self.spec.with_clusters(clusters)?;
-        self.plan = plan(&self.surface, &self.spec)?;
+        self.subject.replan(&self.spec.clustering)?;
         self.timings = Timings { topology: milliseconds(started.elapsed()), ..Timings::default() };
         Ok(())
+    }
+
+    /// Whether a gpu is slow at it or cannot do it.
+    pub fn wants_cpu(&self) -> bool {
+        self.spec.clustering.is_sequential() || self.subject.is_for_cpu()
     }
 }
 
 /// Plans a job, from within the pool, as in [`where_it_works`](super::where_it_works).
-fn plan(surface: &Surface, spec: &JobSpec) -> Result<Plan, Refusal> {
-    let file = if spec.clustering.has_listed_seeds() { InputFile::Seeds } else { InputFile::Mesh };
-    rayon::scope(|_| Plan::new(surface, &spec.clustering)).map_err(Refusal::of(file))
+pub(super) fn plan<E: Functional>(items: &Items<E>, clustering: &Clustering) -> Result<Plan<E>, Refusal> {
+    let file = if clustering.has_listed_seeds() { InputFile::Seeds } else { InputFile::Mesh };
+    rayon::scope(|_| Plan::new(items, clustering)).map_err(Refusal::of(file))
 }
 
 /// What was read, for the report.
 fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
     let About { format, adjusted, parts } = about;
     let counts = surface.counts;
-    Input {
+    Input::Mesh(MeshInput {
         format,
         vertices: mesh.positions.len() as u64 + adjusted.vertices_left_out,
         faces: mesh.faces.len() as u64,
@@ -205,7 +211,7 @@ fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
         loose_faces: counts.loose_faces,
         duplicate_faces: counts.duplicate_faces,
         parts,
-    }
+    })
 }
 
 #[cfg(test)]
@@ -235,7 +241,11 @@ mod tests {
         let request = Request::new(&file, Format::Obj, &parameters);
         let (of_file, of_memory) = (prepare(&request).expect("a mesh"), in_memory(Positions::Double(&mesh.positions)));
         assert_eq!(labels_of(&of_file), labels_of(&of_memory));
-        assert_eq!((of_file.input.format, of_memory.input.format), (Some(Format::Obj), None));
+        let format = |prepared: &Prepared| match &prepared.input {
+            Input::Mesh(mesh) => mesh.format,
+            Input::Points(_) => panic!("a mesh"),
+        };
+        assert_eq!((format(&of_file), format(&of_memory)), (Some(Format::Obj), None));
         let (double, single) = (in_memory(Positions::Double(&rounded)), in_memory(Positions::Single(&single)));
         assert_eq!(labels_of(&double), labels_of(&single));
     }

@@ -1,7 +1,7 @@
 //! Lists of seeds as files: NumPy's `.npy` with integers, a JSON array, or text with numbers between white space or
 //! commas.
 
-use super::npy;
+use crate::data::npy;
 use crate::error::{Error, Result, wrong_json_at};
 
 /// The face numbers in a file, in its order.
@@ -40,21 +40,10 @@ fn parse_text(text: &str) -> Result<Vec<u32>> {
 /// A one-dimensional array of little-endian integers of 4 or 8 bytes.
 fn parse_npy(bytes: &[u8]) -> Result<Vec<u32>> {
     const KINDS: [&str; 4] = ["<i4", "<u4", "<i8", "<u8"];
-    let array = npy::parse(bytes, "list of seeds", &KINDS, "little-endian integers of 4 or 8 bytes")?;
-    let npy::Array { kind, data } = array;
-    let width = if kind.ends_with('8') { 8 } else { 4 };
-    data.chunks_exact(width)
-        .enumerate()
-        .map(|(seed, bytes)| {
-            let signed = kind.starts_with("<i");
-            let negative = signed && bytes[width - 1] & 0x80 != 0;
-            let value = bytes.iter().rev().fold(0u64, |value, &byte| value << 8 | u64::from(byte));
-            match u32::try_from(value) {
-                Ok(value) if !negative => Ok(value),
-                _ => Err(Error::parameter(format_args!("seed {seed} is no face number, in the .npy list"))),
-            }
-        })
-        .collect()
+    let array = npy::parse_flat(bytes, "list of seeds", &KINDS, "little-endian integers of 4 or 8 bytes")?;
+    let wrong = |seed| Error::parameter(format_args!("seed {seed} is no face number, in the .npy list"));
+    let numbers = array.whole_numbers().enumerate();
+    numbers.map(|(seed, number)| u32::try_from(number).map_err(|_| wrong(seed))).collect()
 }
 
 #[cfg(test)]

@@ -167,6 +167,28 @@ impl Clustering {
         matches!(self, Self::Seeded { listed: Some(_), .. })
     }
 
+    /// Whether it has labels of its own. A whole hierarchy has some at every number of clusters instead.
+    pub fn has_labels(&self) -> bool {
+        self.clusters().is_some()
+    }
+
+    /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
+    pub fn is_sequential(&self) -> bool {
+        match self {
+            Self::Coarse(_) => false,
+            Self::Seeded { method, .. } => *method != Method::BoundaryBased,
+            Self::Hierarchy(options) => options.sequential_at == u64::MAX,
+        }
+    }
+
+    /// The items that the caller listed as seeds.
+    pub(super) fn listed_seeds(&mut self) -> Option<&mut [u32]> {
+        match self {
+            Self::Seeded { listed, .. } => listed.as_deref_mut(),
+            Self::Coarse(_) | Self::Hierarchy(_) => None,
+        }
+    }
+
     /// The number of clusters that it ends with; none for a whole hierarchy.
     pub fn clusters(&self) -> Option<u64> {
         match self {

@@ -54,8 +54,8 @@ fn the_outputs_that_parameters_promise_are_what_the_plan_makes() {
             let prepared = prepare(&request).expect("a mesh");
             // of the parameters as they were sent, and as the report repeats them
             for parameters in [&parameters, prepared.spec.reported()] {
-                assert_eq!(Need::Labels.is_met(parameters), prepared.plan.has_labels(), "{parameters:?}");
-                let is_hierarchical = matches!(prepared.plan, Plan::Hierarchy { .. });
+                assert_eq!(Need::Labels.is_met(parameters), prepared.spec.clustering.has_labels(), "{parameters:?}");
+                let is_hierarchical = prepared.spec.clustering.is_hierarchical();
                 assert_eq!(Need::Hierarchy.is_met(parameters), is_hierarchical, "{parameters:?}");
             }
         }

@@ -1,16 +1,13 @@
 //! Weights as files: NumPy's `.npy` with floats of 4 or 8 bytes.
 
-use super::npy;
+use crate::data::npy;
 use crate::error::{Error, Result};
 
 /// The weights in a file, in its order; any floats, whether they make sense or not.
 pub fn parse(bytes: &[u8]) -> Result<Vec<f64>> {
     check_head(bytes)?;
-    let array = npy::parse(bytes, "file of weights", &["<f4", "<f8"], "little-endian floats of 4 or 8 bytes")?;
-    Ok(match array.kind {
-        "<f4" => array.data.as_chunks().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect(),
-        _ => array.data.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect(),
-    })
+    let floats = "little-endian floats of 4 or 8 bytes";
+    Ok(npy::parse_flat(bytes, "file of weights", &["<f4", "<f8"], floats)?.floats())
 }
 
 /// Refuses what does not begin as such a file does.

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use crate::power::factors;
+
 /// Coordinate = (source coordinate − centre) × 2^exponent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
@@ -36,10 +38,4 @@ impl Frame {
     pub fn source_position(&self, position: DVec3) -> DVec3 {
         position.map(|x| libm::ldexp(x, -self.exponent)) + self.centre
     }
-}
-
-/// 2^exponent as two factors, which are normal numbers where it is not.
-pub fn factors(exponent: i32) -> [f64; 2] {
-    let half = exponent / 2;
-    [libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half)]
 }

@@ -28,7 +28,7 @@ mod view;
 
 pub use faces::Faces;
 pub use format::Format;
-pub(crate) use frame::{Frame, factors};
+pub(crate) use frame::Frame;
 pub use resources::{Beside, NoResources, Resources};
 pub use view::{MeshView, Positions};
 

@@ -135,6 +135,7 @@ impl<E: Functional> DualGraph<E> {
             neighbour_offsets: Vec::with_capacity(groups + 1),
             neighbours: Vec::with_capacity(runs.iter().map(|run| run.neighbours.len()).sum()),
             components: components.collect(),
+            moves: self.moves,
         };
         graph.neighbour_offsets.push(0);
         for run in runs {

@@ -20,6 +20,19 @@ pub struct DualGraph<E: Functional = Energy> {
     pub neighbours: Vec<u32>,
     /// The connected components, each a run of faces.
     pub components: Vec<Component>,
+    /// How faces move.
+    pub moves: Moves,
+}
+
+/// How faces move in the phases.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Moves {
+    /// All at once, and a repair joins what they cut: neighbours are near each other, so that few clusters are cut.
+    #[default]
+    Free,
+    /// Each cluster stays connected, for neighbours may be far from each other. Free moves cut such clusters in so many
+    /// pieces that repairs end above the start.
+    Connected,
 }
 
 /// Faces from which on prefetching pays in clusterings (`benches/results/2026-11-22-two-cores-xeon/ahead.md`). Smaller

@@ -2,7 +2,10 @@
 
 use std::ops::Deref;
 
-use super::{DualGraph, Loose, order};
+use super::components::Component;
+use super::graph::DualGraph;
+use super::loose::Loose;
+use super::order;
 use crate::energy::{Energy, Functional, LatticeEnergy, Merged, Sums};
 
 /// What algorithms and reports need of what is clustered.
@@ -44,12 +47,22 @@ impl<E: Functional> Units<E> {
 }
 
 impl<E: Functional> Items<E> {
+    /// The items of a graph, none of them loose.
+    pub fn new(graph: DualGraph<E>, upload_face: Vec<u32>, units: Units<E>) -> Self {
+        let moment_of = |component: &Component| {
+            let moment: i128 = component.range().map(|item| E::constant(graph.face(item))).sum();
+            moment << component.energy_shift
+        };
+        let moment = graph.components.iter().map(moment_of).sum();
+        Self { graph, upload_face, loose: Vec::new(), moment, units }
+    }
+
     /// Number of faces of the upload, loose ones included.
     pub fn upload_faces(&self) -> usize {
         self.upload_face.len() + self.loose.len()
     }
 
-    /// The internal face that each face of the upload is: the inverse of `upload_face`. [`NO_FACE`](super::NO_FACE) of
+    /// The internal face that each face of the upload is: the inverse of `upload_face`. [`NO_FACE`](super::order::NO_FACE) of
     /// a loose one.
     pub fn internal_faces(&self) -> Vec<u32> {
         order::inverse(&self.upload_face, self.upload_faces())

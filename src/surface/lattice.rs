@@ -9,7 +9,8 @@ use std::ops::{Add, Div, Mul, Range, Sub};
 
 use glam::DVec3;
 
-use crate::mesh::{Frame, MeshView, factors};
+use crate::mesh::{Frame, MeshView};
+use crate::power::factors;
 use crate::prefetch::{prefetch, with_lookahead};
 
 /// Lattice coordinates stay below 2 to this power.
@@ -19,7 +20,7 @@ const WEIGHT_SUM_BITS: i32 = 33;
 /// No weight exceeds 2 to this power.
 const WEIGHT_BITS: i32 = 31;
 /// Exponents of components differ by at most this.
-const MAX_EXPONENT_SPREAD: i32 = 30;
+pub const MAX_EXPONENT_SPREAD: i32 = 30;
 
 /// A face in lattice units, before rounding.
 #[derive(Debug, Clone, Copy, Default)]
@@ -242,23 +243,22 @@ pub struct Scales {
     pub finest: i32,
 }
 
-/// Chooses the exponent of each component, given as a run of faces.
-pub fn scales(geometry: &[FaceGeometry], runs: &[Range<usize>]) -> Scales {
+/// Chooses the exponent of each component, given as a run of faces. Exponents differ by `spread` at most.
+pub fn scales(area: impl Fn(usize) -> f64, runs: &[Range<usize>], spread: i32) -> Scales {
     let wanted: Vec<Option<i32>> = runs
         .iter()
         .map(|run| {
-            let faces = &geometry[run.clone()];
-            let (mut sum, mut largest) = (0.0, 0.0);
-            for face in faces {
-                sum += face.area;
-                largest = face.area.max(largest);
+            let (mut sum, mut largest) = (0.0f64, 0.0f64);
+            for area in run.clone().map(&area) {
+                sum += area;
+                largest = area.max(largest);
             }
             // x < 2^frexp(x).1
             (sum > 0.0).then(|| (WEIGHT_SUM_BITS - libm::frexp(sum).1).min(WEIGHT_BITS - libm::frexp(largest).1))
         })
         .collect();
     let coarsest = wanted.iter().flatten().copied().min().unwrap_or(0);
-    let allowed = coarsest + MAX_EXPONENT_SPREAD;
+    let allowed = coarsest + spread;
     let finest = wanted.iter().flatten().map(|&exponent| exponent.min(allowed)).max().unwrap_or(0);
     // a component without area gets the smallest unit: its faces weigh 1, as little as can be
     let exponents = wanted.into_iter().map(|exponent| exponent.unwrap_or(finest).min(allowed)).collect();

@@ -18,29 +18,31 @@
 
 mod adjacency;
 mod ascending;
-mod bridge;
+pub(crate) mod bridge;
 mod coarse;
-mod components;
+pub(crate) mod components;
 mod counts;
 mod curvature;
 mod density;
 pub(crate) mod detour;
 mod graph;
 mod items;
-mod lattice;
+pub(crate) mod lattice;
 mod loose;
-mod order;
+pub(crate) mod order;
 pub mod points;
+pub(crate) mod rows;
 pub(crate) mod weld;
 
 pub use coarse::{Coarse, Grouping};
 pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
-pub use graph::DualGraph;
+pub use graph::{DualGraph, Moves};
 pub use items::{Items, Units};
 pub use loose::Loose;
 pub use order::NO_FACE;
+pub use rows::Rows;
 
 use std::ops::{Deref, Range};
 
@@ -152,7 +154,7 @@ impl Surface {
         drop(components);
         let gather = || {
             let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
-            let scales = lattice::scales(&gathered.geometry, &runs);
+            let scales = lattice::scales(|face| gathered.geometry[face].area, &runs, lattice::MAX_EXPONENT_SPREAD);
             (gathered, scales)
         };
         let (rows, (gathered, scales)) =
@@ -176,9 +178,9 @@ impl Surface {
         frame: Frame,
         density_unit: Option<f64>,
     ) -> Self {
-        let Weighed { weights, components, moment } = Weighed::new(&gathered, runs, scales);
+        let Weighed { weights, components } = Weighed::new(&gathered, runs, scales);
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
-        let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components };
+        let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
         let units = Units {
             centre: frame.centre.to_array(),
             exponent: frame.exponent,
@@ -186,7 +188,7 @@ impl Surface {
             weight_exponent: -2 * frame.exponent - scales.finest,
             density: density_unit.unwrap_or(1.0),
         };
-        let items = Items { graph, upload_face, loose: Vec::new(), moment, units };
+        let items = Items::new(graph, upload_face, units);
         Self { items, counts, geometry, frame, moment_inside_faces, has_density: density_unit.is_some() }
     }
 
@@ -276,29 +278,24 @@ impl Gathered {
 struct Weighed {
     weights: Vec<u32>,
     components: Vec<Component>,
-    /// Σ over faces of `w·|g|² << energy_shift`.
-    moment: i128,
 }
 
 impl Weighed {
-    fn new(Gathered { geometry, points, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
+    fn new(Gathered { geometry, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
         let mut weights = Vec::with_capacity(geometry.len());
         let mut components = Vec::with_capacity(runs.len());
-        let mut moment = 0;
         for (run, &exponent) in runs.iter().zip(&scales.exponents) {
             let energy_shift = (scales.finest - exponent) as u32;
             let weight_of = lattice::weight(exponent);
-            let (mut moment_of_run, mut weight) = (0, 0);
+            let mut weight = 0;
             for face in run.clone() {
                 let of_face = weight_of(geometry[face].area);
-                moment_of_run += Energy::constant(Energy::item(points[face], of_face));
                 weight += u64::from(of_face);
                 weights.push(of_face);
             }
-            moment += moment_of_run << energy_shift;
             components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
         }
-        Self { weights, components, moment }
+        Self { weights, components }
     }
 }
 

@@ -89,7 +89,7 @@ impl OfPoints {
             let points = geometry.iter().map(|item| lattice::round_centroid(item.centroid)).collect();
             // a tiling is no measure for what is between points
             let gathered = Gathered { geometry, points, moment_inside_faces: f64::INFINITY, zero_area_faces: 0 };
-            let scales = lattice::scales(&gathered.geometry, &runs);
+            let scales = lattice::scales(|item| gathered.geometry[item].area, &runs, lattice::MAX_EXPONENT_SPREAD);
             (gathered, scales)
         };
         let ((neighbour_offsets, neighbours), (gathered, scales)) =

@@ -23,7 +23,7 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
 fn the_extension_says_what_is_written() {
     let folder = Folder::new();
     folder.sample("quads", 400, "q.obj");
-    run(&folder, "cluster q.obj -k 7 --labels f.npy --mesh f.glb --submeshes f.stl.zip --graph f.graphml");
+    run(&folder, "cluster q.obj -k 7 --labels f.npy --mesh f.glb --submeshes f.stl.zip --clusters-graph f.graphml");
     run(&folder, "cluster q.obj -k 7 -o o.npy -o o.glb -o o.stl.zip -o o.graphml -o o.json -o o.txt -o o.csv");
     for extension in ["npy", "glb", "stl.zip", "graphml"] {
         assert_eq!(folder.read(&format!("f.{extension}")), folder.read(&format!("o.{extension}")), "{extension}");
@@ -52,7 +52,7 @@ fn outputs_that_may_be_several_things_are_refused_with_a_list() {
     // there is no mesh to read
     for (output, words) in [
         ("x.stl", ["--submeshes OUT.stl.zip", "--remesh OUT.stl"]),
-        ("x.npz", ["--graph OUT.npz", "--remesh-source OUT.npz"]),
+        ("x.npz", ["--clusters-graph OUT.npz", "--remesh-source OUT.npz"]),
         ("x.png", ["no output has the extension .png", ".npy, "]),
         ("x", ["the extension says what is written", ".npy, "]),
         ("x.tsr", ["-o x.tsr goes with hierarchies", "bb"]),

@@ -21,7 +21,7 @@ fn flat_clusters_may_be_fewer_than_parts() {
     assert!(refused.message.contains("bridge_components"), "{refused}");
     let Outcome { labels, report, .. } =
         run(&Parameters { bridge_components: true, ..parameters }).expect("bridges join the parts");
-    assert_eq!((report.clusters, report.disconnected_clusters, report.input.components), (3, 0, 12));
+    assert_eq!((report.clusters, report.disconnected_clusters, report.input.components()), (3, 0, 12));
     let mut used = labels.expect("a flat clustering has labels");
     used.sort_unstable();
     used.dedup();

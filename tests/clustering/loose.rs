@@ -11,7 +11,7 @@ use tesserae_mesh::hierarchy::stored::Stored;
 use tesserae_mesh::job::{self, InMemory, Outcome};
 use tesserae_mesh::mesh::{Faces, Limits, PolygonMesh};
 use tesserae_mesh::parameters::{Algorithm, Parameters, Seeds, Snapshots};
-use tesserae_mesh::report::DeviceKind;
+use tesserae_mesh::report::{DeviceKind, Input};
 use tesserae_mesh::surface::Surface;
 
 use crate::common::gpu;
@@ -110,7 +110,8 @@ fn they_change_no_other_label_and_have_that_of_their_host() {
             case.check(&found.labels.expect("labels"), &expected.labels.expect("labels"), &context);
             let report = found.report;
             assert_eq!((report.clusters, report.disconnected_clusters), (60, 0), "{context}");
-            assert_eq!((report.input.components, report.input.loose_faces), (1, 4 + case.before as u64), "{context}");
+            let Input::Mesh(input) = &report.input else { panic!("a mesh") };
+            assert_eq!((input.components, input.loose_faces), (1, 4 + case.before as u64), "{context}");
             assert!(report.warnings.iter().any(|warning| warning.contains("share no edge")), "{:?}", report.warnings);
         }
     }

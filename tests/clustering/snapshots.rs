@@ -38,7 +38,7 @@ fn snapshots(outcome: &Outcome) -> Vec<(u32, Vec<u32>)> {
 
 /// Energy of labels in upload order, as iterations tell it.
 fn energy(prepared: &Prepared, labels: &[u32]) -> f64 {
-    let surface = &prepared.surface;
+    let surface = prepared.subject.mesh().expect("a mesh");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let clusters = internal.iter().max().map_or(0, |&label| label as usize + 1);
     let mut component_of_cluster = vec![0; clusters];

@@ -11,7 +11,7 @@ use tesserae_mesh::device::{Cancel, Device, FREE};
 use tesserae_mesh::job::{self, DeviceFor, InMemory};
 use tesserae_mesh::mesh::Limits;
 use tesserae_mesh::parameters::{Parameters, Seeds};
-use tesserae_mesh::report::DeviceKind;
+use tesserae_mesh::report::{DeviceKind, Input};
 use tesserae_mesh::surface::Surface;
 
 fn example() -> (Surface, SeedFaces) {
@@ -221,7 +221,8 @@ fn the_cpu_clusters_what_is_too_large_for_the_gpu_of_auto_or_came_back_wrong_and
     };
     let mut prepared = job::prepare_in_memory(&in_memory).expect("a job");
     // what `auto` goes by
-    prepared.input.faces = FACES_FOR_GPU;
+    let Input::Mesh(input) = &mut prepared.input else { panic!("a mesh") };
+    input.faces = FACES_FOR_GPU;
     let run = |choice, gpu: GpuDevice| {
         let device = DeviceFor { choice, adapter: None };
         job::run_on(device, Some(Ok(Box::new(gpu))), &prepared, &Cancel::default(), &mut |_| {})

@@ -214,15 +214,15 @@ def edges_of(case):
 
 def check_data(case):
     """Graph, boundaries, table of clusters, where this program writes them."""
-    if "--graph" not in run(BINARY, "export", "--help"):
+    if "--clusters-graph" not in run(BINARY, "export", "--help"):
         return
-    document = json.loads(case.export("--graph", "graph.json").read_text())
+    document = json.loads(case.export("--clusters-graph", "graph.json").read_text())
     graph = networkx.node_link_graph(document, edges="edges")
     assert graph.number_of_nodes() == case.clusters
-    matrix = scipy.sparse.load_npz(case.export("--graph", "graph.npz"))
+    matrix = scipy.sparse.load_npz(case.export("--clusters-graph", "graph.npz"))
     assert matrix.shape == (case.clusters, case.clusters) and abs(matrix - matrix.T).max() == 0
     assert matrix.nnz == 2 * graph.number_of_edges()
-    drawn = networkx.read_graphml(case.export("--graph", "graph.graphml"))
+    drawn = networkx.read_graphml(case.export("--clusters-graph", "graph.graphml"))
     assert drawn.number_of_edges() == graph.number_of_edges()
     rows = list(csv.DictReader(case.export("--clusters-table", "clusters.csv").open()))
     assert [int(row["faces"]) for row in rows] == np.bincount(case.labels).tolist()

@@ -1,7 +1,7 @@
 //! What needs no mesh to be refused.
 
 use tesserae_mesh::artifacts::{Choices, LINKAGE_NPY, Need};
-use tesserae_mesh::parameters::{Seeds, Subdivide};
+use tesserae_mesh::parameters::{Neighbours, Seeds, Subdivide};
 
 use super::Arguments;
 use super::files::{Files, check_patterns};
@@ -33,6 +33,9 @@ pub fn inputs(arguments: &Arguments) -> Vec<(&'static str, Source)> {
     }
     if let Some(path) = &arguments.weights {
         inputs.push(("the weights", Source::from(path.clone())));
+    }
+    if let Some(Neighbours::File(path)) = &arguments.parameters.graph {
+        inputs.push(("the graph", Source::from(path.clone())));
     }
     inputs
 }

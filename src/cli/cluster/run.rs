@@ -1,6 +1,7 @@
 //! A mesh from its file to its outputs.
 
 use std::collections::HashSet;
+use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
 
@@ -9,16 +10,16 @@ use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::hierarchy::Cut;
 use tesserae_mesh::hierarchy::linkage::no_single_root;
 use tesserae_mesh::job::{
-    self, Ahead, InputFile, OnDevice, Outcome, Plan, Prepared, Preparing, Refusal, Request, milliseconds,
+    self, Ahead, InputFile, OnDevice, Outcome, PointsRequest, Prepared, Preparing, Refusal, Request, milliseconds,
 };
-use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::parameters::{Neighbours, Seeds};
 use tesserae_mesh::remesh::Remesh;
 
 use super::Arguments;
 use super::check::inputs;
 use super::files::Files;
 use crate::files::Source;
-use crate::inputs::MeshFile;
+use crate::inputs::{FileFormat, MeshFile};
 use crate::places::Output;
 use crate::progress::Progress;
 use crate::results::{OutputFile, check_places};
@@ -58,13 +59,15 @@ impl Run<'_> {
             let (clusters, of_clusters) = &files.of_clusters[nth];
             if let (true, Some(clusters)) = (nth > 0, *clusters) {
                 begin = Instant::now();
-                prepared.with_clusters(clusters).map_err(|refusal| about(&mesh.source, None, None, refusal))?;
+                prepared
+                    .with_clusters(clusters)
+                    .map_err(|refusal| FilesBeside::default().about(&mesh.source, refusal))?;
             }
             let share = (1.0 - PREPARED) / runs as f64;
             let from = PREPARED + share * nth as f64;
             self.progress.stage("clustering", from..from + CLUSTERED * share);
-            if let Plan::Hierarchy { target, .. } = prepared.plan {
-                self.progress.hierarchy(prepared.input.faces, target);
+            if let Some(target) = prepared.subject.target() {
+                self.progress.hierarchy(prepared.input.items(), target);
             }
             let mut outcome = device.run(&prepared, &cancel, &mut |row| self.progress.row(&row))?;
             self.progress.stage("writing", from + CLUSTERED * share..from + share);
@@ -94,13 +97,7 @@ impl Run<'_> {
         let (bytes, format) = mesh.read(&limits, &mut |read, length| {
             progress.advance(if length > 0 { read as f64 / length as f64 } else { 0.0 });
         })?;
-        let seeds = match &arguments.parameters.seeds {
-            Seeds::File(path) => Some(Source::from(path.clone())),
-            Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
-        };
-        let weights = arguments.weights.clone().map(Source::from);
-        let content = |source: &Option<Source>| source.as_ref().map(|source| source.read(limits.max_bytes)).transpose();
-        let (seed_bytes, weight_bytes) = (content(&seeds)?, content(&weights)?);
+        let beside = FilesBeside::read(arguments, limits.max_bytes)?;
         let read = milliseconds(reading.elapsed());
 
         let places: Vec<Output<'_>> = files.all().map(OutputFile::place).collect();
@@ -109,16 +106,8 @@ impl Run<'_> {
         // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
         signals::cancel_when_asked();
         let outputs: Vec<&Artifact> = files.all().map(|file| file.artifact).collect();
-        let request = Request {
-            bytes: &bytes,
-            format,
-            resources: &*resources,
-            limits,
-            parameters: &parameters,
-            seeds: seed_bytes.as_deref(),
-            weights: weight_bytes.as_deref(),
-            outputs: &outputs,
-        };
+        let FilesBeside { seeds, weights, graph } = &beside;
+        let [seeds, weights, graph] = [seeds, weights, graph].map(|file| file.as_ref().map(|file| &file.bytes[..]));
         progress.stage("reading the mesh", READ..PREPARED);
         let mut tell = |step: Preparing| {
             let (what, part) = match step {
@@ -128,23 +117,37 @@ impl Run<'_> {
             };
             progress.stage(what, READ + part * (PREPARED - READ)..PREPARED);
         };
+        let mut prepare = || match format {
+            FileFormat::Mesh(format) => {
+                let parameters = &parameters;
+                let (bytes, resources) = (&bytes[..], &*resources);
+                let outputs = &outputs;
+                let request = Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
+                job::open(&request, |opened| opened.prepare_telling(&mut tell)).and_then(|prepared| prepared)
+            }
+            FileFormat::Points(format) => {
+                let parameters = &parameters;
+                tell(Preparing::Surface);
+                job::prepare_points(&PointsRequest { bytes: &bytes, format, limits, parameters, graph, seeds, weights })
+            }
+        };
+        if let FileFormat::Points(_) = format {
+            check_outputs_of_points(files).map_err(Failure::about(&mesh.source))?;
+        }
         // ends with its thread joined: a process must not end while a driver is being opened
         let (prepared, ahead) = std::thread::scope(|scope| {
             let ahead = scope.spawn(|| arguments.device.choice().open_ahead(bytes.len()));
-            let prepared =
-                job::open(&request, |opened| opened.prepare_telling(&mut tell)).and_then(|prepared| prepared);
-            (prepared, ahead.join().ok().flatten())
+            (prepare(), ahead.join().ok().flatten())
         });
-        let mut prepared =
-            prepared.map_err(|refusal| about(&mesh.source, seeds.as_ref(), weights.as_ref(), refusal))?;
+        let mut prepared = prepared.map_err(|refusal| beside.about(&mesh.source, refusal))?;
         prepared.timings.read = read;
         Ok((prepared, ahead))
     }
 
     /// Refuses a linkage matrix of a hierarchy with several roots.
     fn check_target(&self, mesh: &MeshFile, prepared: &Prepared) -> Result<(), Failure> {
-        match prepared.plan {
-            Plan::Hierarchy { target, .. } if target > 1 && self.arguments.outputs.includes(&LINKAGE_NPY) => {
+        match prepared.subject.target() {
+            Some(target) if target > 1 && self.arguments.outputs.includes(&LINKAGE_NPY) => {
                 Err(Failure::about(&mesh.source)(Error::new(Kind::Conflict, no_single_root(target))))
             }
             _ => Ok(()),
@@ -222,16 +225,66 @@ fn of_cut(row: Row, cut: &Cut) -> Row {
     Row { clusters: Some(clusters), balance: Balance::of(&cut.labels, clusters), energy, ..row }
 }
 
-/// The failure of a refusal, with the name of the file that it is about.
-fn about(mesh: &Source, seeds: Option<&Source>, weights: Option<&Source>, refusal: Refusal) -> Failure {
-    let file = match refusal.file {
-        Some(InputFile::Mesh) => Some(mesh),
-        Some(InputFile::Seeds) => seeds,
-        Some(InputFile::Weights) => weights,
-        None => None,
-    };
-    match file {
-        Some(file) => Failure::about(file)(refusal.error),
-        None => refusal.error.into(),
+/// Files besides the mesh or the points.
+#[derive(Default)]
+struct FilesBeside {
+    seeds: Option<FileBeside>,
+    weights: Option<FileBeside>,
+    graph: Option<FileBeside>,
+}
+
+/// A file, and what it holds.
+struct FileBeside {
+    source: Source,
+    bytes: Vec<u8>,
+}
+
+impl FilesBeside {
+    fn read(arguments: &Arguments, max_bytes: u64) -> Result<Self, Failure> {
+        let read = |path: &Path| {
+            let source = Source::from(path.to_owned());
+            let bytes = source.read(max_bytes)?;
+            Ok::<_, Failure>(FileBeside { source, bytes })
+        };
+        let seeds = match &arguments.parameters.seeds {
+            Seeds::File(path) => Some(path),
+            Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
+        };
+        let graph = match &arguments.parameters.graph {
+            Some(Neighbours::File(path)) => Some(path),
+            Some(Neighbours::Nearest(_) | Neighbours::Grid { .. }) | None => None,
+        };
+        Ok(Self {
+            seeds: seeds.map(|path| read(path)).transpose()?,
+            weights: arguments.weights.as_deref().map(read).transpose()?,
+            graph: graph.map(|path| read(path)).transpose()?,
+        })
+    }
+
+    /// The failure of a refusal, with the name of the file that it is about.
+    fn about(&self, mesh: &Source, refusal: Refusal) -> Failure {
+        let source = |file: &'_ Option<FileBeside>| file.as_ref().map(|file| file.source.clone());
+        let file = match refusal.file {
+            Some(InputFile::Mesh) => Some(mesh.clone()),
+            Some(InputFile::Seeds) => source(&self.seeds),
+            Some(InputFile::Weights) => source(&self.weights),
+            Some(InputFile::Graph) => source(&self.graph),
+            None => None,
+        };
+        match file {
+            Some(file) => Failure::about(&file)(refusal.error),
+            None => refusal.error.into(),
+        }
+    }
+}
+
+/// Refuses outputs that are made of a mesh.
+fn check_outputs_of_points(files: &Files) -> tesserae_mesh::error::Result<()> {
+    match files.all().find(|file| file.needs(Need::Mesh)) {
+        Some(file) => Err(Error::parameter(format_args!(
+            "{} is made of a mesh, and these are points: leave it out",
+            file.named()
+        ))),
+        None => Ok(()),
     }
 }

@@ -89,7 +89,7 @@ impl<'a, E: Functional> Clusters<'a, E> {
         let explained = all.iter().map(|cluster| cluster.totals.explained()).sum();
         let free_numbers = (0..numbers as u32).rev().filter(|&number| all[number as usize].faces.is_empty()).collect();
         let touched = Touched { list: (0..numbers as u32).collect(), is_listed: vec![true; numbers] };
-        let connection = Connection::new(labels.len());
+        let connection = Connection::new(labels.len(), graph.moves);
         let faces_left = PASSES * labels.len();
         Self { graph, labels, place_of_face, all, free_numbers, explained, moves: 0, touched, connection, faces_left }
     }

@@ -9,14 +9,15 @@
 //!
 //! Where detours lead round holes, or clusters are ragged, searches are long, and most fail. Their steps are counted.
 //! Once there were [`HOLD_FROM`] times as many as the graph has faces, a face whose search failed is held: it needs a
-//! detour until it or a face beside it has moved. After [`STEPS`] times as many there are no more searches. Either way
-//! the cluster stays connected, and a move may be missed.
+//! detour until it or a face beside it has moved. Where [`Moves`] are connected, that is so from the first search on:
+//! clusters of an image are ragged all along, and energies end no higher. After [`STEPS`] times as many there are no
+//! more searches. Either way the cluster stays connected, and a move may be missed.
 
 use std::collections::VecDeque;
 
 use crate::energy::Functional;
-use crate::surface::DualGraph;
 use crate::surface::detour::surely_stays_connected;
+use crate::surface::{DualGraph, Moves};
 use crate::union_find;
 
 /// Steps of searches, for each face of the graph, before faces are held. A step looks at a dual edge.
@@ -30,6 +31,8 @@ const STEPS: u64 = 1024;
 pub struct Connection {
     /// Steps so far.
     pub(super) steps: u64,
+    /// Whether faces are held from the first failed search on.
+    holds_at_once: bool,
     /// Faces whose last search failed while faces are held, and beside which nothing has moved since.
     is_held: Vec<bool>,
     /// The search that has reached each face, plus `first`; smaller numbers are of earlier calls.
@@ -38,14 +41,15 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// For a graph of this many faces.
-    pub fn new(faces: usize) -> Self {
-        Self { steps: 0, is_held: vec![false; faces], reached_by: vec![0; faces], first: 1 }
+    /// For a graph of this many faces, which move so.
+    pub fn new(faces: usize, moves: Moves) -> Self {
+        let holds_at_once = moves == Moves::Connected;
+        Self { steps: 0, holds_at_once, is_held: vec![false; faces], reached_by: vec![0; faces], first: 1 }
     }
 
     /// Whether moves may be missed from now on.
     pub fn is_bounded(&self) -> bool {
-        self.has_made(HOLD_FROM)
+        self.has_made(if self.holds_at_once { STEPS } else { HOLD_FROM })
     }
 
     fn has_made(&self, steps_a_face: u64) -> bool {
@@ -73,7 +77,7 @@ impl Connection {
             return false;
         }
         let unite = self.searches_unite(graph, face, is_left);
-        self.is_held[face as usize] = !unite && self.is_bounded();
+        self.is_held[face as usize] = !unite && (self.holds_at_once || self.is_bounded());
         unite
     }
 

@@ -64,6 +64,7 @@ pub fn restricted<E: Functional>(graph: &DualGraph<E>, faces: &[u32], energy_shi
         neighbour_offsets: Vec::with_capacity(faces.len() + 1),
         neighbours: Vec::with_capacity(3 * faces.len()),
         components: Vec::new(),
+        moves: graph.moves,
     };
     part.neighbour_offsets.push(0);
     for &face in faces {
@@ -164,7 +165,7 @@ impl<'a, E: Functional> Sides<'a, E> {
     /// Moves faces between the sides where F₁ + F₂ falls and both stay connected.
     fn improved(mut self) -> Self {
         let graph = self.graph;
-        let mut connection = Connection::new(graph.faces());
+        let mut connection = Connection::new(graph.faces(), graph.moves);
         let mut now = self.explained();
         for _ in 0..PASSES {
             let before = now;

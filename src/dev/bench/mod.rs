@@ -202,7 +202,7 @@ fn measure(
     cancel: &Cancel,
 ) -> Result<Row> {
     let (faces, prepared) = work.prepare()?;
-    let clusters = work.clusters(faces).unwrap_or(prepared.surface.components.len() as u64);
+    let clusters = work.clusters(faces).unwrap_or(prepared.input.components());
     let mut row = Row::new(work, faces, clusters);
     let mut cpu = CpuDevice::new();
     row.is_for_cpu = faces < plan.faces_for_gpu;
@@ -261,7 +261,7 @@ fn sweep(
     labels: &[u32],
     copy_bytes_a_second: f64,
 ) -> Result<Option<Sweep>> {
-    let surface = &prepared.surface;
+    let Some(surface) = prepared.subject.mesh() else { return Ok(None) };
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let mut component_of_cluster = vec![0; clusters as usize];
     for (component, of_component) in surface.components.iter().enumerate() {

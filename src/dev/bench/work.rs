@@ -104,6 +104,6 @@ impl Work {
         });
         let prepared =
             prepared.map_err(|error| Error::new(error.kind, format_args!("{}: {}", self.mesh, error.message)))?;
-        Ok((prepared.input.faces, prepared))
+        Ok((prepared.input.items(), prepared))
     }
 }

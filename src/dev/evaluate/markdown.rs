@@ -74,7 +74,7 @@ fn introduction(
             continue;
         };
         let runs = flat.iter().find(|row| row.printed.model == model.name).and_then(|row| row.runs.as_ref());
-        let faces = runs.and_then(|runs| runs.first()).map_or(0, |(_, _, timed)| timed.report.input.faces);
+        let faces = runs.and_then(|runs| runs.first()).map_or(0, |(_, _, timed)| timed.report.input.items());
         let printed = (1000 * model.thousand_faces) as f64;
         let other = match (faces as f64 / printed - 1.0).abs() > ANOTHER_MESH {
             true => {

@@ -13,7 +13,7 @@ use crate::device::cpu::CpuDevice;
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Step};
 use crate::error::{Error, Kind, Result};
-use crate::surface::{Component, DualGraph};
+use crate::surface::{Component, DualGraph, Moves};
 
 /// Faces in a row of a component, and rows.
 const SIDE: u32 = 32;
@@ -125,6 +125,7 @@ fn graph() -> DualGraph {
         neighbour_offsets: vec![0],
         neighbours: Vec::new(),
         components: Vec::new(),
+        moves: Moves::Free,
     };
     for (component, energy_shift) in (0..).zip(SHIFTS) {
         let first = component * FACES;

@@ -14,7 +14,7 @@ use crate::cluster::seeds;
 use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
-use crate::surface::{Component, DualGraph, Surface};
+use crate::surface::{Component, DualGraph, Moves, Surface};
 
 /// The best adapter, opened.
 fn device(overrides: Overrides) -> GpuDevice {
@@ -159,6 +159,7 @@ fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_do
         let opens = |faces: u64| {
             let count = faces as u32;
             let graph = DualGraph {
+                moves: Moves::Free,
                 points: vec![[0; 3]; faces as usize],
                 weights: vec![1; faces as usize],
                 neighbour_offsets: (0..=count).map(|face| 3 * face).collect(),

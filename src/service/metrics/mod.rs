@@ -209,7 +209,7 @@ impl Metrics {
         let steps = report.iterations.last().map_or(0, |row| row.iteration);
         let rounds = report.levels.last().map_or(0, |row| row.round);
         self.families.iterations.get_or_create(&label).inc_by(u64::from(steps) + u64::from(rounds));
-        self.families.faces.get_or_create(&label).inc_by(report.input.faces);
+        self.families.faces.get_or_create(&label).inc_by(report.input.items());
     }
 
     /// A device was opened; `memory` reads how much it has allocated.

@@ -118,7 +118,7 @@ impl DeviceThread {
     /// that beside the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it
     /// takes longer than `limit`, not counting the time that it waits for others.
     pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
-        if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
+        if let Some(device) = self.another().filter(|_| task.prepared.subject.items() <= SMALL_FACES) {
             let thread = small.thread().await?;
             let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
             let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
@@ -221,12 +221,12 @@ impl Thread {
 impl Shared {
     /// Whether the cpu is faster with a mesh.
     fn is_few(&self, task: &Task) -> bool {
-        self.cpu_below_faces.is_some_and(|faces| (task.prepared.surface.faces() as u64) < faces)
+        self.cpu_below_faces.is_some_and(|faces| (task.prepared.subject.items() as u64) < faces)
     }
 
     /// Whether the cpu takes a mesh, if it takes part.
     fn is_for_cpu(&self, task: &Task) -> bool {
-        task.prepared.plan.is_sequential() || task.is_retry || self.is_few(task)
+        task.prepared.wants_cpu() || task.is_retry || self.is_few(task)
     }
 
     fn opened(&self, device: &dyn Device) {

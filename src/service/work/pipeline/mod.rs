@@ -27,7 +27,6 @@ mod stages;
 mod task;
 mod turns;
 mod virtual_times;
-mod watched;
 
 pub(crate) use self::memory::Memory;
 pub(crate) use self::parts::{Costs, Parts, Pipeline};

@@ -10,7 +10,7 @@ use parking_lot::Mutex;
 use tesserae_mesh::artifacts::{self, Content};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{self, Outcome, Plan, Prepared, milliseconds};
+use tesserae_mesh::job::{self, Clustering, Outcome, Prepared, milliseconds};
 use tesserae_mesh::mesh::Resources;
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
@@ -45,15 +45,15 @@ impl Pipeline {
     ) -> Result<Outcome> {
         let mut prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
         // the labels of divided faces are not those of the mesh
-        if prepared.input.faces <= live::MOST_FACES && prepared.origin.is_none() {
+        if prepared.input.items() <= live::MOST_FACES && prepared.origin.is_none() {
             prepared.viewer = Some(Arc::new(self.live.channel(job.id)));
         }
-        Span::current().record("faces", prepared.input.faces);
+        Span::current().record("faces", prepared.input.items());
         if job.spec.parameters.clusters.is_none() {
             Span::current().record("clusters", prepared.spec.clustering.clusters());
         }
 
-        let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
+        let cost = cost(prepared.subject.items() as u64, &prepared.spec.clustering);
         let (on_row, inbox) = Inbox::open();
         let task = Task {
             prepared: Arc::new(prepared),
@@ -266,11 +266,11 @@ fn open_in_turn(
 
 /// About how much work a mesh is, to tell short jobs from long ones: faces, times what hierarchies and sequential
 /// algorithms take longer (the order of magnitude; measured on 20,000 to 1,000,000 faces).
-fn cost(faces: u64, plan: &Plan) -> u64 {
-    let factor = match plan {
-        plan if plan.is_sequential() => 16,
-        Plan::Hierarchy { .. } => 4,
-        Plan::Coarse(..) | Plan::Seeded(..) => 1,
+fn cost(faces: u64, clustering: &Clustering) -> u64 {
+    let factor = match clustering {
+        clustering if clustering.is_sequential() => 16,
+        Clustering::Hierarchy(_) => 4,
+        Clustering::Coarse(_) | Clustering::Seeded { .. } => 1,
     };
     faces.saturating_mul(factor)
 }
@@ -342,7 +342,7 @@ fn write(
     let contents = blobs.iter().map(BlobWriter::contents).collect();
     let report = &outcome.report;
     let summary = Summary {
-        faces: report.input.faces,
+        faces: report.input.items(),
         clusters: report.clusters,
         labels_sha256: report.labels_sha256.clone(),
         is_small: false,

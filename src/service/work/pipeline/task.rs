@@ -10,7 +10,6 @@ use super::bounds::caught;
 use super::rows::OnRow;
 use super::slot::Slot;
 use super::turns::Visit;
-use super::watched::Watched;
 
 use crate::metrics::Metrics;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -58,10 +57,7 @@ impl Task {
     /// What a device has to do with it.
     pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();
-        match Watched::new(&mut *device, &self.prepared) {
-            Some(mut watched) => job::cluster(&self.prepared, &mut watched, &self.cancel, &mut *self.on_row),
-            None => job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row),
-        }
+        job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row)
     }
 }
 

@@ -59,6 +59,7 @@ fn graph_of(points: Vec<[i32; 3]>, weights: Vec<u32>, edges: &[[u32; 2]], compon
         neighbours: directed.iter().map(|edge| edge[1]).collect(),
         points,
         weights,
+        moves: crate::surface::Moves::Free,
     }
 }
 

@@ -1,46 +1,44 @@
 //! A device whose labels are shown while it works. Phases are interrupted as they are for snapshots: labels and
 //! energies are the same with and without.
 
-use tesserae_mesh::device::dual_edge::{Rank, Ties};
-use tesserae_mesh::device::{
+use super::Viewer;
+use crate::device::dual_edge::{Rank, Ties};
+use crate::device::{
     Cancel, Device, DeviceInfo, DualEdge, Ending, MemoryMeter, MergeSteps, Merges, OnStep, Profile, Steps,
 };
-use tesserae_mesh::energy::{ClusterSums, LatticeEnergy};
-use tesserae_mesh::error::Result;
-use tesserae_mesh::job::{Plan, Prepared, Viewer};
-use tesserae_mesh::surface::{DualGraph, Surface};
+use crate::energy::{Functional, LatticeEnergy};
+use crate::error::Result;
+use crate::surface::{DualGraph, Items};
 
 /// Iterations after which a phase is interrupted.
 const AT_ONCE: u32 = 16;
 
 /// A device that works on a job whose labels are shown.
-pub(super) struct Watched<'d> {
-    device: &'d mut dyn Device,
-    surface: &'d Surface,
+pub(super) struct Watched<'d, E: Functional> {
+    device: &'d mut dyn Device<E>,
+    items: &'d Items<E>,
     viewer: &'d dyn Viewer,
     is_hierarchy: bool,
 }
 
-impl<'d> Watched<'d> {
-    /// None where the labels are not shown.
-    pub fn new(device: &'d mut dyn Device, prepared: &'d Prepared) -> Option<Self> {
-        let Prepared { surface, plan, viewer, .. } = prepared;
-        let viewer = viewer.as_deref()?;
-        Some(Self { device, surface, viewer, is_hierarchy: matches!(plan, Plan::Hierarchy { .. }) })
+impl<'d, E: Functional> Watched<'d, E> {
+    /// A device that works on these items.
+    pub fn new(device: &'d mut dyn Device<E>, items: &'d Items<E>, viewer: &'d dyn Viewer, is_hierarchy: bool) -> Self {
+        Self { device, items, viewer, is_hierarchy }
     }
 
-    /// Whether labels of a graph are labels of the mesh.
-    fn shows(&self, graph: &DualGraph) -> bool {
-        std::ptr::eq(graph, &raw const self.surface.graph)
+    /// Whether labels of a graph are labels of the items.
+    fn shows(&self, graph: &DualGraph<E>) -> bool {
+        std::ptr::eq(graph, &raw const self.items.graph)
     }
 }
 
-impl Device for Watched<'_> {
+impl<E: Functional> Device<E> for Watched<'_, E> {
     fn info(&self) -> &DeviceInfo {
         self.device.info()
     }
 
-    fn another(&self) -> Option<Box<dyn Device>> {
+    fn another(&self) -> Option<Box<dyn Device<E>>> {
         self.device.another()
     }
 
@@ -56,35 +54,35 @@ impl Device for Watched<'_> {
         self.device.copy_bandwidth()
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         let is_shown = self.shows(graph) && !self.is_hierarchy;
         let steps = self.device.open(graph, component_of_cluster)?;
-        Ok(if is_shown { Box::new(Shown { steps, surface: self.surface, viewer: self.viewer }) } else { steps })
+        Ok(if is_shown { Box::new(Shown { steps, items: self.items, viewer: self.viewer }) } else { steps })
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        graph: &'a DualGraph,
+        graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn MergeSteps + 'a>> {
+    ) -> Result<Box<dyn MergeSteps<E> + 'a>> {
         let is_shown = self.shows(graph) && self.is_hierarchy;
         let steps = self.device.open_merging(graph, component_of_cluster)?;
-        Ok(if is_shown { Box::new(Shown { steps, surface: self.surface, viewer: self.viewer }) } else { steps })
+        Ok(if is_shown { Box::new(Shown { steps, items: self.items, viewer: self.viewer }) } else { steps })
     }
 }
 
 /// Steps whose labels are shown.
-struct Shown<'a, S: ?Sized> {
+struct Shown<'a, E: Functional, S: ?Sized> {
     steps: Box<S>,
-    surface: &'a Surface,
+    items: &'a Items<E>,
     viewer: &'a dyn Viewer,
 }
 
-impl<S: Steps + ?Sized> Shown<'_, S> {
+impl<E: Functional, S: Steps + ?Sized> Shown<'_, E, S> {
     /// Shows the labels, if that is due.
     fn show(&mut self) -> Result<()> {
         if self.viewer.is_due() {
-            self.viewer.show(self.surface.in_upload_order(&self.steps.labels()?));
+            self.viewer.show(self.items.in_upload_order(&self.steps.labels()?));
         }
         Ok(())
     }
@@ -105,7 +103,7 @@ impl<S: Steps + ?Sized> Shown<'_, S> {
     }
 }
 
-impl<S: Steps + ?Sized> Steps for Shown<'_, S> {
+impl<E: Functional, S: Steps + ?Sized> Steps for Shown<'_, E, S> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         self.steps.set_labels(labels)
     }
@@ -143,7 +141,7 @@ impl<S: Steps + ?Sized> Steps for Shown<'_, S> {
     }
 }
 
-impl<S: MergeSteps + ?Sized> MergeSteps for Shown<'_, S> {
+impl<E: Functional, S: MergeSteps<E> + ?Sized> MergeSteps<E> for Shown<'_, E, S> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         self.steps.optimal_dual_edges(ties)
     }
@@ -161,13 +159,13 @@ impl<S: MergeSteps + ?Sized> MergeSteps for Shown<'_, S> {
         self.show()
     }
 
-    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Merges, Vec<ClusterSums>)> {
+    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Merges, Vec<E::Sums>)> {
         let merged = self.steps.merge_pairs(pairs)?;
         self.show()?;
         Ok(merged)
     }
 
-    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<E::Sums>> {
         self.steps.sums_of(clusters)
     }
 

@@ -1,0 +1,175 @@
+//! From a set of points to what algorithms see of it.
+
+use super::bridge;
+use super::frame::{Frame, spreads};
+use super::grid::Grid;
+use super::members::Members;
+use super::neighbours::Neighbours;
+use super::order;
+use super::{Graph, PointSet, knn};
+use crate::error::{Error, Result};
+use crate::power::factors;
+use crate::surface::lattice::{self, MAX_EXPONENT_SPREAD};
+use crate::surface::order::{by_component, inverse};
+use crate::surface::{Component, Rows};
+
+/// Lattice units below which the standard deviation of an axis is worth a warning.
+const LEAST_DEVIATION: u32 = 1 << 10;
+
+/// Axes that a warning names.
+const NAMED_AXES: usize = 8;
+
+/// Points, weights and neighbours on the integer lattice, in internal order. Points are padded with zeros to `D`
+/// coordinates, which change no sum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Laid<const D: usize> {
+    /// Points on the lattice: each coordinate is below 2 to [`bits`](super::bits) in size.
+    pub points: Vec<[i32; D]>,
+    /// Weights, at least 1. A component's weights sum to less than 2³⁴.
+    pub weights: Vec<u32>,
+    /// First neighbour of each item in `neighbours`, and one past the last: items + 1 numbers.
+    pub neighbour_offsets: Vec<u32>,
+    /// Neighbours of each item, ascending. Symmetric, each once, none of itself.
+    pub neighbours: Vec<u32>,
+    /// The connected components, each a run of items.
+    pub components: Vec<Component>,
+    /// The member that each internal item is ([`Members`]).
+    pub member: Vec<u32>,
+    /// Power of two between lengths in the source and here, on all axes.
+    pub exponent: i32,
+    /// What was subtracted from the coordinates of the source, one an axis.
+    pub centre: Vec<f64>,
+    /// Weights of the component with the finest unit are weights of the source × 2^this; where there are none, × 1.
+    pub weight_exponent: i32,
+    /// Pairs of neighbours, bridges included.
+    pub edges: u64,
+    /// Components before bridges joined them.
+    pub components_found: u64,
+    /// What is unusual, in words.
+    pub warnings: Vec<String>,
+}
+
+/// Puts the members of a set of points on the lattice; with `bridge`, joins its components into one.
+///
+/// # Errors
+/// What [`PointSet::check`] refuses; graphs with more edges, and nearest neighbours with more pairs to compare than
+/// there may be.
+pub fn lay<const D: usize>(set: &PointSet, members: &Members, bridge: bool) -> Result<Laid<D>> {
+    set.check()?;
+    if set.dimensions > D {
+        return Err(Error::new(
+            crate::Kind::Internal,
+            format_args!("points of {} coordinates do not fit into {D}", set.dimensions),
+        ));
+    }
+    // from within the pool, parallel steps need not wake it
+    rayon::scope(|_| lay_in_pool(set, members, bridge))
+}
+
+fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) -> Result<Laid<D>> {
+    let frame = Frame::of(set, members);
+    let points: Vec<[i32; D]> = frame.points(set, members);
+    let spreads = spreads(&points, set.dimensions);
+    let (neighbours, sorted) = match &set.graph {
+        Graph::Grid { full } => {
+            let grid = Grid::new(&set.shape, *full, members);
+            let sorted = grid.along_curve();
+            (Neighbours::Grid(grid), sorted)
+        }
+        Graph::Rows(csr) => (Neighbours::Rows(csr.rows(members)?), order::along_curve(&points, &spreads)),
+        Graph::Knn(nearest) => {
+            (Neighbours::Rows(knn(&points, set.dimensions, *nearest)?), order::along_curve(&points, &spreads))
+        }
+    };
+    let mut components = neighbours.components(points.len());
+    let components_found = components.count as u64;
+    let weights = Weights::of(set, members);
+    let mut bridges = Vec::new();
+    if bridge && components.count > 1 {
+        bridges = bridge::bridges(&points, set.dimensions, |member| weights.relative(member), &components, &sorted);
+        components.of_face.fill(0);
+        components.count = 1;
+    }
+
+    let member_of = by_component(sorted, &components);
+    let runs = components.runs(&member_of);
+    let internal = inverse(&member_of, points.len());
+    let Rows { offsets: neighbour_offsets, neighbours } = neighbours.compressed(&member_of, &internal, &bridges)?;
+    drop(internal);
+    let relative = |at: usize| weights.relative(member_of[at]);
+    let scales = lattice::scales(relative, &runs, exponent_spread(runs.len()));
+    let mut components = Vec::with_capacity(runs.len());
+    let mut of_items = Vec::with_capacity(points.len());
+    for (run, &exponent) in runs.iter().zip(&scales.exponents) {
+        of_items.extend(run.clone().map(relative).map(lattice::weight(exponent)));
+        components.push(Component {
+            first_face: run.start as u32,
+            faces: run.len() as u32,
+            weight: of_items[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
+            energy_shift: (scales.finest - exponent) as u32,
+        });
+    }
+    Ok(Laid {
+        warnings: warnings(&frame, &spreads, points.len()),
+        points: member_of.iter().map(|&member| points[member as usize]).collect(),
+        weights: of_items,
+        edges: neighbours.len() as u64 / 2,
+        neighbour_offsets,
+        neighbours,
+        components,
+        member: member_of,
+        exponent: frame.exponent,
+        centre: frame.centre,
+        weight_exponent: scales.finest + weights.exponent,
+        components_found,
+    })
+}
+
+/// How far exponents of weights may lie apart: with C components, Σ over all of M·2^`energy_shift` is below
+/// C·2³⁴·2^spread, at most 2⁶⁷.
+fn exponent_spread(components: usize) -> i32 {
+    let rounded_up = components.next_power_of_two().trailing_zeros() as i32;
+    MAX_EXPONENT_SPREAD.min(33 - rounded_up)
+}
+
+/// Weights of the members, relative to a power of two that none reaches.
+struct Weights<'a> {
+    of_item: Option<&'a [f64]>,
+    members: &'a Members,
+    exponent: i32,
+    factors: [f64; 2],
+}
+
+impl<'a> Weights<'a> {
+    fn of(set: &'a PointSet, members: &'a Members) -> Self {
+        let of_item = set.weights.as_deref();
+        let weight = |member| of_item.map_or(1.0, |weights| weights[members.item(member) as usize]);
+        let largest = (0..members.len() as u32).map(weight).fold(0.0, f64::max);
+        let exponent = libm::frexp(largest).1;
+        Self { of_item, members, exponent: -exponent, factors: factors(-exponent) }
+    }
+
+    /// Above 0 and below 1.
+    fn relative(&self, member: u32) -> f64 {
+        let weight = self.of_item.map_or(1.0, |weights| weights[self.members.item(member) as usize]);
+        (weight * self.factors[0] * self.factors[1]).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Names axes that have little resolution left beside a longer one or outliers.
+fn warnings(frame: &Frame, spreads: &[u128], points: usize) -> Vec<String> {
+    let least = u128::from(LEAST_DEVIATION).pow(2) * (points as u128).pow(2);
+    let coarse: Vec<usize> = (0..spreads.len()).filter(|&axis| frame.varying[axis] && spreads[axis] < least).collect();
+    if coarse.is_empty() {
+        return Vec::new();
+    }
+    let named: Vec<String> = coarse.iter().take(NAMED_AXES).map(usize::to_string).collect();
+    let others = coarse.len() - named.len();
+    let others = if others > 0 { format!(" and {others} more") } else { String::new() };
+    vec![format!(
+        "columns {}{others} have a standard deviation below {LEAST_DEVIATION} lattice units of {:e}, which the widest \
+         column sets: scale the columns to like ranges, or cut off outliers",
+        named.join(", "),
+        libm::ldexp(1.0, -frame.exponent)
+    )]
+}

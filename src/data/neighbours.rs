@@ -1,0 +1,93 @@
+//! Neighbours of members, whatever makes them neighbours: components, and rows in internal order.
+
+use rayon::prelude::*;
+
+use super::csr::check_neighbours;
+use super::grid::Grid;
+use crate::error::Result;
+use crate::surface::Rows;
+use crate::surface::components::Components;
+use crate::union_find;
+
+/// Members that a thread takes at once.
+const PIECE: usize = 1 << 12;
+
+/// Which members are neighbours: symmetric, none of itself.
+#[derive(Debug)]
+pub enum Neighbours<'a> {
+    /// By their places.
+    Grid(Grid<'a>),
+    /// By lists.
+    Rows(Rows),
+}
+
+impl Neighbours<'_> {
+    /// Puts the neighbours of a member in place of what is in a list, in ascending order.
+    fn list(&self, member: u32, into: &mut Vec<u32>) {
+        into.clear();
+        match self {
+            Self::Grid(grid) => grid.list(member, into),
+            Self::Rows(rows) => into.extend_from_slice(rows.of(member)),
+        }
+    }
+
+    /// The components that neighbours connect.
+    pub fn components(&self, members: usize) -> Components {
+        let mut sets = union_find::singletons(members);
+        let mut beside = Vec::new();
+        for member in 0..members as u32 {
+            self.list(member, &mut beside);
+            union_find::attach(&mut sets, member, beside.iter().copied().take_while(|&other| other < member));
+        }
+        let (of_face, count) = union_find::numbered(sets);
+        Components { of_face, count }
+    }
+
+    /// The rows of the internal order, which is given in both directions, and of bridges between members. Rows ascend.
+    pub fn compressed(&self, member_of: &[u32], internal: &[u32], bridges: &[(u32, u32)]) -> Result<Rows> {
+        check_neighbours(self.count(internal.len()) + 2 * bridges.len() as u64)?;
+        let mut bridges: Vec<(u32, u32)> = bridges.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
+        bridges.sort_unstable();
+        let piece = |members: &[u32]| {
+            let mut rows = Rows::default();
+            let mut row = Vec::new();
+            for &member in members {
+                self.list(member, &mut row);
+                let first = bridges.partition_point(|&(other, _)| other < member);
+                row.extend(bridges[first..].iter().take_while(|bridge| bridge.0 == member).map(|bridge| bridge.1));
+                row.iter_mut().for_each(|other| *other = internal[*other as usize]);
+                row.sort_unstable();
+                rows.offsets.push(rows.neighbours.len() as u32);
+                rows.neighbours.extend_from_slice(&row);
+            }
+            rows
+        };
+        let pieces: Vec<Rows> = member_of.par_chunks(PIECE).map(piece).collect();
+        let mut rows = Rows {
+            offsets: Vec::with_capacity(internal.len() + 1),
+            neighbours: Vec::with_capacity(pieces.iter().map(|piece| piece.neighbours.len()).sum()),
+        };
+        for piece in pieces {
+            let first = rows.neighbours.len() as u32;
+            rows.offsets.extend(piece.offsets.iter().map(|offset| first + offset));
+            rows.neighbours.extend(piece.neighbours);
+        }
+        rows.offsets.push(rows.neighbours.len() as u32);
+        Ok(rows)
+    }
+
+    /// How many neighbours all members have together.
+    fn count(&self, members: usize) -> u64 {
+        match self {
+            Self::Rows(rows) => rows.neighbours.len() as u64,
+            Self::Grid(grid) => {
+                let of_member = |beside: &mut Vec<u32>, member: u32| {
+                    beside.clear();
+                    grid.list(member, beside);
+                    beside.len() as u64
+                };
+                (0..members as u32).into_par_iter().map_init(Vec::new, of_member).sum()
+            }
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! From points with neighbours to a [`Prepared`] job.
+
+use std::time::Instant;
+
+use super::prepare::plan;
+use super::{InputFile, JobSpec, Planned, Points, Prepared, Refusal, Subject, Width, milliseconds};
+use crate::data::{self, Format, Graph, Laid, Members, PointSet, lay, npz};
+use crate::device::FREE;
+use crate::energy::Functional;
+use crate::energy::cvd::Cvd;
+use crate::error::Error;
+use crate::mesh::Limits;
+use crate::parameters::{Neighbours, Parameters};
+use crate::report::{Input, PointsInput, Timings, WeightedBy};
+use crate::surface::{DualGraph, Items, Moves, Units};
+
+/// A job on points in a file.
+#[derive(Debug, Clone, Copy)]
+pub struct PointsRequest<'a> {
+    /// The bytes of the file.
+    pub bytes: &'a [u8],
+    /// Its format.
+    pub format: Format,
+    /// Bytes that may be inflated, and the largest number of items.
+    pub limits: Limits,
+    /// What to do.
+    pub parameters: &'a Parameters,
+    /// A file with edges: a sparse matrix, as `scipy.sparse.save_npz` writes it.
+    pub graph: Option<&'a [u8]>,
+    /// A list of seeds, as in a [`Request`](super::Request): numbers of items.
+    pub seeds: Option<&'a [u8]>,
+    /// A file with one weight an item, `.npy` with floats.
+    pub weights: Option<&'a [u8]>,
+}
+
+/// A job on points in memory.
+#[derive(Debug)]
+pub struct PointsInMemory<'a> {
+    /// The points.
+    pub set: PointSet,
+    /// The format that they were read from.
+    pub format: Option<Format>,
+    /// Largest number of items.
+    pub max_items: u64,
+    /// What to do; its graph is that of the points.
+    pub parameters: &'a Parameters,
+    /// A list of seeds, as in a [`PointsRequest`].
+    pub seeds: Option<&'a [u8]>,
+    /// When the points began to be read.
+    pub started: Instant,
+}
+
+/// Reads, checks and prepares points. Needs no device.
+pub fn prepare_points(request: &PointsRequest<'_>) -> Result<Prepared, Refusal> {
+    let PointsRequest { bytes, format, limits, parameters, graph, seeds, weights } = *request;
+    let started = Instant::now();
+    parameters.check_points()?;
+    let graph = match graph {
+        Some(graph) => Some(Graph::Rows(npz::graph(graph, limits.max_bytes).map_err(Refusal::of(InputFile::Graph))?)),
+        None => parameters.graph.as_ref().and_then(Neighbours::graph),
+    };
+    let set = data::read(bytes, weights, graph, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))?;
+    let format = Some(format);
+    prepare_points_in_memory(PointsInMemory { set, format, max_items: limits.max_faces, parameters, seeds, started })
+}
+
+/// Checks and prepares points in memory.
+pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Refusal> {
+    let PointsInMemory { set, format, max_items, parameters, seeds, started } = job;
+    parameters.check_points()?;
+    if set.items() as u64 > max_items {
+        let error = format_args!("there are more items than allowed, {max_items}: {}", set.items());
+        return Err(Refusal::of(InputFile::Mesh)(Error::too_large(error)));
+    }
+    let parsed = Instant::now();
+    let mut spec = JobSpec::new(parameters, seeds)?;
+    let members = Members::new(set.items(), set.mask.as_deref());
+    if let Some(listed) = spec.clustering.listed_seeds() {
+        renumber(listed, &members).map_err(Refusal::of(InputFile::Seeds))?;
+    }
+    let moves = if parameters.allow_disconnected { Moves::Free } else { Moves::Connected };
+    let bridge = spec.bridge_components;
+    let of_points = Refusal::of(InputFile::Mesh);
+    let clustering = &spec.clustering;
+    let mut about = About::default();
+    macro_rules! planned {
+        ($width:ident, $d:literal) => {{
+            let items = about.items(lay::<$d>(&set, &members, bridge).map_err(of_points)?, moves);
+            Width::$width(Planned { plan: plan(&items, clustering)?, items })
+        }};
+    }
+    let planned = match set.dimensions {
+        ..=3 => planned!(D3, 3),
+        4..=8 => planned!(D8, 8),
+        9..=16 => planned!(D16, 16),
+        17..=32 => planned!(D32, 32),
+        _ => planned!(D64, 64),
+    };
+    let input = Input::Points(PointsInput {
+        format,
+        items: set.items() as u64,
+        masked: (set.items() - members.len()) as u64,
+        dimensions: set.dimensions as u64,
+        shape: set.shape.iter().map(|&length| length as u64).collect(),
+        edges: about.edges,
+        components: about.components,
+        graph: match &set.graph {
+            Graph::Grid { full: false } => "grid".to_owned(),
+            Graph::Grid { full: true } => "grid:full".to_owned(),
+            Graph::Rows(_) => "edges".to_owned(),
+            Graph::Knn(nearest) => format!("knn:{nearest}"),
+        },
+        lattice_unit: libm::ldexp(1.0, -about.exponent),
+    });
+    let weighted_by = set.weights.iter().map(|_| WeightedBy::Weights).collect();
+    Ok(Prepared {
+        subject: Subject::Points(Box::new(Points { set, members, planned })),
+        spec,
+        input,
+        weighted_by,
+        warnings: about.warnings,
+        mesh: None,
+        origin: None,
+        viewer: None,
+        timings: Timings {
+            parse: milliseconds(parsed - started),
+            topology: milliseconds(parsed.elapsed()),
+            ..Timings::default()
+        },
+    })
+}
+
+/// Listed items as numbers among those that take part.
+fn renumber(listed: &mut [u32], members: &Members) -> Result<(), Error> {
+    for item in listed {
+        if *item as usize >= members.items() {
+            let items = members.items();
+            return Err(Error::parameter(format_args!("a seed is no item, of which there are {items}: {item}")));
+        }
+        let masked = || Error::parameter(format_args!("a seed is masked, and can have no cluster: {item}"));
+        *item = members.member(*item).ok_or_else(masked)?;
+    }
+    Ok(())
+}
+
+/// What the report says of points on the lattice.
+#[derive(Default)]
+struct About {
+    edges: u64,
+    components: u64,
+    exponent: i32,
+    warnings: Vec<String>,
+}
+
+impl About {
+    fn items<const D: usize>(&mut self, laid: Laid<D>, moves: Moves) -> Items<Cvd<D>>
+    where
+        Cvd<D>: Functional<Point = [i32; D], Position = [f64; D]>,
+    {
+        let Laid { points, weights, neighbour_offsets, neighbours, components, .. } = laid;
+        self.edges = laid.edges;
+        self.components = laid.components_found;
+        self.exponent = laid.exponent;
+        self.warnings = laid.warnings;
+        let graph: DualGraph<Cvd<D>> = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
+        let mut centre = [0.0; D];
+        centre[..laid.centre.len()].copy_from_slice(&laid.centre);
+        let units = Units { centre, exponent: laid.exponent, weight_exponent: -laid.weight_exponent, density: 1.0 };
+        Items::new(graph, laid.member, units)
+    }
+}
+
+impl<const D: usize> Planned<Cvd<D>>
+where
+    Cvd<D>: Functional<Position = [f64; D]>,
+{
+    /// Energy of labels of internal items, in source units.
+    fn energy(&self, set: &PointSet, members: &Members, label: impl Fn(usize) -> u32, clusters: usize) -> f64 {
+        let item = |(internal, &member): (usize, &u32)| {
+            let item = members.item(member) as usize;
+            let mut position = [0.0; D];
+            for (axis, x) in position.iter_mut().enumerate().take(set.dimensions) {
+                *x = set.at(item, axis) - self.items.units.centre[axis];
+            }
+            (position, set.weight(item), label(internal))
+        };
+        let items = self.items.upload_face.iter().enumerate().map(item);
+        Cvd::<D>::source_energy(items, clusters)
+    }
+}
+
+impl Points {
+    /// Energy of labels of internal items, in source units: Σ weight × squared distance to the mean of the cluster.
+    pub(super) fn energy(&self, label: impl Fn(usize) -> u32 + Copy, clusters: usize) -> f64 {
+        let Self { set, members, planned } = self;
+        match planned {
+            Width::D3(planned) => planned.energy(set, members, label, clusters),
+            Width::D8(planned) => planned.energy(set, members, label, clusters),
+            Width::D16(planned) => planned.energy(set, members, label, clusters),
+            Width::D32(planned) => planned.energy(set, members, label, clusters),
+            Width::D64(planned) => planned.energy(set, members, label, clusters),
+        }
+    }
+
+    /// Labels of those that take part as labels of all items: [`FREE`] of those that a mask leaves out.
+    pub(super) fn with_masked(&self, labels: Vec<u32>) -> Vec<u32> {
+        if labels.len() == self.set.items() {
+            return labels;
+        }
+        let mut all = vec![FREE; self.set.items()];
+        for (member, label) in (0..).zip(labels) {
+            all[self.members.item(member) as usize] = label;
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests;

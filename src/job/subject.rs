@@ -1,0 +1,195 @@
+//! What a job clusters: the faces of a mesh, or points of any number of coordinates.
+
+use super::flat::Job;
+use super::prepare::plan;
+use super::watched::Watched;
+use super::{Clustered, Clustering, Plan, Prepared, Refusal, flat, hierarchical};
+use crate::data::{Members, PointSet};
+use crate::device::cpu::CpuDevice;
+use crate::device::{Cancel, Device};
+use crate::energy::Functional;
+use crate::energy::cvd::Cvd;
+use crate::error::{Error, Kind, Result};
+use crate::report::{DeviceKind, Row};
+use crate::surface::{Items, Surface};
+
+/// What is clustered, and how to go about it.
+#[derive(Debug)]
+pub enum Subject {
+    /// The faces of a mesh, or its vertices.
+    Mesh(Box<Surface>, Plan),
+    /// Points with neighbours.
+    Points(Box<Points>),
+}
+
+/// Points with neighbours, and how to go about them.
+#[derive(Debug)]
+pub struct Points {
+    /// As they were uploaded.
+    pub set: PointSet,
+    /// Those that take part.
+    pub members: Members,
+    /// On the lattice.
+    pub planned: Width,
+}
+
+/// Items whose points have room for so many coordinates. Those beyond the points' own are 0.
+#[derive(Debug)]
+#[allow(missing_docs, reason = "each variant is the width of its name")]
+#[allow(clippy::large_enum_variant, reason = "there is one a job")]
+pub enum Width {
+    D3(Planned<Cvd<3>>),
+    D8(Planned<Cvd<8>>),
+    D16(Planned<Cvd<16>>),
+    D32(Planned<Cvd<32>>),
+    D64(Planned<Cvd<64>>),
+}
+
+/// Items, and how to go about them.
+#[derive(Debug)]
+pub struct Planned<E: Functional> {
+    /// The lattice and the neighbours.
+    pub items: Items<E>,
+    /// How to go about them.
+    pub plan: Plan<E>,
+}
+
+/// Evaluates an expression with the items and the plan of a subject, whatever their energy.
+macro_rules! with_items {
+    ($subject:expr, |$items:ident, $plan:ident| $body:expr) => {
+        match $subject {
+            Subject::Mesh(surface, plan) => {
+                let ($items, $plan) = (&surface.items, plan);
+                $body
+            }
+            Subject::Points(points) => with_items!(@ points.planned, |$items, $plan| $body, D3 D8 D16 D32 D64),
+        }
+    };
+    (@ $width:expr, |$items:ident, $plan:ident| $body:expr, $($name:ident)*) => {
+        match $width {
+            $(Width::$name(Planned { items: ref $items, plan: ref $plan }) => $body,)*
+        }
+    };
+}
+pub(super) use with_items;
+
+impl Subject {
+    /// Number of items that are clustered.
+    pub fn items(&self) -> usize {
+        with_items!(self, |items, _plan| items.faces())
+    }
+
+    /// Number of clusters that a hierarchy ends with.
+    pub fn target(&self) -> Option<u64> {
+        with_items!(self, |_items, plan| match plan {
+            Plan::Hierarchy { target, .. } => Some(*target),
+            Plan::Coarse(_) | Plan::Seeded(..) => None,
+        })
+    }
+
+    /// The surface, of a mesh.
+    pub fn mesh(&self) -> Option<&Surface> {
+        match self {
+            Self::Mesh(surface, _) => Some(surface),
+            Self::Points(_) => None,
+        }
+    }
+
+    /// The items and the plan, if a gpu has code for them.
+    fn of_three(&self) -> Option<(&Items, &Plan)> {
+        match self {
+            Self::Mesh(surface, plan) => Some((&surface.items, plan)),
+            Self::Points(points) => match &points.planned {
+                Width::D3(Planned { items, plan }) => Some((items, plan)),
+                Width::D8(_) | Width::D16(_) | Width::D32(_) | Width::D64(_) => None,
+            },
+        }
+    }
+
+    /// Whether only the cpu has code for it.
+    pub fn is_for_cpu(&self) -> bool {
+        self.of_three().is_none()
+    }
+
+    /// The shape of what has labels, where it is no list.
+    pub(super) fn shape(&self) -> Option<Vec<usize>> {
+        match self {
+            Self::Mesh(..) => None,
+            Self::Points(points) => Some(points.set.shape.clone()),
+        }
+    }
+
+    /// Labels of what takes part as labels of all that was read.
+    pub(super) fn with_masked(&self, labels: Vec<u32>) -> Vec<u32> {
+        match self {
+            Self::Mesh(..) => labels,
+            Self::Points(points) => points.with_masked(labels),
+        }
+    }
+
+    /// Goes about it in another way. On an error, nothing has changed.
+    pub(super) fn replan(&mut self, clustering: &Clustering) -> Result<(), Refusal> {
+        match self {
+            Self::Mesh(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
+            Self::Points(points) => match &mut points.planned {
+                Width::D3(planned) => planned.replan(clustering)?,
+                Width::D8(planned) => planned.replan(clustering)?,
+                Width::D16(planned) => planned.replan(clustering)?,
+                Width::D32(planned) => planned.replan(clustering)?,
+                Width::D64(planned) => planned.replan(clustering)?,
+            },
+        }
+        Ok(())
+    }
+
+    /// Clusters it on a device, or on the cpu if only that has code for it.
+    pub(super) fn cluster(
+        &self,
+        prepared: &Prepared,
+        device: &mut dyn Device,
+        cancel: &Cancel,
+        on_row: &mut (dyn FnMut(Row) + Send),
+    ) -> Result<Clustered> {
+        if let Some((items, plan)) = self.of_three() {
+            return cluster(prepared, items, plan, device, cancel, on_row);
+        }
+        if device.info().kind == DeviceKind::Gpu {
+            return Err(Error::new(
+                Kind::DeviceUnsuitable,
+                "the device must be cpu or auto for points of more than 3 coordinates",
+            ));
+        }
+        with_items!(self, |items, plan| cluster(prepared, items, plan, &mut CpuDevice::new(), cancel, on_row))
+    }
+}
+
+impl<E: Functional> Planned<E> {
+    fn replan(&mut self, clustering: &Clustering) -> Result<(), Refusal> {
+        self.plan = plan(&self.items, clustering)?;
+        Ok(())
+    }
+}
+
+fn cluster<E: Functional>(
+    prepared: &Prepared,
+    items: &Items<E>,
+    plan: &Plan<E>,
+    device: &mut dyn Device<E>,
+    cancel: &Cancel,
+    on_row: &mut (dyn FnMut(Row) + Send),
+) -> Result<Clustered> {
+    let mut watched;
+    let device: &mut dyn Device<E> = match prepared.viewer.as_deref() {
+        Some(viewer) => {
+            watched = Watched::new(device, items, viewer, prepared.spec.clustering.is_hierarchical());
+            &mut watched
+        }
+        None => device,
+    };
+    let job = Job { prepared, items };
+    match plan {
+        Plan::Coarse(coarse) => flat::run_coarse(job, coarse, device, cancel, on_row),
+        Plan::Seeded(method, seeds, options) => flat::run_seeded(job, *method, seeds, *options, device, cancel, on_row),
+        Plan::Hierarchy { options, target } => hierarchical::run(items, options, *target, device, cancel, on_row),
+    }
+}
