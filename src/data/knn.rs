@@ -3,10 +3,13 @@
 //! Points of up to [`TREE_DIMENSIONS`] coordinates are put in a k-d tree (Bentley 1975). A search leaves out a part of
 //! the tree whose box is farther away than the points found so far, or as far where all its numbers are larger. So
 //! points at one place cost no more than others: the part with the smallest numbers is searched first, and no other.
-//! With more coordinates nearly all parts would be searched; there all pairs are compared, and no more of them than
-//! [`MOST_PAIRS`].
+//! With more coordinates nearly all parts would be searched; there all pairs are compared.
+//!
+//! Either way a point is compared with [`MOST_COMPARED`] others at most, on average over all points. A tree of n points
+//! has at most n/4 parts, so that up to 2¹⁵ points are never too many.
 
 use std::collections::BinaryHeap;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
@@ -21,10 +24,10 @@ pub const MOST_NEIGHBOURS: u32 = 64;
 /// Coordinates up to which a tree is searched.
 const TREE_DIMENSIONS: usize = 8;
 
-/// Pairs of points that are compared at most.
-const MOST_PAIRS: u64 = 1 << 34;
+/// Points that a point is compared with at most, on average over all points.
+const MOST_COMPARED: u64 = 1 << 17;
 
-/// Points of a leaf at most.
+/// Points of a leaf at most. Entering a part of the tree counts as as many comparisons.
 const LEAF: usize = 16;
 
 /// Points below which a part of the tree is built on one thread.
@@ -33,51 +36,81 @@ const SEQUENTIAL: usize = 1 << 13;
 /// Points whose neighbours a thread finds at once.
 const PIECE: usize = 1 << 8;
 
+/// Points that all points of a piece are compared with before the next: they stay in the caches.
+const BLOCK: usize = 1 << 9;
+
 /// Both ends of every edge from a point to one of its `nearest` nearest, of points whose first `dimensions`
 /// coordinates count.
 ///
 /// # Errors
-/// More pairs to compare than [`MOST_PAIRS`], where there is no tree; more edges than there may be.
+/// More comparisons than [`MOST_COMPARED`] a point; more edges than there may be.
 pub fn knn<const D: usize>(points: &[[i32; D]], dimensions: usize, nearest: u32) -> Result<Rows> {
     let count = (nearest as usize).min(points.len().saturating_sub(1));
     check_neighbours(2 * points.len() as u64 * count as u64)?;
-    let found: Vec<Vec<u32>> = if dimensions <= TREE_DIMENSIONS {
-        let mut numbers: Vec<u32> = (0..points.len() as u32).collect();
-        let root = Node::of(points, &mut numbers);
-        let search = |queries: &[u32]| {
-            let mut nearest = Nearest::new(count);
-            queries.iter().flat_map(|&query| nearest.in_tree(points, &root, &numbers, query)).collect()
-        };
-        // in the order of the tree, so that searches after each other see the same parts
-        let found: Vec<Vec<u32>> = numbers.par_chunks(PIECE).map(search).collect();
-        let mut sorted = vec![0; points.len() * count];
-        let lists = found.iter().flat_map(|piece| piece.chunks_exact(count.max(1)));
-        for (&query, list) in numbers.iter().zip(lists) {
-            sorted[query as usize * count..][..count].copy_from_slice(list);
-        }
-        vec![sorted]
-    } else {
-        let pairs = (points.len() as u64).saturating_mul(points.len() as u64);
-        if pairs > MOST_PAIRS {
-            return Err(Error::too_large(format_args!(
-                "nearest neighbours of more than {TREE_DIMENSIONS} columns are found by comparing all pairs, at most \
-                 {MOST_PAIRS}; bring a graph with so many items: {}",
-                points.len()
-            )));
-        }
-        let pieces: Vec<u32> = (0..points.len() as u32).step_by(PIECE).collect();
-        let compare = |&first: &u32| {
-            let mut nearest = Nearest::new(count);
-            let queries = first..(first + PIECE as u32).min(points.len() as u32);
-            queries.flat_map(|query| nearest.of_all(points, query)).collect()
-        };
-        pieces.par_iter().map(compare).collect()
+    let found = match dimensions <= TREE_DIMENSIONS {
+        true => in_tree(points, count, points.len() as u64 * MOST_COMPARED)?,
+        false => among_all(points, count)?,
     };
     let edges = || {
-        let ends = found.iter().flat_map(|piece| piece.iter().copied());
-        ends.enumerate().map(|(at, other)| ((at / count) as u32, other))
+        (0..).zip(found.chunks_exact(count.max(1))).flat_map(|(item, ends)| ends.iter().map(move |&end| (item, end)))
     };
     Ok(symmetric(points.len(), edges))
+}
+
+/// The `count` nearest of each point, by searches of a tree that enter parts as often as `budget` allows.
+fn in_tree<const D: usize>(points: &[[i32; D]], count: usize, budget: u64) -> Result<Vec<u32>> {
+    let mut numbers: Vec<u32> = (0..points.len() as u32).collect();
+    let root = Node::of(points, &mut numbers);
+    let compared = AtomicU64::new(0);
+    let search = |queries: &[u32]| {
+        let mut found = Vec::with_capacity(queries.len() * count);
+        for &query in queries {
+            let mut nearest = Nearest::new(count);
+            let visited = nearest.search(points, &root, &numbers, query);
+            // the sum does not depend on the order of the searches, so that it is above the budget in each run or in none
+            if compared.fetch_add(visited, Ordering::Relaxed) + visited > budget {
+                return Err(too_much(points.len()));
+            }
+            found.extend(nearest.numbers());
+        }
+        Ok(found)
+    };
+    // in the order of the tree, so that searches after each other see the same parts
+    let found: Vec<Vec<u32>> = numbers.par_chunks(PIECE).map(search).collect::<Result<_>>()?;
+    let mut sorted = vec![0; points.len() * count];
+    let lists = found.iter().flat_map(|piece| piece.chunks_exact(count.max(1)));
+    for (&query, list) in numbers.iter().zip(lists) {
+        sorted[query as usize * count..][..count].copy_from_slice(list);
+    }
+    Ok(sorted)
+}
+
+/// The `count` nearest of each point, by comparing all pairs.
+fn among_all<const D: usize>(points: &[[i32; D]], count: usize) -> Result<Vec<u32>> {
+    if points.len() as u64 > MOST_COMPARED {
+        return Err(too_much(points.len()));
+    }
+    let compare = |(piece, queries): (usize, &[[i32; D]])| {
+        let mut nearest = vec![Nearest::new(count); queries.len()];
+        for (block, others) in points.chunks(BLOCK).enumerate() {
+            for ((query, point), nearest) in ((piece * PIECE) as u32..).zip(queries).zip(&mut nearest) {
+                for (other, place) in ((block * BLOCK) as u32..).zip(others) {
+                    if other != query {
+                        nearest.offer((squared_length(point, place), other));
+                    }
+                }
+            }
+        }
+        nearest.into_iter().flat_map(Nearest::numbers).collect::<Vec<u32>>()
+    };
+    Ok(points.par_chunks(PIECE).enumerate().flat_map_iter(compare).collect())
+}
+
+fn too_much(points: usize) -> Error {
+    Error::too_large(format_args!(
+        "nearest neighbours of these items take more comparisons than {MOST_COMPARED} an item; bring a graph with so \
+         many items: {points}"
+    ))
 }
 
 /// |x − y|², below 2⁶⁰.
@@ -145,6 +178,7 @@ impl<const D: usize> Node<D> {
 }
 
 /// The nearest points found so far, the farthest on top.
+#[derive(Clone)]
 struct Nearest {
     count: usize,
     found: BinaryHeap<(u64, u32)>,
@@ -155,22 +189,16 @@ impl Nearest {
         Self { count, found: BinaryHeap::with_capacity(count + 1) }
     }
 
-    /// The neighbours of a point by way of a tree.
-    fn in_tree<const D: usize>(
-        &mut self,
-        points: &[[i32; D]],
-        root: &Node<D>,
-        numbers: &[u32],
-        query: u32,
-    ) -> Vec<u32> {
-        self.search(points, root, numbers, query);
-        self.take()
-    }
-
-    fn search<const D: usize>(&mut self, points: &[[i32; D]], node: &Node<D>, numbers: &[u32], query: u32) {
+    /// Finds the neighbours of a point in a part of a tree; returns what that counts as in comparisons.
+    fn search<const D: usize>(&mut self, points: &[[i32; D]], node: &Node<D>, numbers: &[u32], query: u32) -> u64 {
         let point = &points[query as usize];
+        let mut compared = LEAF as u64;
         match &node.content {
-            Content::Leaf => numbers.iter().for_each(|&number| self.offer(points, query, number)),
+            Content::Leaf => {
+                for &number in numbers.iter().filter(|&&number| number != query) {
+                    self.offer((squared_length(point, &points[number as usize]), number));
+                }
+            }
             Content::Halves(halves, middle) => {
                 let (left, right) = numbers.split_at(*middle);
                 let mut parts =
@@ -180,22 +208,18 @@ impl Nearest {
                 }
                 for (least, node, numbers) in parts {
                     if self.takes(least) {
-                        self.search(points, node, numbers, query);
+                        compared += self.search(points, node, numbers, query);
                     }
                 }
             }
         }
+        compared
     }
 
-    /// The neighbours of a point among all.
-    fn of_all<const D: usize>(&mut self, points: &[[i32; D]], query: u32) -> Vec<u32> {
-        (0..points.len() as u32).for_each(|number| self.offer(points, query, number));
-        self.take()
-    }
-
-    fn offer<const D: usize>(&mut self, points: &[[i32; D]], query: u32, number: u32) {
-        let key = (squared_length(&points[query as usize], &points[number as usize]), number);
-        if number != query && self.takes(key) {
+    /// Takes a point, given as its squared distance and its number, if it is among the nearest so far.
+    #[inline]
+    fn offer(&mut self, key: (u64, u32)) {
+        if self.takes(key) {
             self.found.push(key);
             if self.found.len() > self.count {
                 self.found.pop();
@@ -204,12 +228,14 @@ impl Nearest {
     }
 
     /// Whether a point with this squared distance and number is among the nearest so far.
+    #[inline]
     fn takes(&self, key: (u64, u32)) -> bool {
         self.found.len() < self.count || self.found.peek().is_some_and(|farthest| key < *farthest)
     }
 
-    fn take(&mut self) -> Vec<u32> {
-        self.found.drain().map(|(_, number)| number).collect()
+    /// The numbers of the points that were found.
+    fn numbers(self) -> impl Iterator<Item = u32> {
+        self.found.into_iter().map(|(_, number)| number)
     }
 }
 
@@ -277,8 +303,12 @@ mod tests {
     }
 
     #[test]
-    fn too_many_pairs_are_refused_before_they_are_compared() {
-        let error = knn(&vec![[0; 16]; (1 << 17) + 1], 9, 8).expect_err("too many");
+    fn too_many_comparisons_are_refused() {
+        let error = knn(&vec![[0; 16]; (1 << 17) + 1], 9, 8).expect_err("too many pairs");
         assert!(error.message.contains("bring a graph"), "{error}");
+        let points = points::<3>(5000, 3, 1 << 20);
+        let error = in_tree(&points, 8, 5000 * 40).expect_err("searches enter more than two leaves");
+        assert!(error.message.contains("bring a graph"), "{error}");
+        assert!(in_tree(&points, 8, 5000 * 5000).is_ok());
     }
 }

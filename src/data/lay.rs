@@ -136,6 +136,7 @@ fn exponent_spread(components: usize) -> i32 {
 struct Weights<'a> {
     of_item: Option<&'a [f64]>,
     members: &'a Members,
+    /// Relative weight = weight × 2^exponent.
     exponent: i32,
     factors: [f64; 2],
 }

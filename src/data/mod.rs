@@ -19,6 +19,7 @@ mod csr;
 mod format;
 mod frame;
 mod grid;
+pub mod image;
 mod knn;
 mod lay;
 mod members;

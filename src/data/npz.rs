@@ -174,3 +174,6 @@ fn lower(error: &dyn std::fmt::Display) -> String {
     let mut characters = text.chars();
     characters.next().map_or_else(String::new, |first| first.to_lowercase().chain(characters).collect())
 }
+
+#[cfg(test)]
+mod tests;

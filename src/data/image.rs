@@ -1,0 +1,198 @@
+//! Images: a pixel is an item, its coordinates are its colour and its place, and pixels beside each other are
+//! neighbours. Clusters are then superpixels, with the distance of SLIC (Achanta et al. 2012).
+//!
+//! Colours are those of CIELAB under D65, computed from sRGB as `rgb2lab` of scikit-image does, in f64 with the powers
+//! and roots of `libm`: the same on every machine.
+
+use std::io::Cursor;
+
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use rayon::prelude::*;
+
+use super::{Graph, PointSet, Values};
+use crate::error::{Error, Result};
+
+/// Compactness where none is named, as in scikit-image.
+pub const USUAL_COMPACTNESS: f64 = 10.0;
+
+/// Least and largest compactness.
+const COMPACTNESS: [f64; 2] = [1e-3, 1e6];
+
+/// Pixels that a thread takes at once.
+const PIECE: usize = 1 << 12;
+
+/// The rows of the matrix from linear sRGB to XYZ, each over the white of D65.
+const XYZ_OF_RGB: [([f64; 3], f64); 3] = [
+    ([0.412453, 0.357580, 0.180423], 0.95047),
+    ([0.212671, 0.715160, 0.072169], 1.0),
+    ([0.019334, 0.119193, 0.950227], 1.08883),
+];
+
+/// An image in sRGB.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Image {
+    /// Pixels of a row.
+    pub width: usize,
+    /// Number of rows.
+    pub height: usize,
+    /// 1 grey, 2 grey and alpha, 3 red, green and blue, 4 these and alpha.
+    pub channels: usize,
+    /// height × width × channels samples.
+    pub samples: Samples,
+}
+
+/// Samples of an image, from 0 to the largest of their type.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Samples {
+    /// Of 8 bits.
+    U8(Vec<u8>),
+    /// Of 16 bits.
+    U16(Vec<u16>),
+}
+
+impl Samples {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::U8(samples) => samples.len(),
+            Self::U16(samples) => samples.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    #[inline]
+    fn at(&self, index: usize) -> usize {
+        match self {
+            Self::U8(samples) => samples[index].into(),
+            Self::U16(samples) => samples[index].into(),
+        }
+    }
+
+    /// Linear light of each value that a sample can have.
+    fn linear(&self) -> Vec<f64> {
+        let most = match self {
+            Self::U8(_) => u8::MAX.into(),
+            Self::U16(_) => u16::MAX,
+        };
+        let linear = |value: u16| match f64::from(value) / f64::from(most) {
+            value if value > 0.04045 => libm::pow((value + 0.055) / 1.055, 2.4),
+            value => value / 12.92,
+        };
+        (0..=most).map(linear).collect()
+    }
+}
+
+/// Reads a PNG or JPEG file of at most so many pixels. A decoder takes no more than `max_bytes` bytes.
+pub fn decode(bytes: &[u8], max_pixels: u64, max_bytes: u64) -> Result<Image> {
+    let broken = |error| Error::parameter(format_args!("the image cannot be read: {error}"));
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|error| broken(error.into()))?;
+    let mut decoder = reader.into_decoder().map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    if u64::from(width) * u64::from(height) > max_pixels {
+        return Err(Error::too_large(format_args!(
+            "the image has more pixels than allowed, {max_pixels}: {width} × {height}"
+        )));
+    }
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(max_bytes);
+    // of the image itself; the decoder counts what it takes beside it
+    limits.reserve(decoder.total_bytes()).map_err(broken)?;
+    decoder.set_limits(limits).map_err(broken)?;
+    let (channels, samples) = match DynamicImage::from_decoder(decoder).map_err(broken)? {
+        DynamicImage::ImageLuma8(image) => (1, Samples::U8(image.into_raw())),
+        DynamicImage::ImageLumaA8(image) => (2, Samples::U8(image.into_raw())),
+        DynamicImage::ImageRgb8(image) => (3, Samples::U8(image.into_raw())),
+        DynamicImage::ImageRgba8(image) => (4, Samples::U8(image.into_raw())),
+        DynamicImage::ImageLuma16(image) => (1, Samples::U16(image.into_raw())),
+        DynamicImage::ImageLumaA16(image) => (2, Samples::U16(image.into_raw())),
+        DynamicImage::ImageRgb16(image) => (3, Samples::U16(image.into_raw())),
+        DynamicImage::ImageRgba16(image) => (4, Samples::U16(image.into_raw())),
+        other => (4, Samples::U8(other.into_rgba8().into_raw())),
+    };
+    Ok(Image { width: width as usize, height: height as usize, channels, samples })
+}
+
+/// The pixels of an image as points in a grid: (L, a, b) / `compactness`, of a grey image L alone, and then column and
+/// row over √(pixels / `clusters`), the side of a superpixel. Pixels without opacity, and those that `mask` names with
+/// false, take no part and count as none.
+///
+/// # Errors
+/// An image whose samples or mask are not as many as it says; a number of clusters of 0; a compactness out of bounds.
+pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactness: f64) -> Result<PointSet> {
+    let Image { width, height, channels, ref samples } = *image;
+    let pixels = width.checked_mul(height).unwrap_or(usize::MAX);
+    if !(1..=4).contains(&channels) || pixels.checked_mul(channels) != Some(samples.len()) {
+        return Err(Error::parameter(format_args!(
+            "an image of {width} × {height} pixels with {channels} channels, of which there must be 1 to 4, cannot have \
+             so many samples: {}",
+            samples.len()
+        )));
+    }
+    if let Some(mask) = mask.filter(|mask| mask.len() != pixels) {
+        return Err(Error::parameter(format_args!(
+            "the mask must have one entry for each of {pixels} pixels: {}",
+            mask.len()
+        )));
+    }
+    if clusters == 0 {
+        return Err(Error::parameter("the number of superpixels must be at least 1: 0"));
+    }
+    let [least, most] = COMPACTNESS;
+    if !(least..=most).contains(&compactness) {
+        return Err(Error::parameter(format_args!("the compactness must be from {least} to {most}: {compactness}")));
+    }
+    let has_alpha = channels % 2 == 0;
+    let is_opaque = |pixel: usize| !has_alpha || samples.at(pixel * channels + channels - 1) > 0;
+    let takes_part = |pixel: usize| is_opaque(pixel) && mask.is_none_or(|mask| mask[pixel]);
+    let mask: Option<Vec<bool>> = (has_alpha || mask.is_some()).then(|| (0..pixels).map(takes_part).collect());
+    let taking_part = mask.as_ref().map_or(pixels, |mask| mask.iter().filter(|&&takes_part| takes_part).count());
+    let side = (taking_part.max(1) as f64 / clusters as f64).sqrt();
+
+    let linear = samples.linear();
+    let colours = if channels < 3 { 1 } else { 3 };
+    let dimensions = colours + 2;
+    let mut values = vec![0.0f32; pixels * dimensions];
+    values.par_chunks_mut(PIECE * dimensions).enumerate().for_each(|(piece, values)| {
+        for (pixel, value) in (piece * PIECE..).zip(values.chunks_exact_mut(dimensions)) {
+            let light = |channel: usize| linear[samples.at(pixel * channels + channel)];
+            let colour = match colours {
+                1 => [lightness(root(light(0))), 0.0, 0.0],
+                _ => lab([light(0), light(1), light(2)]),
+            };
+            let place = [(pixel % width) as f64 / side, (pixel / width) as f64 / side];
+            let colour = colour.iter().take(colours).map(|x| x / compactness);
+            value.iter_mut().zip(colour.chain(place)).for_each(|(to, x)| *to = x as f32);
+        }
+    });
+    Ok(PointSet {
+        dimensions,
+        values: Values::F4(values),
+        weights: None,
+        mask,
+        shape: vec![height, width],
+        graph: Graph::Grid { full: false },
+    })
+}
+
+/// L, a and b of linear red, green and blue.
+fn lab(rgb: [f64; 3]) -> [f64; 3] {
+    let [x, y, z] = XYZ_OF_RGB.map(|(row, white)| root((row[0] * rgb[0] + row[1] * rgb[1] + row[2] * rgb[2]) / white));
+    [lightness(y), 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// L of the root of relative luminance.
+fn lightness(root: f64) -> f64 {
+    116.0 * root - 16.0
+}
+
+/// The cube root of CIELAB, linear near 0.
+fn root(value: f64) -> f64 {
+    if value > 0.008856 { libm::cbrt(value) } else { 7.787 * value + 16.0 / 116.0 }
+}
+
+#[cfg(test)]
+mod tests;
