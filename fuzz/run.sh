@@ -16,7 +16,7 @@ seconds=${1:-60}
 shift || true
 targets=("$@")
 if [ ${#targets[@]} -eq 0 ]; then
-    targets=(obj gltf ply stl off number stored lists request form tokens headers)
+    targets=(obj gltf ply stl off number stored points image lists request form tokens headers)
 fi
 export RUSTC_BOOTSTRAP=1
 python3 seeds.py

@@ -1,9 +1,12 @@
 """Writes the seed corpus, `fuzz/seeds/TARGET/…`: a few small inputs for each target, from which fuzzers go on."""
 
 import base64
+import io
 import json
 import pathlib
 import struct
+import zipfile
+import zlib
 
 ROOT = pathlib.Path(__file__).parent / "seeds"
 
@@ -100,6 +103,23 @@ def npy(descr, data, shape):
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data
 
 
+def npz(**arrays):
+    """An archive, as `numpy.savez_compressed` writes it."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            archive.writestr(name + ".npy", array)
+    return file.getvalue()
+
+
+def png(colour, row):
+    """Two equal rows of three pixels, 8 bits a sample."""
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    header = chunk(b"IHDR", struct.pack(">2I5B", 3, 2, 8, colour, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(2 * (b"\0" + row))) + chunk(b"IEND", b"")
+
+
 def part(name, content, filename=None):
     name = f'name="{name}"' + (f'; filename="{filename}"' if filename else "")
     return b"--b\r\nContent-Disposition: form-data; " + name.encode() + b"\r\n\r\n" + content + b"\r\n"
@@ -112,6 +132,11 @@ def main():
     token = {"id": "0123456789abcdef", "salt": "AAAAAAAAAAAAAAAAAAAAAA", "sha256": "A" * 43}
     tokens = {"tenants": {"a": {"quotas": {"max_queued_jobs": 3}, "metrics": True, "tokens": [token]}}}
     trees = pathlib.Path(__file__).parent.glob("trees/*.tsr")
+    x = npy("<f4", struct.pack("<12f", *range(12)), (4, 3))
+    indptr, indices = (npy("<i4", struct.pack(f"<{len(row)}i", *row), (len(row),)) for row in [(0, 1, 3, 3, 4), (1, 0, 2, 3)])
+    weights, mask = npy("<f8", struct.pack("<4d", 1, 2, 3, 4), (4,)), npy("|b1", bytes([1, 1, 0, 1]), (4,))
+    matrix = {"format": npy("|S3", b"csr", ()), "shape": npy("<i8", struct.pack("<2q", 4, 4), (2,)),
+              "data": npy("<f8", struct.pack("<4d", 1, 0, 1, 1), (4,)), "indptr": indptr, "indices": indices}
     seeds = {
         "obj": [OBJ, OBJ.replace(b"\n", b"\r\n"), b"v 0 0 0\nf 1 1 1\n", b""],
         "gltf": [
@@ -121,6 +146,11 @@ def main():
         "off": [OFF, OFF.replace(b"\n", b"\r\n"), OFF.replace(b"COFF\n4 2 5", b"OFF4 2"), b"OFF BINARY\n"],
         "number": [b"1", b"-0.5e-10", b"+.1E+308", b"123456789012345678901234567890.5", b"1e-400", b"-2147483648"],
         "stored": [path.read_bytes() for path in trees],
+        "points": [
+            x, npy("|u1", bytes(range(24)), (2, 3, 4)), npz(X=x, weights=weights, mask=mask, indptr=indptr, indices=indices),
+            npz(**matrix), b"\n===\n".join([x, indptr, indices, weights, mask]),
+            b"\n===\n".join([x, indptr, indices, b"", b"", matrix["format"], matrix["shape"], matrix["data"]])],
+        "image": [png(0, b"\0\x80\xff"), png(2, bytes(range(9))), png(6, bytes(range(12)))],
         "lists": [
             b"1 2 3\n4", b"[1, 2, 3]", npy("<u4", struct.pack("<3I", 1, 2, 3), (3,)),
             npy("<f8", struct.pack("<3d", 1, 2, 0.5), (3,)), npy("<i8", struct.pack("<2q", 1, 2), (2,))],

@@ -1,6 +1,8 @@
 //! Parsers that are not public, for the fuzzers (`fuzz/`). Compiled for them only.
 
+use crate::data::{self, Graph, Members, lay, npz};
 use crate::error::{Error, Result};
+use crate::export::archive::Archive;
 use crate::job;
 use crate::mesh::{Resources, number};
 
@@ -46,4 +48,32 @@ pub fn lists(bytes: &[u8]) {
     let _ = job::parse_weights(bytes);
     let _ = job::check_head_of_weights(bytes);
     let _ = job::parse_labels(bytes, 4);
+}
+
+/// Points as a file; as a sparse matrix; and, with separators, as the arrays of an archive whose checksums are right.
+pub fn points(bytes: &[u8]) {
+    const LIMIT: u64 = 1 << 24;
+    let graph = [None, Some(Graph::Grid { full: true }), Some(Graph::Knn(3))];
+    let graph = graph[bytes.len() % 3].clone();
+    let _ = npz::graph(bytes, LIMIT);
+    let mut archive = Vec::new();
+    let mut writer = Archive::new(&mut archive);
+    let mut rest = bytes;
+    for name in ["X", "indptr", "indices", "weights", "mask", "format", "shape", "data"] {
+        let (array, after) = split(rest, b"\n===\n");
+        if !array.is_empty() {
+            writer.add(&format!("{name}.npy"), array).expect("memory");
+        }
+        rest = after;
+    }
+    writer.finish().expect("memory");
+    let _ = npz::graph(&archive, LIMIT);
+    for (bytes, graph) in [(bytes, graph), (&archive, None)] {
+        match data::read(bytes, None, graph, LIMIT) {
+            Ok(set) if set.items() < 1 << 10 => {
+                lay::<64>(&set, &Members::new(set.items(), set.mask.as_deref()), true).expect("few points");
+            }
+            _ => {}
+        }
+    }
 }

@@ -18,6 +18,7 @@
 //! | [`mesh`] | formats of meshes, read into polygons |
 //! | [`energy`] | what is minimised: sums, proxies, costs, gains; `shaders/energy/` is its WGSL |
 //! | [`surface`] | welding, adjacency, components, the integer lattice, face order, coarser graphs |
+//! | [`data`] | points of any number of coordinates (P§8): readers, neighbours, the lattice, order |
 //! | [`complex`] | how clusters meet: cells, arcs, junctions; boundaries, graph, cluster table |
 //! | [`remesh`] | a triangle mesh with a vertex a cluster |
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
@@ -30,7 +31,7 @@
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
 //!
-//! Below all of them: `union_find` and `prefetch`. The feature `gpu` has the device of that name (wgpu); without it,
+//! Below all of them: `union_find`, `power` and `prefetch`. The feature `gpu` has the device of that name (wgpu); without it,
 //! everything else works on the cpu.
 //!
 //! # Where to begin

@@ -243,15 +243,23 @@ impl Nearest {
 mod tests {
     use super::*;
 
-    /// The same by definition.
-    fn by_definition<const D: usize>(points: &[[i32; D]], nearest: usize) -> Vec<Vec<u32>> {
-        let mut rows = vec![Vec::new(); points.len()];
-        for a in 0..points.len() as u32 {
-            let mut others: Vec<u32> = (0..points.len() as u32).filter(|&b| b != a).collect();
-            others.sort_by_key(|&b| (squared_length(&points[a as usize], &points[b as usize]), b));
+    /// The others of each point, the nearest first.
+    fn others<const D: usize>(points: &[[i32; D]]) -> Vec<Vec<u32>> {
+        let of = |point: usize| {
+            let mut others: Vec<u32> = (0..points.len() as u32).filter(|&other| other as usize != point).collect();
+            others.sort_by_key(|&other| (squared_length(&points[point], &points[other as usize]), other));
+            others
+        };
+        (0..points.len()).map(of).collect()
+    }
+
+    /// Neighbours by definition.
+    fn by_definition(others: &[Vec<u32>], nearest: usize) -> Vec<Vec<u32>> {
+        let mut rows = vec![Vec::new(); others.len()];
+        for (a, others) in others.iter().enumerate() {
             for &b in others.iter().take(nearest) {
-                rows[a as usize].push(b);
-                rows[b as usize].push(a);
+                rows[a].push(b);
+                rows[b as usize].push(a as u32);
             }
         }
         rows.iter_mut().for_each(|row| {
@@ -272,11 +280,12 @@ mod tests {
     }
 
     fn check<const D: usize>(dimensions: usize) {
-        for (count, places) in [(1, 5), (2, 5), (150, 2), (150, 5), (150, 1 << 26), (90, 1)] {
+        for (count, places) in [(1, 5), (2, 5), (150, 2), (200, 5), (200, 1 << 26), (90, 1)] {
             let points = points::<D>(count, dimensions, places);
+            let others = others(&points);
             for nearest in [1, 3, 8, 64] {
                 let rows = knn(&points, dimensions, nearest).expect("neighbours");
-                let expected = by_definition(&points, nearest as usize);
+                let expected = by_definition(&others, nearest as usize);
                 let found: Vec<Vec<u32>> = (0..count as u32).map(|item| rows.of(item).to_vec()).collect();
                 assert_eq!(found, expected, "{dimensions} {count} {places} {nearest}");
             }
@@ -296,10 +305,12 @@ mod tests {
 
     #[test]
     fn points_at_one_place_take_no_more_work_than_others() {
-        // all pairs of these would be 4·10¹⁰
-        let rows = knn(&vec![[7, -3, 0]; 200_000], 3, 8).expect("neighbours");
-        assert_eq!(rows.of(100_000), [0, 1, 2, 3, 4, 5, 6, 7]);
-        assert_eq!(rows.of(3).len(), 199_999);
+        let points = vec![[7, -3, 0]; 50_000];
+        let rows = knn(&points, 3, 8).expect("neighbours");
+        assert_eq!(rows.of(40_000), [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(rows.of(3).len(), 49_999);
+        // a path through the tree, not its 6,000 parts
+        assert!(in_tree(&points, 8, 50_000 * 40 * LEAF as u64).is_ok());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Points of any number of coordinates with neighbours: images, volumes, maps, clouds, tables (P§8).
 //!
 //! ```text
-//! bytes ─ npy, npz ─→ PointSet ─ lay ─→ Laid: points, weights and neighbours on the integer lattice
+//! bytes ─ npy, npz, image ─→ PointSet ─ lay ─→ Laid: points, weights and neighbours on the integer lattice
 //! ```
 //!
 //! A [`PointSet`] is what was uploaded: n items of d coordinates, in upload order. [`lay()`] turns it into what

@@ -1,4 +1,8 @@
+use proptest::prelude::*;
+
 use super::*;
+use crate::energy::cvd::{ClusterSums, Cvd, squared_distance};
+use crate::energy::{Functional, Sums};
 use crate::export::npz::npy_header;
 
 /// A set of points in a grid whose values are its items' numbers.
@@ -141,4 +145,204 @@ fn what_contradicts_itself_is_refused_in_a_line() {
     }
     let set = read(&two, None, None, 1 << 20).expect("points");
     assert_eq!((set.items(), set.dimensions, &set.graph), (2, 3, &Graph::Knn(8)));
+}
+
+/// A table of points with edges of its nearest neighbours.
+fn table(dimensions: usize, values: Vec<f64>, nearest: u32) -> PointSet {
+    let shape = vec![values.len() / dimensions];
+    PointSet { dimensions, values: Values::F8(values), shape, graph: Graph::Knn(nearest), ..grid(&[1], false, None) }
+}
+
+/// Numbers from −1 to 1 that look random.
+fn numbers(count: usize) -> Vec<f64> {
+    let mut state = 1u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        f64::from((state >> 32) as i32) / f64::from(1u32 << 31)
+    };
+    (0..count).map(|_| random()).collect()
+}
+
+#[test]
+fn a_lattice_of_d_coordinates_has_as_many_bits_as_its_squares_leave() {
+    for d in 1..=MOST_DIMENSIONS as u128 {
+        let bits = bits(d as usize);
+        assert!(bits <= 27 && d << (2 * bits) <= 1 << 56, "{d}");
+        assert!(bits == 27 || d.next_power_of_two() << (2 * bits + 2) > 1 << 56, "{d} has room for another bit");
+        let most = (1u128 << bits) - 1;
+        assert!(d * (2 * most) * (2 * most) < 1 << 58, "{d}");
+        // a product of a coordinate and the lower half of a sum, over all axes
+        assert!(d * most * u128::from(u32::MAX) < 1 << 63, "{d}");
+    }
+}
+
+/// Sums of the heaviest cluster at the corners of the lattice, against the same in 128 bits.
+fn check_extremes<const D: usize>(dimensions: usize)
+where
+    Cvd<D>: Functional<Item = crate::energy::cvd::Item<D>, Sums = ClusterSums<D>, Point = [i32; D]>,
+{
+    let most = (1 << bits(dimensions)) - 1;
+    let corner = |sign: i32| std::array::from_fn(|axis| if axis < dimensions { sign * most } else { 0 });
+    let (low, high): ([i32; D], [i32; D]) = (corner(-1), corner(1));
+    let expected = dimensions as u128 * (2 * most as u128).pow(2);
+    assert_eq!(u128::from(squared_distance(low, high)), expected);
+    assert!(expected < 1 << 58);
+    for lows in 0..=8 {
+        let mut sums = ClusterSums::<D>::default();
+        let (mut total, mut along, mut constant) = (0i128, [0i128; D], 0i128);
+        for face in 0..8 {
+            let point = if face < lows { low } else { high };
+            let weight = (1u32 << 31) - 1;
+            let item = Cvd::<D>::item(point, weight);
+            sums.add_face(item, 1);
+            constant += Cvd::<D>::constant(item);
+            total += i128::from(weight);
+            along.iter_mut().zip(point).for_each(|(sum, x)| *sum += i128::from(weight) * i128::from(x));
+        }
+        let (proxy, explained) = sums.fit().expect("faces");
+        let nearest = along.map(|sum| (2 * sum + total).div_euclid(2 * total));
+        assert_eq!(proxy.map(i128::from), nearest);
+        let product: i128 = nearest.iter().zip(&along).map(|(p, s)| p * s).sum();
+        let square: i128 = nearest.iter().map(|p| p * p).sum();
+        assert_eq!(explained, 2 * product - total * square);
+        assert!(4 * explained >= -(dimensions as i128) * total && explained <= constant && constant < 1 << 90);
+        assert!(along.iter().all(|sum| sum.abs() < 1 << 61) && square < 1 << 56);
+        assert!((constant << 33) < 1 << 123);
+    }
+}
+
+#[test]
+fn sums_at_the_corners_of_the_lattice_are_those_of_wider_integers() {
+    check_extremes::<3>(1);
+    check_extremes::<3>(3);
+    check_extremes::<8>(4);
+    check_extremes::<8>(5);
+    check_extremes::<16>(16);
+    check_extremes::<32>(17);
+    check_extremes::<64>(33);
+    check_extremes::<64>(64);
+}
+
+#[test]
+fn weights_keep_their_ratios_and_their_unit_is_known() {
+    let weights = vec![1e-300, 3.5e-300, 0.75e-300, f64::NAN, 9e-300, 2e-300, 1.25e-300, 4e-300];
+    let mask = Some(vec![true, true, true, false, true, true, true, true]);
+    let edges = Csr::new([0, 1, 2, 2, 2, 3, 4, 5, 5].into_iter(), [1, 2, 5, 6, 7].into_iter()).expect("rows");
+    let set = PointSet { weights: Some(weights.clone()), mask, graph: Graph::Rows(edges), ..table(2, numbers(16), 1) };
+    let (laid, members) = laid(&set);
+    assert_eq!(laid.components.len(), 2);
+    for component in &laid.components {
+        let sum: u64 = laid.weights[component.range()].iter().map(|&weight| u64::from(weight)).sum();
+        assert_eq!(sum, component.weight);
+        assert!(((1 << 30)..1 << 34).contains(&sum), "{sum}");
+        for internal in component.range() {
+            let exponent = component.energy_shift as i32 - laid.weight_exponent;
+            let found = libm::ldexp(f64::from(laid.weights[internal]), exponent);
+            let source = weights[members.item(laid.member[internal]) as usize];
+            assert!((found / source - 1.0).abs() < 1e-8, "{found:e} {source:e}");
+        }
+    }
+    let unweighted = self::laid(&table(2, numbers(16), 1)).0;
+    assert!(unweighted.weights.iter().all(|&weight| libm::ldexp(1.0, unweighted.weight_exponent) == f64::from(weight)));
+}
+
+#[test]
+fn bridges_join_all_components_with_one_edge_less() {
+    let check = |dimensions: usize, islands: usize| {
+        let items = 2 * islands;
+        let indptr = (0..=items as i64).map(|item| (item + 1) / 2);
+        let indices = (0..islands as i64).map(|island| 2 * island + 1);
+        let pairs: Vec<i64> = indptr.collect();
+        let csr = Csr::new(pairs.into_iter(), indices.collect::<Vec<_>>().into_iter()).expect("rows");
+        let set = PointSet { graph: Graph::Rows(csr), ..table(dimensions, numbers(items * dimensions), 1) };
+        let members = Members::new(items, None);
+        let apart: Laid<8> = lay(&set, &members, false).expect("points");
+        let joined: Laid<8> = lay(&set, &members, true).expect("points");
+        assert_eq!((apart.components.len(), apart.edges), (islands, islands as u64));
+        assert_eq!((joined.components.len(), joined.components_found), (1, islands as u64));
+        let found = edges(&joined, &members);
+        assert_eq!(found.len(), 2 * islands - 1);
+        let mut sets = crate::union_find::singletons(items);
+        assert!(found.iter().all(|&(a, b)| crate::union_find::join(&mut sets, a, b)), "no edge closes a circle");
+    };
+    check(2, 40);
+    check(5, 1);
+    check(5, 40);
+    // more than are compared pair by pair
+    check(5, 5000);
+}
+
+#[test]
+fn bridges_in_more_than_three_dimensions_join_the_nearest_means() {
+    // islands on a line along the fourth axis, in a shuffled order
+    let places = [3.0, 0.0, 4.0, 1.0, 2.0];
+    let values = places.iter().flat_map(|&place| [0.0, 0.0, 0.0, place]).collect();
+    let csr = Csr::new([0; 6].into_iter(), std::iter::empty::<i64>().collect::<Vec<_>>().into_iter()).expect("rows");
+    let set = PointSet { graph: Graph::Rows(csr), ..table(4, values, 1) };
+    let members = Members::new(5, None);
+    let joined: Laid<8> = lay(&set, &members, true).expect("points");
+    assert_eq!(edges(&joined, &members), [(0, 2), (0, 4), (1, 3), (3, 4)]);
+}
+
+#[test]
+fn what_is_laid_does_not_depend_on_the_number_of_threads() {
+    let set = table(5, numbers(5 * 9000), 6);
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let members = Members::new(set.items(), None);
+        pool.install(|| lay::<8>(&set, &members, true).expect("points"))
+    };
+    assert!(with(1) == with(4));
+}
+
+#[test]
+fn columns_that_have_hardly_any_resolution_are_named() {
+    let wide = |at: usize| if at == 0 { 1e9 } else { at as f64 };
+    let values = |narrow: f64| (0..50).flat_map(|at| [wide(at), 7.0, narrow * at as f64]).collect();
+    let warnings = laid(&table(3, values(1.0), 2)).0.warnings;
+    assert!(warnings.len() == 1 && warnings[0].starts_with("columns 2 have"), "{warnings:?}");
+    let warnings = laid(&table(3, values(1e6), 2)).0.warnings;
+    assert_eq!(warnings, Vec::<String>::new());
+}
+
+#[test]
+fn one_item_is_a_component_without_neighbours() {
+    for graph in [Graph::Knn(8), Graph::Rows(Csr::new([0, 1].into_iter(), [0].into_iter()).expect("rows"))] {
+        let (laid, _) = laid(&PointSet { graph, ..table(2, vec![1e308, -1e308], 1) });
+        assert_eq!((laid.points, laid.neighbour_offsets, laid.edges), (vec![[0; 3]], vec![0, 0], 0));
+        assert_eq!(laid.components.len(), 1);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn rows_are_edges_in_both_directions_between_those_that_take_part(
+        lists in prop::collection::vec(prop::collection::vec(0i64..12, 0..6), 12),
+        mask in prop::collection::vec(any::<bool>(), 12),
+    ) {
+        let mut indptr = vec![0];
+        lists.iter().for_each(|list| indptr.push(indptr[indptr.len() - 1] + list.len() as i64));
+        let csr = Csr::new(indptr.into_iter(), lists.concat().into_iter()).expect("rows");
+        let members = Members::new(12, Some(&mask));
+        let rows = csr.rows(&members).expect("few edges");
+        for a in 0..12u32 {
+            let Some(member) = members.member(a) else { continue };
+            let is_edge = |b: u32| lists[a as usize].contains(&b.into()) || lists[b as usize].contains(&a.into());
+            let others = (0..12).filter(|&b| b != a && is_edge(b)).filter_map(|b| members.member(b));
+            prop_assert_eq!(rows.of(member), others.collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn a_damaged_array_is_read_or_refused(at in 0usize..140, byte: u8, cut in 0usize..200) {
+        let mut bytes = [npy_header("<f4", "(3, 4)"), numbers(6).iter().flat_map(|x| x.to_le_bytes()).collect()].concat();
+        bytes[at] = byte;
+        bytes.truncate(cut.max(6));
+        let graph = if byte % 2 == 0 { None } else { Some(Graph::Grid { full: true }) };
+        if let Ok(set) = read(&bytes, None, graph, 1 << 20) {
+            prop_assert!(lay::<64>(&set, &Members::new(set.items(), None), false).is_ok());
+        }
+    }
 }
