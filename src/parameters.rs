@@ -131,6 +131,11 @@ pub struct Parameters {
     #[schema(value_type = Option<String>, example = "knn:8")]
     pub graph: Option<Neighbours>,
 
+    /// Images: the weight of the place of a pixel beside its colour, as in SLIC; when left out, 10
+    #[arg(long, value_name = "M", allow_negative_numbers = true, help_heading = CLUSTERS)]
+    #[schema(minimum = 0.001, maximum = 1000000)]
+    pub compactness: Option<f64>,
+
     /// Hierarchies: optimise after the merges of a round, or not, which gives a strictly nested tree; hr never does.
     /// Rounds of pml do so once clusters have 4 faces on average, with quality best from the first on; levels and the
     /// end always
@@ -232,10 +237,16 @@ impl Parameters {
 
     /// Refuses what means nothing to a mesh.
     pub fn check_mesh(&self) -> Result<()> {
-        match &self.graph {
-            Some(graph) => Err(Error::parameter(format_args!(
+        if let Some(graph) = &self.graph {
+            return Err(Error::parameter(format_args!(
                 "{} goes with points, not with a mesh, whose faces are neighbours by their edges: {graph}",
                 Name::GRAPH
+            )));
+        }
+        match self.compactness {
+            Some(compactness) => Err(Error::parameter(format_args!(
+                "{} goes with images, not with a mesh: {compactness}",
+                Name::COMPACTNESS
             ))),
             None => Ok(()),
         }

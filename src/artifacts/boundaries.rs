@@ -43,6 +43,7 @@ pub static BOUNDARIES: Artifact = Artifact {
         help: "Where to write the curves between clusters: OUT.json; lines as OUT.obj, OUT.glb or OUT.vtp; or - for \
                JSON on standard output",
     }],
+    is_of_points: false,
     is_served: true,
 };
 

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::{Artifact, Content, Encoding, Flag, Form, Need, given, schema_of};
 use crate::complex::{Cluster, Graph};
+use crate::data::{PointCluster, PointTable};
 use crate::error::Result;
 
 /// The cluster table.
@@ -17,7 +18,7 @@ pub static CLUSTERS: Artifact = Artifact {
             file: "clusters.json",
             media_type: "application/json",
             is_stored: false,
-            schema: Some(schema_of::<ClusterTable>),
+            schema: Some(schema_of::<ClusterTable<'_>>),
             encode: json,
         },
         Form { file: "clusters.csv", media_type: "text/csv", is_stored: false, schema: None, encode: csv },
@@ -28,26 +29,80 @@ pub static CLUSTERS: Artifact = Artifact {
         value: "OUT",
         help: "Where to write the cluster table: OUT.json or OUT.csv, or - for JSON on standard output",
     }],
+    is_of_points: true,
     is_served: true,
 };
 
 /// The cluster table as JSON.
 #[derive(Debug, Serialize, ToSchema)]
-pub struct ClusterTable {
+pub struct ClusterTable<'a> {
     /// Version of this format: 1.
     tesserae: u32,
     /// A row a cluster.
-    clusters: Vec<Cluster>,
+    clusters: Rows<'a>,
+}
+
+/// Rows of the cluster table.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+#[schema(as = ClusterRows)]
+enum Rows<'a> {
+    /// Of a mesh.
+    Mesh(Vec<Cluster>),
+    /// Of points.
+    Points(&'a [PointCluster]),
 }
 
 /// Cluster table and neighbours of a content.
-pub(super) fn graph(content: &Content<'_>) -> Result<Graph> {
-    let labels = given(content.labels)?;
-    Graph::new(given(content.mesh)?, labels.labels, labels.clusters)
+pub(super) enum Clusters<'a> {
+    Mesh(Graph),
+    Points(&'a PointTable),
+}
+
+impl<'a> Clusters<'a> {
+    pub fn of(content: &Content<'a>) -> Result<Self> {
+        if let Some(table) = content.points {
+            return Ok(Self::Points(table));
+        }
+        let labels = given(content.labels)?;
+        Ok(Self::Mesh(Graph::new(given(content.mesh)?, labels.labels, labels.clusters)?))
+    }
+
+    /// Names of the columns, and the types of their values in GraphML.
+    pub fn columns(&self) -> Vec<(String, &'static str)> {
+        match self {
+            Self::Mesh(_) => COLUMNS.iter().map(|column| (column.name.to_owned(), column.kind)).collect(),
+            Self::Points(table) => {
+                let dimensions = table.rows.first().map_or(0, |row| row.mean.len());
+                let means = (0..dimensions).map(|axis| (format!("mean_{axis}"), "double"));
+                POINT_COLUMNS.iter().map(|column| (column.name.to_owned(), column.kind)).chain(means).collect()
+            }
+        }
+    }
+
+    /// Values of each row as text; none where JSON has null.
+    pub fn rows(&self) -> Vec<Vec<Option<String>>> {
+        match self {
+            Self::Mesh(graph) => {
+                graph.nodes.iter().map(|row| COLUMNS.iter().map(|column| (column.value)(row)).collect()).collect()
+            }
+            Self::Points(table) => {
+                let values = |row: &PointCluster| {
+                    let means = row.mean.iter().map(|&mean| number(mean));
+                    POINT_COLUMNS.iter().map(|column| (column.value)(row)).chain(means).collect()
+                };
+                table.rows.iter().map(values).collect()
+            }
+        }
+    }
 }
 
 fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let table = ClusterTable { tesserae: 1, clusters: graph(content)?.nodes };
+    let clusters = match Clusters::of(content)? {
+        Clusters::Mesh(graph) => Rows::Mesh(graph.nodes),
+        Clusters::Points(table) => Rows::Points(&table.rows),
+    };
+    let table = ClusterTable { tesserae: 1, clusters };
     Ok(Box::new(move |out| {
         serde_json::to_writer(&mut *out, &table)?;
         out.write_all(b"\n")
@@ -55,11 +110,12 @@ fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
 }
 
 fn csv<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let clusters = graph(content)?.nodes;
+    let clusters = Clusters::of(content)?;
     Ok(Box::new(move |out| {
-        writeln!(out, "{}", COLUMNS.map(|column| column.name).join(","))?;
-        for cluster in &clusters {
-            let values = COLUMNS.map(|column| (column.value)(cluster).unwrap_or_default());
+        let names: Vec<String> = clusters.columns().into_iter().map(|(name, _)| name).collect();
+        writeln!(out, "{}", names.join(","))?;
+        for row in clusters.rows() {
+            let values: Vec<String> = row.into_iter().map(Option::unwrap_or_default).collect();
             writeln!(out, "{}", values.join(","))?;
         }
         Ok(())
@@ -68,16 +124,26 @@ fn csv<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
 
 /// A column of the table, for formats without nested values.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Column {
-    pub name: &'static str,
+struct Column<Row> {
+    name: &'static str,
     /// Type of its values in GraphML.
-    pub kind: &'static str,
+    kind: &'static str,
     /// A value as text; none where JSON has null.
-    pub value: fn(&Cluster) -> Option<String>,
+    value: fn(&Row) -> Option<String>,
 }
 
-/// All columns.
-pub(super) const COLUMNS: [Column; 24] = [
+/// All columns of points but their means.
+const POINT_COLUMNS: [Column<PointCluster>; 6] = [
+    column("cluster", "long", |row| Some(row.cluster.to_string())),
+    column("items", "long", |row| Some(row.items.to_string())),
+    column("weight", "double", |row| number(row.weight)),
+    column("energy", "double", |row| number(row.energy)),
+    column("neighbours", "long", |row| Some(row.neighbours.to_string())),
+    column("component", "long", |row| Some(row.component.to_string())),
+];
+
+/// All columns of a mesh.
+const COLUMNS: [Column<Cluster>; 24] = [
     column("cluster", "long", |row| Some(row.cluster.to_string())),
     column("faces", "long", |row| Some(row.faces.to_string())),
     column("area", "double", |row| number(row.area)),
@@ -104,7 +170,7 @@ pub(super) const COLUMNS: [Column; 24] = [
     column("energy", "double", |row| number(row.energy)),
 ];
 
-const fn column(name: &'static str, kind: &'static str, value: fn(&Cluster) -> Option<String>) -> Column {
+const fn column<Row>(name: &'static str, kind: &'static str, value: fn(&Row) -> Option<String>) -> Column<Row> {
     Column { name, kind, value }
 }
 

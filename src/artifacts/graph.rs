@@ -5,24 +5,25 @@ use std::io::{self, Write};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::clusters::{COLUMNS, graph, number};
+use super::clusters::{Clusters, number};
 use super::{Artifact, Content, Encoding, Flag, Form, Need, schema_of};
 use crate::complex::graph::Edge;
 use crate::complex::{Cluster, Graph};
+use crate::data::{ClusterEdge, PointCluster};
 use crate::error::Result;
 use crate::export::npz::{self, Array};
 
 /// The graph of neighbouring clusters.
 pub static GRAPH: Artifact = Artifact {
     name: "graph",
-    about: "Which clusters are neighbours, and the length of the curves between them.",
+    about: "Which clusters are neighbours, and the length of the curves between them; of points, the number of neighbours across.",
     needs: &[Need::Labels, Need::Mesh],
     forms: &[
         Form {
             file: "graph.json",
             media_type: "application/json",
             is_stored: false,
-            schema: Some(schema_of::<NodeLink>),
+            schema: Some(schema_of::<NodeLink<'_>>),
             encode: json,
         },
         Form { file: "graph.npz", media_type: "application/x-npz", is_stored: false, schema: None, encode: matrix },
@@ -39,14 +40,15 @@ pub static GRAPH: Artifact = Artifact {
         name: "--clusters-graph",
         value: "OUT",
         help: "Where to write the graph of neighbouring clusters: OUT.json (as networkx reads it), OUT.npz (scipy's \
-               sparse matrix of lengths) or OUT.graphml, or - for JSON on standard output",
+               sparse matrix of lengths, of points of pairs of items) or OUT.graphml, or - for JSON on standard output",
     }],
+    is_of_points: true,
     is_served: true,
 };
 
 /// A graph as networkx reads it: `networkx.node_link_graph`.
 #[derive(Debug, Serialize, ToSchema)]
-pub struct NodeLink {
+pub struct NodeLink<'a> {
     /// Version of this format: 1.
     tesserae: u32,
     /// Whether edges have a direction: false.
@@ -54,25 +56,55 @@ pub struct NodeLink {
     /// Whether there may be several edges between two nodes: false.
     multigraph: bool,
     /// The clusters.
-    nodes: Vec<Node>,
-    /// Pairs of clusters that a curve separates.
-    edges: Vec<Edge>,
+    nodes: Vec<Node<'a>>,
+    /// Pairs of clusters that a curve separates, or that have neighbouring items.
+    edges: Edges<'a>,
 }
 
 /// A cluster as a node.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = GraphNode)]
-struct Node {
+struct Node<'a> {
     /// The number of the cluster.
     id: u32,
     /// Its row of the cluster table.
     #[serde(flatten)]
-    cluster: Cluster,
+    cluster: NodeRow<'a>,
+}
+
+/// A row of the cluster table, of a mesh or of points.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+#[schema(as = GraphNodeRow)]
+enum NodeRow<'a> {
+    /// Of a mesh.
+    Mesh(Box<Cluster>),
+    /// Of points.
+    Points(&'a PointCluster),
+}
+
+/// Pairs of clusters, of a mesh or of points.
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+#[schema(as = GraphEdges)]
+enum Edges<'a> {
+    /// Of a mesh.
+    Mesh(Vec<Edge>),
+    /// Of points.
+    Points(&'a [ClusterEdge]),
 }
 
 fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let Graph { nodes, edges } = graph(content)?;
-    let nodes = nodes.into_iter().map(|cluster| Node { id: cluster.cluster, cluster }).collect();
+    let (nodes, edges) = match Clusters::of(content)? {
+        Clusters::Mesh(Graph { nodes, edges }) => {
+            let node = |cluster: Cluster| Node { id: cluster.cluster, cluster: NodeRow::Mesh(Box::new(cluster)) };
+            (nodes.into_iter().map(node).collect(), Edges::Mesh(edges))
+        }
+        Clusters::Points(table) => {
+            let node = |cluster: &'a PointCluster| Node { id: cluster.cluster, cluster: NodeRow::Points(cluster) };
+            (table.rows.iter().map(node).collect(), Edges::Points(&table.edges))
+        }
+    };
     let graph = NodeLink { tesserae: 1, directed: false, multigraph: false, nodes, edges };
     Ok(Box::new(move |out| {
         serde_json::to_writer(&mut *out, &graph)?;
@@ -80,63 +112,91 @@ fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     }))
 }
 
-/// What `scipy.sparse.load_npz` reads: a symmetric matrix of lengths, rows compressed.
+/// Pairs of clusters with what they share: a length, or a number of pairs of items.
+fn shared(clusters: &Clusters<'_>) -> Vec<(u32, u32, f64)> {
+    match clusters {
+        Clusters::Mesh(graph) => graph.edges.iter().map(|edge| (edge.source, edge.target, edge.length)).collect(),
+        Clusters::Points(table) => {
+            table.edges.iter().map(|edge| (edge.source, edge.target, edge.pairs as f64)).collect()
+        }
+    }
+}
+
+/// What `scipy.sparse.load_npz` reads: a symmetric matrix of lengths or numbers of pairs, rows compressed.
 fn matrix<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let Graph { nodes, edges } = graph(content)?;
+    let clusters = Clusters::of(content)?;
+    let size = match &clusters {
+        Clusters::Mesh(graph) => graph.nodes.len(),
+        Clusters::Points(table) => table.rows.len(),
+    };
+    let edges = shared(&clusters);
     let mut entries: Vec<(u32, u32, f64)> = Vec::with_capacity(2 * edges.len());
-    for edge in &edges {
-        entries.push((edge.source, edge.target, edge.length));
-        entries.push((edge.target, edge.source, edge.length));
+    for (source, target, value) in edges {
+        entries.push((source, target, value));
+        entries.push((target, source, value));
     }
     entries.sort_unstable_by_key(|&(row, column, _)| (row, column));
-    let mut begin = vec![0; nodes.len() + 1];
+    let mut begin = vec![0; size + 1];
     entries.iter().for_each(|&(row, _, _)| begin[row as usize + 1] += 1);
-    for row in 0..nodes.len() {
+    for row in 0..size {
         begin[row + 1] += begin[row];
     }
     let columns: Vec<i32> = entries.iter().map(|&(_, column, _)| column as i32).collect();
-    let lengths: Vec<f64> = entries.iter().map(|&(_, _, length)| length).collect();
-    let size = nodes.len() as i64;
+    let values: Vec<f64> = entries.iter().map(|&(_, _, value)| value).collect();
+    let size = size as i64;
     let arrays = [
         ("indices", Array::i32(&[columns.len()], &columns)),
         ("indptr", Array::i32(&[begin.len()], &begin)),
         ("format", Array::bytes(b"csr")),
         ("shape", Array::i64(&[2], &[size, size])),
-        ("data", Array::f64(&[lengths.len()], &lengths)),
+        ("data", Array::f64(&[values.len()], &values)),
     ];
     Ok(Box::new(move |out| npz::write(out, &arrays)))
 }
 
 fn graphml<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let graph = graph(content)?;
-    Ok(Box::new(move |out| write_graphml(out, &graph)))
+    let clusters = Clusters::of(content)?;
+    Ok(Box::new(move |out| write_graphml(out, &clusters)))
 }
 
-fn write_graphml(out: &mut dyn Write, graph: &Graph) -> io::Result<()> {
+fn write_graphml(out: &mut dyn Write, clusters: &Clusters<'_>) -> io::Result<()> {
     writeln!(out, "<?xml version=\"1.0\" encoding=\"UTF-8\"?>")?;
     writeln!(out, "<graphml xmlns=\"http://graphml.graphdrawing.org/xmlns\">")?;
     let mut key = |of: &str, name: &str, kind: &str| {
         writeln!(out, "<key id=\"{name}\" for=\"{of}\" attr.name=\"{name}\" attr.type=\"{kind}\"/>")
     };
-    COLUMNS.iter().try_for_each(|column| key("node", column.name, column.kind))?;
-    key("edge", "length", "double")?;
-    key("edge", "arcs", "long")?;
+    let columns = clusters.columns();
+    columns.iter().try_for_each(|(name, kind)| key("node", name, kind))?;
+    match clusters {
+        Clusters::Mesh(_) => key("edge", "length", "double").and_then(|()| key("edge", "arcs", "long"))?,
+        Clusters::Points(_) => key("edge", "pairs", "long")?,
+    }
     writeln!(out, "<graph id=\"clusters\" edgedefault=\"undirected\">")?;
-    for node in &graph.nodes {
-        write!(out, "<node id=\"{}\">", node.cluster)?;
-        for column in COLUMNS {
-            if let Some(value) = (column.value)(node) {
-                write!(out, "<data key=\"{}\">{value}</data>", column.name)?;
+    for (node, row) in clusters.rows().into_iter().enumerate() {
+        write!(out, "<node id=\"{node}\">")?;
+        for ((name, _), value) in columns.iter().zip(row) {
+            if let Some(value) = value {
+                write!(out, "<data key=\"{name}\">{value}</data>")?;
             }
         }
         writeln!(out, "</node>")?;
     }
-    for Edge { source, target, length, arcs } in &graph.edges {
-        write!(out, "<edge source=\"{source}\" target=\"{target}\">")?;
-        if let Some(length) = number(*length) {
-            write!(out, "<data key=\"length\">{length}</data>")?;
+    match clusters {
+        Clusters::Mesh(graph) => {
+            for Edge { source, target, length, arcs } in &graph.edges {
+                write!(out, "<edge source=\"{source}\" target=\"{target}\">")?;
+                if let Some(length) = number(*length) {
+                    write!(out, "<data key=\"length\">{length}</data>")?;
+                }
+                writeln!(out, "<data key=\"arcs\">{arcs}</data></edge>")?;
+            }
         }
-        writeln!(out, "<data key=\"arcs\">{arcs}</data></edge>")?;
+        Clusters::Points(table) => {
+            for ClusterEdge { source, target, pairs } in &table.edges {
+                write!(out, "<edge source=\"{source}\" target=\"{target}\">")?;
+                writeln!(out, "<data key=\"pairs\">{pairs}</data></edge>")?;
+            }
+        }
     }
     writeln!(out, "</graph>\n</graphml>")
 }

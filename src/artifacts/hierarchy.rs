@@ -24,6 +24,7 @@ pub static HIERARCHY: Artifact = Artifact {
             help: "Where to write scipy's linkage matrix of a nested tree with one root: OUT.npy",
         },
     ],
+    is_of_points: true,
     is_served: true,
 };
 

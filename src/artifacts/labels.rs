@@ -21,6 +21,7 @@ pub static LABELS: Artifact = Artifact {
         help: "Where to write the labels: OUT.npy, OUT.txt (a number a line, as METIS writes), OUT.csv, OUT.json, \
                OUT.bin (u32, little-endian), or - for JSON on standard output",
     }],
+    is_of_points: true,
     is_served: true,
 };
 

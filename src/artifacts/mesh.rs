@@ -25,6 +25,7 @@ pub static MESH: Artifact = Artifact {
         help: "Where to write the mesh with its clusters in colour: OUT.glb, OUT.ply or OUT.vtp, or with a group a \
                cluster: OUT.obj",
     }],
+    is_of_points: false,
     is_served: true,
 };
 

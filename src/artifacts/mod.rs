@@ -28,6 +28,7 @@ use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
 
 use crate::cluster::record::Record;
+use crate::data::PointTable;
 use crate::error::{Error, Kind, Result};
 pub use crate::export::npz::npy_header;
 use crate::hierarchy::json::Limits;
@@ -80,6 +81,8 @@ pub struct Artifact {
     pub choices: &'static [Choice],
     /// Flags of the command line that write it.
     pub flags: &'static [Flag],
+    /// Whether points have it, too, in place of a mesh.
+    pub is_of_points: bool,
     /// Whether it has a route. Those of outputs without a mesh serve the stored forms, unless they have a handler of
     /// their own.
     pub is_served: bool,
@@ -163,6 +166,11 @@ impl Artifact {
         self.needs.iter().all(|need| need.is_met(parameters))
     }
 
+    /// Whether points cannot have it.
+    pub fn is_of_meshes_alone(&self) -> bool {
+        self.needs(Need::Mesh) && !self.is_of_points
+    }
+
     /// Whether it is made of something.
     pub fn needs(&self, need: Need) -> bool {
         self.needs.contains(&need)
@@ -209,6 +217,8 @@ pub fn stored(parameters: &Parameters) -> impl Iterator<Item = &'static Form> {
 pub struct Content<'a> {
     /// The labels.
     pub labels: Option<Labels<'a>>,
+    /// The cluster table of points, in place of a mesh.
+    pub points: Option<&'a PointTable>,
     /// The shape of what has labels, where it is no list.
     pub shape: Option<&'a [usize]>,
     /// The labels of iterations.

@@ -29,6 +29,7 @@ pub static REMESH: Artifact = Artifact {
         value: "OUT",
         help: "Where to write a triangle mesh with a vertex a cluster: OUT.ply, OUT.obj, OUT.stl, OUT.glb or OUT.vtp",
     }],
+    is_of_points: false,
     is_served: true,
 };
 
@@ -50,6 +51,7 @@ pub static REMESH_SOURCE: Artifact = Artifact {
         value: "OUT.npz",
         help: "Where to write what each vertex of the remesh stands for, to carry attributes over: OUT.npz",
     }],
+    is_of_points: false,
     is_served: true,
 };
 

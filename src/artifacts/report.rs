@@ -16,6 +16,7 @@ pub static REPORT: Artifact = Artifact {
         value: "OUT.json",
         help: "Where to write the report (JSON): a file, or - for standard output",
     }],
+    is_of_points: true,
     is_served: true,
 };
 

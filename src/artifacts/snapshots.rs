@@ -12,6 +12,7 @@ pub static SNAPSHOTS: Artifact = Artifact {
     forms: &[SNAPSHOTS_NPY, SNAPSHOTS_JSON],
     choices: &[],
     flags: &[],
+    is_of_points: true,
     is_served: false,
 };
 

@@ -55,6 +55,7 @@ pub static SUBMESHES: Artifact = Artifact {
         help: "Where to write the clusters as meshes of their own: OUT.glb, a node each; OUT.zip, a PLY each; \
                OUT.stl.zip or OUT.obj.zip; or OUT.npz, index buffers",
     }],
+    is_of_points: false,
     is_served: true,
 };
 

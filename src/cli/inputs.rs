@@ -35,7 +35,7 @@ pub struct OneMesh {
 /// Which meshes are read.
 #[derive(Debug, clap::Args)]
 pub struct Meshes {
-    #[arg(value_name = "INPUT", id = "input", required = true, num_args = 1.., help = format!("{}; or points with neighbours: .npy or .npz", help("The mesh, or several")),
+    #[arg(value_name = "INPUT", id = "input", required = true, num_args = 1.., help = format!("{}; or points with neighbours: .npy, .npz, .png or .jpg", help("The mesh, or several")),
           help_heading = heading::INPUT, display_order = 0)]
     inputs: Vec<PathBuf>,
 

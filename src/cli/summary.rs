@@ -3,7 +3,7 @@
 use std::fmt::{self, Display};
 
 use tesserae_mesh::remesh::Summary;
-use tesserae_mesh::report::Report;
+use tesserae_mesh::report::{Input, Report};
 
 /// A count with a comma before each group of three digits.
 pub fn count(number: u64) -> String {
@@ -36,12 +36,17 @@ pub struct Balance {
 }
 
 impl Balance {
-    /// Of labels below `clusters`; none of no labels.
+    /// Of labels, of which those from `clusters` on are of masked items; none of no labels.
     pub fn of(labels: &[u32], clusters: u64) -> Option<Self> {
         let mut faces = vec![0u64; usize::try_from(clusters).ok()?];
-        labels.iter().for_each(|&label| faces[label as usize] += 1);
+        for &label in labels {
+            if let Some(faces) = faces.get_mut(label as usize) {
+                *faces += 1;
+            }
+        }
+        let all: u64 = faces.iter().sum();
         let largest = faces.into_iter().max().filter(|&largest| largest > 0)?;
-        Some(Self { largest, ratio: largest as f64 * clusters as f64 / labels.len() as f64 })
+        Some(Self { largest, ratio: largest as f64 * clusters as f64 / all as f64 })
     }
 }
 
@@ -58,6 +63,8 @@ pub struct Row {
     pub name: String,
     /// Faces of the mesh.
     pub faces: u64,
+    /// Whether these are items of points.
+    pub are_items: bool,
     /// Clusters; none of a whole hierarchy.
     pub clusters: Option<u64>,
     /// The largest cluster.
@@ -82,6 +89,7 @@ impl Row {
         Self {
             name,
             faces: report.input.items(),
+            are_items: matches!(report.input, Input::Points(_)),
             clusters: labels.map(|_| report.clusters),
             balance: labels.and_then(|labels| Balance::of(labels, report.clusters)),
             energy: report.energy.final_.filter(|_| labels.is_some()),
@@ -105,19 +113,15 @@ impl Row {
     }
 
     fn what(&self) -> String {
-        let faces = count(self.faces);
+        let faces = format!("{} {}", count(self.faces), if self.are_items { "items" } else { "faces" });
         match (self.clusters, self.tree) {
-            (Some(1), _) => format!("1 cluster of {faces} faces"),
-            (Some(clusters), _) => format!("{} clusters of {faces} faces", count(clusters)),
-            (None, Some((rounds, 1))) => format!("a hierarchy of {faces} faces in {} rounds", count(rounds.into())),
+            (Some(1), _) => format!("1 cluster of {faces}"),
+            (Some(clusters), _) => format!("{} clusters of {faces}", count(clusters)),
+            (None, Some((rounds, 1))) => format!("a hierarchy of {faces} in {} rounds", count(rounds.into())),
             (None, Some((rounds, left))) => {
-                format!(
-                    "a hierarchy of {faces} faces in {} rounds, up to {} clusters",
-                    count(rounds.into()),
-                    count(left)
-                )
+                format!("a hierarchy of {faces} in {} rounds, up to {} clusters", count(rounds.into()), count(left))
             }
-            (None, None) => format!("a hierarchy of {faces} faces"),
+            (None, None) => format!("a hierarchy of {faces}"),
         }
     }
 }
@@ -202,7 +206,7 @@ mod tests {
 
     #[test]
     fn balance_is_that_of_the_largest_cluster() {
-        let balance = Balance::of(&[0, 0, 0, 1, 2, 2], 3).expect("labels");
+        let balance = Balance::of(&[0, 0, u32::MAX, 0, 1, 2, 2], 3).expect("labels");
         assert_eq!((balance.largest, balance.ratio), (3, 1.5));
         assert!(Balance::of(&[], 0).is_none());
     }

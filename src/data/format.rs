@@ -14,11 +14,15 @@ pub enum Format {
     Npy,
     /// Several of them in an archive.
     Npz,
+    /// An image without loss.
+    Png,
+    /// A photo.
+    Jpeg,
 }
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 2] = [Self::Npy, Self::Npz];
+    pub const ALL: [Self; 4] = [Self::Npy, Self::Npz, Self::Png, Self::Jpeg];
 
     /// The format of a file that begins with these bytes.
     pub fn of(bytes: &[u8]) -> Option<Self> {
@@ -30,14 +34,23 @@ impl Format {
         match self {
             Self::Npy => npy::MAGIC,
             Self::Npz => npz::MAGIC,
+            Self::Png => b"\x89PNG\r\n\x1a\n",
+            Self::Jpeg => b"\xff\xd8\xff",
         }
     }
 
-    /// Its name, and the extension of its files.
+    /// Whether it is one of images.
+    pub fn is_image(self) -> bool {
+        matches!(self, Self::Png | Self::Jpeg)
+    }
+
+    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Npy => "npy",
             Self::Npz => "npz",
+            Self::Png => "png",
+            Self::Jpeg => "jpeg",
         }
     }
 
@@ -46,6 +59,8 @@ impl Format {
         match self {
             Self::Npy => "application/x-npy",
             Self::Npz => "application/zip",
+            Self::Png => "image/png",
+            Self::Jpeg => "image/jpeg",
         }
     }
 }

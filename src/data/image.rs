@@ -124,7 +124,7 @@ pub fn decode(bytes: &[u8], max_pixels: u64, max_bytes: u64) -> Result<Image> {
 /// An image whose samples or mask are not as many as it says; a number of clusters of 0; a compactness out of bounds.
 pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactness: f64) -> Result<PointSet> {
     let Image { width, height, channels, ref samples } = *image;
-    let pixels = width.checked_mul(height).unwrap_or(usize::MAX);
+    let pixels = width.saturating_mul(height);
     if !(1..=4).contains(&channels) || pixels.checked_mul(channels) != Some(samples.len()) {
         return Err(Error::parameter(format_args!(
             "an image of {width} × {height} pixels with {channels} channels, of which there must be 1 to 4, cannot have \

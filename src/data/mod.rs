@@ -28,6 +28,7 @@ pub mod npy;
 pub mod npz;
 mod order;
 mod read;
+mod table;
 
 pub use csr::Csr;
 pub use format::Format;
@@ -36,6 +37,7 @@ pub use knn::{MOST_NEIGHBOURS, knn};
 pub use lay::{Laid, lay};
 pub use members::Members;
 pub use read::{USUAL_NEIGHBOURS, read};
+pub use table::{ClusterEdge, PointCluster, PointTable};
 
 pub use crate::surface::Rows;
 

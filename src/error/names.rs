@@ -38,6 +38,7 @@ names! {
     BRIDGE_COMPONENTS "bridge_components",
     CLUSTERS "clusters",
     COLLAPSE_FRACTION "collapse_fraction",
+    COMPACTNESS "compactness",
     CURVATURE_EXPONENT "curvature_exponent",
     GRAPH "graph",
     LEVELS "levels",

@@ -88,7 +88,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     Ok(Outcome {
         labels,
         hierarchy,
-        shape: prepared.subject.shape(),
+        shape: prepared.subject.points().map(|points| points.set.shape.clone()),
         snapshots,
         mesh: prepared.mesh.clone(),
         origin: prepared.origin.clone(),

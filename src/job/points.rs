@@ -2,15 +2,19 @@
 
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use super::prepare::plan;
 use super::{InputFile, JobSpec, Planned, Points, Prepared, Refusal, Subject, Width, milliseconds};
-use crate::data::{self, Format, Graph, Laid, Members, PointSet, lay, npz};
+use crate::data::{
+    self, ClusterEdge, Format, Graph, Laid, Members, PointCluster, PointSet, PointTable, image, lay, npz,
+};
 use crate::device::FREE;
 use crate::energy::Functional;
 use crate::energy::cvd::Cvd;
 use crate::error::Error;
 use crate::mesh::Limits;
-use crate::parameters::{Neighbours, Parameters};
+use crate::parameters::{Name, Neighbours, Parameters};
 use crate::report::{Input, PointsInput, Timings, WeightedBy};
 use crate::surface::{DualGraph, Items, Moves, Units};
 
@@ -52,16 +56,48 @@ pub struct PointsInMemory<'a> {
 
 /// Reads, checks and prepares points. Needs no device.
 pub fn prepare_points(request: &PointsRequest<'_>) -> Result<Prepared, Refusal> {
-    let PointsRequest { bytes, format, limits, parameters, graph, seeds, weights } = *request;
+    let PointsRequest { format, limits, parameters, seeds, .. } = *request;
     let started = Instant::now();
     parameters.check_points()?;
+    let set = if format.is_image() { superpixels(request)? } else { arrays(request)? };
+    let format = Some(format);
+    prepare_points_in_memory(PointsInMemory { set, format, max_items: limits.max_faces, parameters, seeds, started })
+}
+
+/// The points of arrays.
+fn arrays(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
+    let PointsRequest { bytes, limits, parameters, graph, weights, .. } = *request;
+    if let Some(compactness) = parameters.compactness {
+        let error = format_args!("{} goes with images, not with arrays: {compactness}", Name::COMPACTNESS);
+        return Err(Refusal::from(Error::parameter(error)));
+    }
     let graph = match graph {
         Some(graph) => Some(Graph::Rows(npz::graph(graph, limits.max_bytes).map_err(Refusal::of(InputFile::Graph))?)),
         None => parameters.graph.as_ref().and_then(Neighbours::graph),
     };
-    let set = data::read(bytes, weights, graph, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))?;
-    let format = Some(format);
-    prepare_points_in_memory(PointsInMemory { set, format, max_items: limits.max_faces, parameters, seeds, started })
+    data::read(bytes, weights, graph, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))
+}
+
+/// The pixels of an image.
+fn superpixels(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
+    let PointsRequest { bytes, limits, parameters, graph, weights, .. } = *request;
+    let others = [(Name::GRAPH, graph.is_some() || parameters.graph.is_some()), (Name::WEIGHTS, weights.is_some())];
+    if let Some((name, _)) = others.into_iter().find(|&(_, is_given)| is_given) {
+        return Err(Refusal::from(Error::parameter(format_args!(
+            "{name} goes with arrays, not with images, whose pixels are neighbours in a grid and weigh the same: leave \
+             it out"
+        ))));
+    }
+    let clusters = parameters.clusters.ok_or_else(|| {
+        Error::parameter(format_args!(
+            "{} is missing: the size of superpixels decides how much the place of a pixel counts",
+            Name::CLUSTERS
+        ))
+    })?;
+    let compactness = parameters.compactness.unwrap_or(image::USUAL_COMPACTNESS);
+    image::decode(bytes, limits.max_faces, limits.max_bytes)
+        .and_then(|image| image::superpixels(&image, None, clusters, compactness))
+        .map_err(Refusal::of(InputFile::Mesh))
 }
 
 /// Checks and prepares points in memory.
@@ -174,36 +210,104 @@ impl<const D: usize> Planned<Cvd<D>>
 where
     Cvd<D>: Functional<Position = [f64; D]>,
 {
-    /// Energy of labels of internal items, in source units.
-    fn energy(&self, set: &PointSet, members: &Members, label: impl Fn(usize) -> u32, clusters: usize) -> f64 {
-        let item = |(internal, &member): (usize, &u32)| {
+    /// Position, weight and label of each internal item, in source units, positions about the centre.
+    fn source<'a>(
+        &'a self,
+        points: &'a Points,
+        label: impl Fn(usize) -> u32 + Copy + 'a,
+    ) -> impl Iterator<Item = ([f64; D], f64, u32)> + Clone + 'a {
+        let Points { set, members, .. } = points;
+        self.items.upload_face.iter().enumerate().map(move |(internal, &member)| {
             let item = members.item(member) as usize;
             let mut position = [0.0; D];
             for (axis, x) in position.iter_mut().enumerate().take(set.dimensions) {
                 *x = set.at(item, axis) - self.items.units.centre[axis];
             }
             (position, set.weight(item), label(internal))
+        })
+    }
+
+    /// The cluster table of labels of internal items.
+    fn table(&self, points: &Points, labels: &[u32], clusters: usize) -> PointTable {
+        let items = &self.items;
+        let of_cluster = |cluster| {
+            let mean = vec![0.0; points.set.dimensions];
+            PointCluster { cluster, items: 0, weight: 0.0, energy: 0.0, neighbours: 0, component: 0, mean }
         };
-        let items = self.items.upload_face.iter().enumerate().map(item);
-        Cvd::<D>::source_energy(items, clusters)
+        let mut rows: Vec<PointCluster> = (0..clusters as u32).map(of_cluster).collect();
+        let source = self.source(points, |item| labels[item]);
+        for (position, weight, label) in source.clone() {
+            let row = &mut rows[label as usize];
+            row.items += 1;
+            row.weight += weight;
+            row.mean.iter_mut().zip(position).for_each(|(sum, x)| *sum += weight * x);
+        }
+        for row in &mut rows {
+            let centres = items.units.centre;
+            row.mean.iter_mut().zip(centres).for_each(|(sum, centre)| *sum = *sum / row.weight + centre);
+        }
+        Cvd::<D>::source_terms(source, clusters).for_each(|(label, term)| rows[label as usize].energy += term);
+        for (component, of_component) in (0..).zip(&items.components) {
+            of_component.range().for_each(|item| rows[labels[item] as usize].component = component);
+        }
+        let mut pairs: Vec<(u32, u32)> = Vec::new();
+        for item in 0..items.faces() as u32 {
+            let label = labels[item as usize];
+            let near = items.neighbours_of(item).iter().map(|&near| labels[near as usize]);
+            pairs.extend(near.filter(|&near| label < near).map(|near| (label, near)));
+        }
+        pairs.par_sort_unstable();
+        let edge = |pairs: &[(u32, u32)]| {
+            let (source, target) = pairs[0];
+            ClusterEdge { source, target, pairs: pairs.len() as u64 }
+        };
+        let edges: Vec<ClusterEdge> = pairs.chunk_by(|a, b| a == b).map(edge).collect();
+        for ClusterEdge { source, target, .. } in &edges {
+            rows[*source as usize].neighbours += 1;
+            rows[*target as usize].neighbours += 1;
+        }
+        PointTable { rows, edges }
     }
 }
 
 impl Points {
     /// Energy of labels of internal items, in source units: Σ weight × squared distance to the mean of the cluster.
     pub(super) fn energy(&self, label: impl Fn(usize) -> u32 + Copy, clusters: usize) -> f64 {
-        let Self { set, members, planned } = self;
-        match planned {
-            Width::D3(planned) => planned.energy(set, members, label, clusters),
-            Width::D8(planned) => planned.energy(set, members, label, clusters),
-            Width::D16(planned) => planned.energy(set, members, label, clusters),
-            Width::D32(planned) => planned.energy(set, members, label, clusters),
-            Width::D64(planned) => planned.energy(set, members, label, clusters),
+        macro_rules! energy {
+            ($planned:expr, $d:literal) => {
+                Cvd::<$d>::source_energy($planned.source(self, label), clusters)
+            };
+        }
+        match &self.planned {
+            Width::D3(planned) => energy!(planned, 3),
+            Width::D8(planned) => energy!(planned, 8),
+            Width::D16(planned) => energy!(planned, 16),
+            Width::D32(planned) => energy!(planned, 32),
+            Width::D64(planned) => energy!(planned, 64),
+        }
+    }
+
+    /// The cluster table of labels, one an item, as [`with_masked`](Self::with_masked) gives them.
+    pub fn table(&self, labels: &[u32], clusters: u64) -> PointTable {
+        let clusters = clusters as usize;
+        macro_rules! table {
+            ($planned:expr) => {{
+                let label = |&member: &u32| labels[self.members.item(member) as usize];
+                let internal: Vec<u32> = $planned.items.upload_face.iter().map(label).collect();
+                $planned.table(self, &internal, clusters)
+            }};
+        }
+        match &self.planned {
+            Width::D3(planned) => table!(planned),
+            Width::D8(planned) => table!(planned),
+            Width::D16(planned) => table!(planned),
+            Width::D32(planned) => table!(planned),
+            Width::D64(planned) => table!(planned),
         }
     }
 
     /// Labels of those that take part as labels of all items: [`FREE`] of those that a mask leaves out.
-    pub(super) fn with_masked(&self, labels: Vec<u32>) -> Vec<u32> {
+    pub fn with_masked(&self, labels: Vec<u32>) -> Vec<u32> {
         if labels.len() == self.set.items() {
             return labels;
         }

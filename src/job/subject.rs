@@ -111,11 +111,11 @@ impl Subject {
         self.of_three().is_none()
     }
 
-    /// The shape of what has labels, where it is no list.
-    pub(super) fn shape(&self) -> Option<Vec<usize>> {
+    /// The points, of points.
+    pub fn points(&self) -> Option<&Points> {
         match self {
             Self::Mesh(..) => None,
-            Self::Points(points) => Some(points.set.shape.clone()),
+            Self::Points(points) => Some(points),
         }
     }
 

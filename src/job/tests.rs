@@ -11,6 +11,7 @@ fn a_mesh_is_kept_for_an_output_that_needs_it_and_for_no_other() {
         forms: &[],
         choices: &[],
         flags: &[],
+        is_of_points: false,
         is_served: false,
     };
     let parameters = Parameters { clusters: Some(1), ..Parameters::default() };

@@ -15,6 +15,7 @@ mod messages;
 mod names;
 mod other;
 mod outputs;
+mod points;
 mod running;
 mod serve;
 mod streams;

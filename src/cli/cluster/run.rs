@@ -10,7 +10,8 @@ use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::hierarchy::Cut;
 use tesserae_mesh::hierarchy::linkage::no_single_root;
 use tesserae_mesh::job::{
-    self, Ahead, InputFile, OnDevice, Outcome, PointsRequest, Prepared, Preparing, Refusal, Request, milliseconds,
+    self, Ahead, InputFile, OnDevice, Outcome, Points, PointsRequest, Prepared, Preparing, Refusal, Request,
+    milliseconds,
 };
 use tesserae_mesh::parameters::{Neighbours, Seeds};
 use tesserae_mesh::remesh::Remesh;
@@ -72,7 +73,8 @@ impl Run<'_> {
             let mut outcome = device.run(&prepared, &cancel, &mut |row| self.progress.row(&row))?;
             self.progress.stage("writing", from + CLUSTERED * share..from + share);
             let of_run = if self.arguments.is_cut() { &files.of_run } else { of_clusters };
-            self.write(mesh, &mut outcome, of_run, begin)?;
+            let points = prepared.subject.points();
+            self.write(mesh, points, &mut outcome, of_run, begin)?;
             let warnings: Vec<&String> =
                 outcome.report.warnings.iter().filter(|warning| said.insert((*warning).clone())).collect();
             if !self.arguments.quiet.quiet {
@@ -80,7 +82,7 @@ impl Run<'_> {
                 self.progress.pause(|| warnings.iter().for_each(say));
             }
             if self.arguments.is_cut() {
-                self.cuts(mesh, &outcome, &files, begin)?;
+                self.cuts(mesh, points, &outcome, &files, begin)?;
             } else {
                 self.rows.push(Row::new(input.clone(), &outcome.report, outcome.labels.as_deref()));
             }
@@ -126,6 +128,11 @@ impl Run<'_> {
                 job::open(&request, |opened| opened.prepare_telling(&mut tell)).and_then(|prepared| prepared)
             }
             FileFormat::Points(format) => {
+                if format.is_image() && !arguments.is_cut() && arguments.clusters.len() > 1 {
+                    return Err(Refusal::from(Error::parameter(
+                        "how much the place of a pixel counts depends on the number of clusters: give one for an image",
+                    )));
+                }
                 let parameters = &parameters;
                 tell(Preparing::Surface);
                 job::prepare_points(&PointsRequest { bytes: &bytes, format, limits, parameters, graph, seeds, weights })
@@ -158,6 +165,7 @@ impl Run<'_> {
     fn write(
         &self,
         mesh: &MeshFile,
+        points: Option<&Points>,
         outcome: &mut Outcome,
         files: &[OutputFile],
         begin: Instant,
@@ -166,23 +174,30 @@ impl Run<'_> {
         let remesh = OnceLock::new();
         let (with_report, others): (Vec<&OutputFile>, Vec<&OutputFile>) =
             files.iter().partition(|file| file.needs(Need::Report));
-        self.write_files(mesh, &others, &outcome.content(), &remesh)?;
+        self.write_files(mesh, points, &others, &outcome.content(), &remesh)?;
         self.write_iterations(mesh, outcome, files)?;
         outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
         outcome.report.timings_ms.write = milliseconds(writing.elapsed());
         outcome.report.timings_ms.total = milliseconds(begin.elapsed());
-        self.write_files(mesh, &with_report, &outcome.content(), &remesh)
+        self.write_files(mesh, points, &with_report, &outcome.content(), &remesh)
     }
 
     fn write_files(
         &self,
         mesh: &MeshFile,
+        points: Option<&Points>,
         files: &[&OutputFile],
         content: &Content<'_>,
         remesh: &OnceLock<Remesh>,
     ) -> Result<(), Failure> {
         let (limits, choices) = (self.arguments.outputs.limits(), self.choices);
-        let content = Content { limits, choices, is_indented: true, remesh: Some(remesh), ..*content };
+        let is_table = |file: &&&OutputFile| file.artifact.is_of_points && file.needs(Need::Mesh);
+        let table = match (points, content.labels, files.iter().find(is_table)) {
+            (Some(points), Some(labels), Some(_)) => Some(points.table(labels.labels, labels.clusters)),
+            _ => None,
+        };
+        let points = table.as_ref();
+        let content = Content { limits, choices, is_indented: true, remesh: Some(remesh), points, ..*content };
         files.iter().enumerate().try_for_each(|(nth, file)| {
             self.progress.advance(nth as f64 / files.len() as f64);
             file.write(&content, &mesh.source)
@@ -197,21 +212,35 @@ impl Run<'_> {
             let places: Vec<Output<'_>> = files.iter().map(OutputFile::place).chain([file.place()]).collect();
             check_places("cluster", &inputs(self.arguments), &places)?;
             let labels = Labels::new(outcome.report.clusters, labels_then);
-            file.write(&Content { labels: Some(labels), ..Content::default() }, &mesh.source)
+            let shape = outcome.shape.as_deref();
+            file.write(&Content { labels: Some(labels), shape, ..Content::default() }, &mesh.source)
         })
     }
 
     /// Cuts a hierarchy at each number of clusters and writes what is made of the labels.
-    fn cuts(&mut self, mesh: &MeshFile, outcome: &Outcome, files: &Files, mut begin: Instant) -> Result<(), Failure> {
+    fn cuts(
+        &mut self,
+        mesh: &MeshFile,
+        points: Option<&Points>,
+        outcome: &Outcome,
+        files: &Files,
+        mut begin: Instant,
+    ) -> Result<(), Failure> {
         let Some(stored) = &outcome.hierarchy else { return Ok(()) };
         for (clusters, files) in &files.of_clusters {
-            let cut = stored.tree.labels_at(clusters.unwrap_or(1)).map_err(Failure::about(&mesh.source))?;
+            let mut cut = stored.tree.labels_at(clusters.unwrap_or(1)).map_err(Failure::about(&mesh.source))?;
+            let row = of_cut(Row::new(mesh.source.to_string(), &outcome.report, None), &cut);
+            if let Some(points) = points {
+                cut.labels = points.with_masked(cut.labels);
+            }
             let remesh = OnceLock::new();
-            let content = Content { labels: Some(Labels::from(&cut)), ..outcome.content() };
-            self.write_files(mesh, &files.iter().collect::<Vec<_>>(), &content, &remesh)?;
-            let row = Row::new(mesh.source.to_string(), &outcome.report, None);
+            let content = Content {
+                labels: Some(Labels { clusters: row.clusters.unwrap_or(0), ..Labels::from(&cut) }),
+                ..outcome.content()
+            };
+            self.write_files(mesh, points, &files.iter().collect::<Vec<_>>(), &content, &remesh)?;
             let remesh = remesh.get().map(|remesh| remesh.summary);
-            self.rows.push(Row { remesh, seconds: begin.elapsed().as_secs_f64(), ..of_cut(row, &cut) });
+            self.rows.push(Row { remesh, seconds: begin.elapsed().as_secs_f64(), ..row });
             begin = Instant::now();
         }
         Ok(())
@@ -280,7 +309,7 @@ impl FilesBeside {
 
 /// Refuses outputs that are made of a mesh.
 fn check_outputs_of_points(files: &Files) -> tesserae_mesh::error::Result<()> {
-    match files.all().find(|file| file.needs(Need::Mesh)) {
+    match files.all().find(|file| file.artifact.is_of_meshes_alone()) {
         Some(file) => Err(Error::parameter(format_args!(
             "{} is made of a mesh, and these are points: leave it out",
             file.named()
