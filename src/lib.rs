@@ -31,8 +31,8 @@
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
 //!
-//! Below all of them: `union_find`, `power` and `prefetch`. The feature `gpu` has the device of that name (wgpu); without it,
-//! everything else works on the cpu.
+//! Below all of them: `union_find`, `power` and `prefetch`. The feature `gpu` has the device of that name (wgpu);
+//! without it, everything else works on the cpu.
 //!
 //! # Where to begin
 //!

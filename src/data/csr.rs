@@ -48,7 +48,8 @@ impl Csr {
             if !(0..rows as i64).contains(&index) {
                 let row = offsets.partition_point(|&offset| offset as usize <= at) - 1;
                 return Err(Error::parameter(format_args!(
-                    "indices must be from 0 to {}, one less than the number of rows; entry {at}, in row {row}, is {index}",
+                    "indices must be from 0 to {}, one less than the number of rows; entry {at}, in row {row}, is \
+                     {index}",
                     rows as i64 - 1
                 )));
             }

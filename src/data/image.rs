@@ -127,8 +127,8 @@ pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactn
     let pixels = width.saturating_mul(height);
     if !(1..=4).contains(&channels) || pixels.checked_mul(channels) != Some(samples.len()) {
         return Err(Error::parameter(format_args!(
-            "an image of {width} × {height} pixels with {channels} channels, of which there must be 1 to 4, cannot have \
-             so many samples: {}",
+            "an image of {width} × {height} pixels with {channels} channels, of which there must be 1 to 4, cannot \
+             have so many samples: {}",
             samples.len()
         )));
     }

@@ -67,7 +67,7 @@ fn in_tree<const D: usize>(points: &[[i32; D]], count: usize, budget: u64) -> Re
         for &query in queries {
             let mut nearest = Nearest::new(count);
             let visited = nearest.search(points, &root, &numbers, query);
-            // the sum does not depend on the order of the searches, so that it is above the budget in each run or in none
+            // the sum of all searches is the same in each run, whatever their order
             if compared.fetch_add(visited, Ordering::Relaxed) + visited > budget {
                 return Err(too_much(points.len()));
             }

@@ -5,9 +5,9 @@
 //! ```
 //!
 //! A [`PointSet`] is what was uploaded: n items of d coordinates, in upload order. [`lay()`] turns it into what
-//! algorithms see: integer points (`frame`), neighbours (`grid`, `csr`, `knn`), components (`neighbours`; `bridge` joins
-//! them) and weights, in an internal order that keeps neighbours close in memory (`order`). `docs/arithmetic.md` has the
-//! bounds.
+//! algorithms see: integer points (`frame`), neighbours (`grid`, `csr`, `knn`), components (`neighbours`; `bridge`
+//! joins them) and weights, in an internal order that keeps neighbours close in memory (`order`).
+//! `docs/arithmetic.md` has the bounds.
 //!
 //! Everything up to the lattice is scalar f64 in a fixed order; what is decided after it is decided in integers. So a
 //! result is the same on every machine and for any number of threads.

@@ -139,7 +139,8 @@ impl<'a> Archive<'a> {
         let declared = verifier.uncompressed_size;
         self.left = self.left.checked_sub(declared).ok_or_else(|| {
             Error::too_large(format_args!(
-                "the arrays of the .npz file may have at most {} bytes together; {name}.npy would pass that with {declared}",
+                "the arrays of the .npz file may have at most {} bytes together; {name}.npy would pass that with \
+                 {declared}",
                 self.limit
             ))
         })?;

@@ -337,7 +337,8 @@ proptest! {
 
     #[test]
     fn a_damaged_array_is_read_or_refused(at in 0usize..140, byte: u8, cut in 0usize..200) {
-        let mut bytes = [npy_header("<f4", "(3, 4)"), numbers(6).iter().flat_map(|x| x.to_le_bytes()).collect()].concat();
+        let data = numbers(6).iter().flat_map(|x| x.to_le_bytes()).collect();
+        let mut bytes = [npy_header("<f4", "(3, 4)"), data].concat();
         bytes[at] = byte;
         bytes.truncate(cut.max(6));
         let graph = if byte % 2 == 0 { None } else { Some(Graph::Grid { full: true }) };
