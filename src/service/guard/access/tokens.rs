@@ -39,7 +39,7 @@ pub struct Quotas {
     /// Jobs that may run at a time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_running_jobs: Option<u64>,
-    /// Share of the running jobs and of the device's time, from 1 on: a tenant of weight 2 gets twice as much as one of
+    /// Share of the running jobs, from 1 on: a tenant of weight 2 gets twice as much as one of
     /// weight 1, which is what a tenant has when this is left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weight: Option<NonZeroU32>,

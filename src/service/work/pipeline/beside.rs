@@ -14,17 +14,16 @@ use tesserae_mesh::device::Device;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::Outcome;
 use tesserae_mesh::report::DeviceKind;
-use tokio::sync::oneshot;
+use tokio::sync::{Semaphore, oneshot};
 
 use super::bounds::{caught, pool, within};
 use super::task::Task;
-use super::turns::Line;
 use crate::metrics::Metrics;
 use crate::ops::faults::Faults;
 
 /// Threads for one short mesh at a time.
 pub(super) struct Beside {
-    line: Arc<Line>,
+    turn: Arc<Semaphore>,
     threads: ThreadPool,
     /// Makes devices for them.
     like: Mutex<Box<dyn Device>>,
@@ -37,7 +36,7 @@ impl Beside {
             return Ok(None);
         };
         let threads = pool(0, |index| format!("beside-{index}"))?;
-        Ok(Some(Self { line: Arc::default(), threads, like: Mutex::new(like) }))
+        Ok(Some(Self { turn: Arc::new(Semaphore::new(1)), threads, like: Mutex::new(like) }))
     }
 
     /// Clusters a mesh, in its turn among the short ones, and makes results of that. [`Kind::TimeLimit`] when it takes
@@ -49,8 +48,8 @@ impl Beside {
         faults: Faults,
         limit: Option<Duration>,
     ) -> Result<Outcome> {
-        let turn = self.line.turn(task.visit.clone()).await;
         let gone = || Error::new(Kind::Internal, "the threads for short meshes are gone");
+        let turn = Arc::clone(&self.turn).acquire_owned().await.map_err(|_| gone())?;
         let device = self.like.lock().another().ok_or_else(gone)?;
         let (reply, outcome) = oneshot::channel();
         self.threads.spawn(move || {

@@ -12,7 +12,7 @@
 //! no part otherwise.
 //!
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
-//! [short](Beside) one beside a long one. The others take [turns](Line), shared fairly among tenants.
+//! [short](Beside) one beside a long one. The others take [turns](Line).
 
 use std::fmt;
 use std::sync::Arc;
@@ -33,7 +33,7 @@ use super::beside::Beside;
 use super::bounds::{caught, pool, within};
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
-use super::turns::{Line, Place, Visit};
+use super::turns::Line;
 use crate::metrics::Metrics;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
@@ -59,7 +59,7 @@ pub(crate) struct DeviceThread {
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
     /// The meshes that wait for the thread.
-    line: Arc<Line>,
+    line: Line,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
     beside: Option<Beside>,
     timeout: Duration,
@@ -111,7 +111,7 @@ impl DeviceThread {
         let beside = Beside::start(device.as_ref())?;
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
-        Ok(Self { shared, like, thread, line: Arc::default(), beside, timeout })
+        Ok(Self { shared, like, thread, line: Line::default(), beside, timeout })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
@@ -125,10 +125,10 @@ impl DeviceThread {
             return within(limit, thread.run(work)).await;
         }
         let turn = match &self.beside {
-            None => self.line.turn(task.visit.clone()).await,
-            Some(beside) => match self.line.place(task.visit.clone()).await {
-                Place::Turn(turn) => turn,
-                Place::Beside => {
+            None => self.line.turn(task.cost).await,
+            Some(beside) => match self.line.turn_unless_short(task.cost).await {
+                Some(turn) => turn,
+                None => {
                     let (metrics, faults) = (Arc::clone(&self.shared.metrics), self.shared.faults.clone());
                     return beside.run(task, metrics, faults, limit).await;
                 }
@@ -151,7 +151,7 @@ impl DeviceThread {
     pub(super) async fn is_there(&self) {
         while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
             tokio::time::sleep(REOPEN).await;
-            let _turn = self.line.turn(Visit::of_nobody()).await;
+            let _turn = self.line.turn(0).await;
             let _ = self.submit(None).await;
         }
     }

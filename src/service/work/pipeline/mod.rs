@@ -26,7 +26,6 @@ mod small;
 mod stages;
 mod task;
 mod turns;
-mod virtual_times;
 mod watched;
 
 pub(crate) use self::memory::Memory;
