@@ -20,7 +20,6 @@ use crate::guard::access::Access;
 use crate::guard::traffic::{Traffic, connections};
 use crate::http::router::router;
 use crate::http::state::{DeviceDescription, Shared};
-use crate::ingest::admission::Admission;
 use crate::metrics::Metrics;
 use crate::metrics::lag;
 use crate::ops::blocking::blocking;
@@ -187,8 +186,6 @@ impl Server {
             patience: extras.patience.unwrap_or(PATIENCE),
         };
         let pipeline = Pipeline::start(parts, costs)?;
-        let most = settings.traffic.max_queued_jobs_per_tenant;
-        let admission = Admission::new(store.clone(), Arc::clone(&metrics), most);
         let shared = Arc::new(Shared {
             store,
             files,
@@ -201,7 +198,6 @@ impl Server {
             memory: pipeline.memory(),
             traffic: Arc::new(Traffic::new(&settings, Arc::clone(&access), extras.faults.clone())),
             access,
-            admission,
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
             metrics,
             settings,

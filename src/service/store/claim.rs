@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use tesserae_mesh::error::Result;
 
-use super::change::{Live, Transaction, live, standing, unplaced};
+use super::change::{Live, Transaction, standing, unplaced};
 use super::database::rows::{Abort, Query, Row, Rows, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
@@ -36,7 +36,7 @@ const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
 const CLOCK: &str = "SELECT coalesce(max(served), 0.0) AS clock FROM tenants";
 
 /// The running jobs of a worker.
-const MINE: &str = live!("WHERE state = 'running' AND worker_id = $1");
+const MINE: &str = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
 
 /// The first waiting jobs of a tenant.
 const HEADS: &str = "SELECT urgency, number FROM jobs \
@@ -60,9 +60,7 @@ const ALIVE: &str = "INSERT INTO workers (id, name, version, started_at, seen_at
         WHEN workers.alive_until < excluded.alive_until THEN excluded.alive_until ELSE workers.alive_until END";
 
 /// Running jobs whose lease is over, and what is known of their workers.
-const OVER: &str = "SELECT number, id, webhook, state, attempt, uncounted, begun, suspicion, not_before, worker, \
-    worker_id, started_at, lease_until, cancel_requested, last_seq, ends, \
-    (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
+const OVER: &str = "SELECT *, (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
     (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
     FROM jobs WHERE state = 'running' AND lease_until <= $1 FOR UPDATE";
 
@@ -124,7 +122,8 @@ impl Store {
             // the claim may still be under way
             change.rows.lock_queue(None);
             let mut jobs = 0;
-            for row in change.rows.query(live!("WHERE state = 'running' AND worker_id = $1 FOR UPDATE"), values![me])? {
+            let mine = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1 FOR UPDATE";
+            for row in change.rows.query(mine, values![me])? {
                 let live = Live::of(&row)?;
                 if !known.contains_key(&live.ticket()) {
                     let release = Change::Release { attempt: live.standing.attempt, release: Release::Free };
@@ -151,7 +150,7 @@ impl Store {
     /// Releases all running jobs, as their process died, and forgets it; how many they were.
     pub(super) async fn recover(&self) -> Result<usize> {
         let recovered = self.change("reclaim", |change| {
-            let rows = change.rows.query(live!("WHERE state = 'running'"), Vec::new())?;
+            let rows = change.rows.query("SELECT * FROM jobs WHERE state = 'running'", Vec::new())?;
             let jobs = rows.iter().map(Live::of).collect::<Result<Vec<_>>>()?;
             let count = jobs.len();
             give_back_of_lost(change, jobs)?;

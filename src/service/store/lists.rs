@@ -85,17 +85,13 @@ impl Store {
         Ok(counts)
     }
 
-    /// Number of jobs that wait.
-    pub async fn waiting(&self) -> Result<u64> {
-        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued'";
-        self.read("waiting_of", move |rows| rows.one(sql, Vec::new())).await?.get("jobs")
-    }
-
-    /// Number of jobs of a tenant that wait.
-    pub async fn waiting_of(&self, tenant: &str) -> Result<u64> {
+    /// Numbers of jobs that wait, and of those of a tenant.
+    pub async fn waiting(&self, tenant: &str) -> Result<(u64, u64)> {
         let values = values![tenant];
-        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = $1";
-        self.read("waiting_of", move |rows| rows.one(sql, values.clone())).await?.get("jobs")
+        let sql = "SELECT count(*) AS jobs, coalesce(sum(CASE WHEN tenant = $1 THEN 1 ELSE 0 END), 0) AS own \
+                   FROM jobs WHERE state = 'queued'";
+        let row = self.read("waiting", move |rows| rows.one(sql, values.clone())).await?;
+        Ok((row.get("jobs")?, row.get("own")?))
     }
 
     /// When the job was accepted that waits longest; none when no job waits.

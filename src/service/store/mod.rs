@@ -88,6 +88,6 @@ pub(crate) mod tests {
             kept: Kept::default(),
             referred: None,
         };
-        NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
+        NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new(), most_waiting: None }
     }
 }

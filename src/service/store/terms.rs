@@ -19,6 +19,8 @@ pub(crate) struct NewJob {
     pub idempotency: Option<Idempotency>,
     /// Small blobs of its upload, kept until it ends, and beyond that when it is [given up](Job::keeps_upload).
     pub upload: Vec<SmallBlob>,
+    /// Jobs of its tenant that may wait; any number when none.
+    pub most_waiting: Option<u64>,
 }
 
 /// The `Idempotency-Key` of a request, and the request it stands for.

@@ -9,7 +9,7 @@
 //! | all streams | [`admit`] | answered with 503 |
 //! | bytes of uploads that are coming in | `service::budget` | answered with 503 |
 //!
-//! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `admission`.
+//! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `queue`.
 
 mod clients;
 pub(crate) mod connections;

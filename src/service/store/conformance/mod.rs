@@ -51,6 +51,7 @@ pub(crate) async fn run(subject: &dyn Subject) {
     life::a_new_job_is_as_it_was_created(make(9).await.as_ref()).await;
     life::jobs_are_claimed_in_order_and_once(make(9).await.as_ref()).await;
     life::a_full_queue_refuses_until_a_job_starts(make(2).await.as_ref()).await;
+    life::a_tenant_has_no_more_waiting_jobs_than_it_may(make(9).await.as_ref()).await;
     life::events_are_numbered_and_read_from_anywhere(make(9).await.as_ref()).await;
     life::every_end_is_told(make(9).await.as_ref()).await;
     life::a_ticket_that_is_over_writes_nothing(make(9).await.as_ref()).await;
@@ -115,7 +116,11 @@ async fn create(store: &Store) -> Job {
 }
 
 async fn add(store: &Store, id: JobId, spec: Spec) -> Job {
-    match store.create(NewJob { id, spec, idempotency: None, upload: Vec::new() }).await.expect("created") {
+    match store
+        .create(NewJob { id, spec, idempotency: None, upload: Vec::new(), most_waiting: None })
+        .await
+        .expect("created")
+    {
         Created::New(job) => job,
         Created::Known(job) => panic!("no key was given: {job:?}"),
     }
@@ -142,5 +147,6 @@ fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
         spec: Spec { tenant: tenant.to_owned(), ..spec("x") },
         idempotency: Some(Idempotency { key: key.to_owned(), request: request.to_owned() }),
         upload: Vec::new(),
+        most_waiting: None,
     }
 }
