@@ -60,22 +60,3 @@ impl Drop for Held {
         self.budget.held.fetch_sub(self.bytes, Ordering::Relaxed);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_ended_gives_its_bytes_back() {
-        let budget = Arc::new(Budget::new(100));
-        let mut first = budget.begin(Some(90)).expect("room");
-        first.add(90).expect("room");
-        assert_eq!(budget.begin(Some(11)).expect_err("full").kind, Kind::Overloaded);
-        let mut second = budget.begin(None).expect("nobody knows how long it is");
-        second.add(10).expect("room");
-        assert!(second.add(1).is_err());
-        drop((first, second));
-        assert_eq!(budget.held(), 0);
-        assert!(budget.begin(Some(100)).is_ok());
-    }
-}

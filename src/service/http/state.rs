@@ -90,13 +90,13 @@ impl Shared {
         job.ok_or_else(|| no_such_job(id))
     }
 
-    /// Jobs of a tenant that may wait. Without tokens all clients are one tenant: the limit of the whole queue is enough.
+    /// Jobs of a tenant that may wait; none without tokens, where the limit of the whole queue is enough.
     pub fn most_waiting(&self, tenant: &Tenant) -> Option<u64> {
         let most = self.settings.traffic.max_queued_jobs_per_tenant;
         tenant.quotas.max_queued_jobs.or((tenant.name != LOCAL_TENANT).then_some(most))
     }
 
-    /// The answer to a job that was not accepted: of a full queue with how many jobs wait, and for how long about.
+    /// The answer to a job that was not accepted; of a full queue with the jobs that wait, and about how long.
     pub async fn full(&self, error: Error, tenant: &Tenant) -> Failure {
         let waiting = match error.kind {
             Kind::QueueFull => self.store.waiting(&tenant.name).await.ok(),

@@ -268,13 +268,6 @@ mod tests {
     }
 
     #[test]
-    fn what_curl_says_by_default_is_explained() {
-        let error = kind("application/x-www-form-urlencoded").expect_err("no mesh");
-        assert_eq!(error.kind, Kind::UnsupportedMediaType);
-        assert!(error.message.contains("model/gltf-binary"), "{error}");
-    }
-
-    #[test]
     fn a_format_that_contradicts_the_media_type_is_refused() {
         assert!(agreed(Some(Format::Obj), Some(Format::Glb)).is_err());
         assert_eq!(agreed(Some(Format::Obj), None), Ok(Some(Format::Obj)));

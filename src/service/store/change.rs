@@ -98,7 +98,7 @@ pub struct Live {
     pub last_seq: u64,
     pub worker: Option<String>,
     pub worker_id: Option<Uuid>,
-    /// Where its end is told, and the `traceparent` for that.
+    /// The URL that its end is sent to, and the `traceparent` for that.
     pub webhook: Option<(String, Option<String>)>,
     pub ends: u32,
 }

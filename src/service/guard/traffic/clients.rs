@@ -143,34 +143,6 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_asks_too_often_waits_and_others_do_not() {
-        let clients = Arc::new(Clients::default());
-        let start = Instant::now();
-        let ask = |name, at: f64| {
-            clients.admit_at(client(name), ALLOWANCE, false, start + Duration::from_secs_f64(at)).map(drop)
-        };
-        for _ in 0..10 {
-            assert!(ask("a", 0.0).is_ok());
-        }
-        let refusal = ask("a", 0.0).expect_err("ten at once are five seconds' worth");
-        assert_eq!(refusal.error.kind, Kind::RateLimited);
-        assert!(ask("b", 0.0).is_ok());
-        assert!(ask("a", 0.4).is_err());
-        assert!(ask("a", 0.6).is_ok());
-        assert!(ask("a", 0.7).is_err());
-    }
-
-    #[test]
-    fn what_goes_on_counts_until_it_ends() {
-        let clients = Arc::new(Clients::default());
-        let stream = clients.admit(client("a"), ALLOWANCE, true).expect("the first");
-        assert!(clients.admit(client("a"), ALLOWANCE, true).is_err());
-        assert!(clients.admit(client("a"), ALLOWANCE, false).is_ok(), "streams and requests are counted apart");
-        drop(stream);
-        assert!(clients.admit(client("a"), ALLOWANCE, true).is_ok());
-    }
-
-    #[test]
     fn quiet_clients_are_forgotten_and_busy_ones_are_not() {
         let clients = Arc::new(Clients::default());
         let start = Instant::now();
