@@ -30,7 +30,7 @@ use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
 use crate::store::{Presence, Rules, Store};
 use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
-use crate::work::pipeline::{Costs, PATIENCE, Parts, Pipeline};
+use crate::work::pipeline::{PATIENCE, Parts, Pipeline};
 use crate::work::presence;
 use crate::work::webhooks::{Teller, Webhooks};
 
@@ -177,15 +177,13 @@ impl Server {
             )?,
             metrics: Arc::clone(&metrics),
             live: Arc::clone(&live),
-        };
-        let costs = Costs {
             limits: settings.limits(),
             slots: settings.meshes_in_memory,
             memory: settings.work.memory_budget,
             time: settings.work.max_job(),
             patience: extras.patience.unwrap_or(PATIENCE),
         };
-        let pipeline = Pipeline::start(parts, costs)?;
+        let pipeline = Pipeline::start(parts)?;
         let shared = Arc::new(Shared {
             store,
             files,

@@ -70,13 +70,6 @@ pub(crate) struct Snapshot {
     pub unknown_jobs: u64,
     /// Results that were not what was stored.
     pub results_damaged: u64,
-    /// What is left.
-    pub room: Room,
-}
-
-/// Room of the data folder and wait of the queue.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Room {
     /// Bytes that may still be written to the file system of the data folder; none where the system does not tell.
     pub disk_free: Option<u64>,
     /// Age of the job that waits longest; none when no job waits.
@@ -317,10 +310,10 @@ impl Metrics {
         }
         families.stuck_jobs.set(signed(now.stuck_jobs));
         families.unknown_jobs.set(signed(now.unknown_jobs));
-        if let Some(free) = now.room.disk_free {
+        if let Some(free) = now.disk_free {
             families.disk_free.set(signed(free));
         }
-        families.queue_oldest.set(now.room.oldest_queued.unwrap_or_default().as_secs_f64());
+        families.queue_oldest.set(now.oldest_queued.unwrap_or_default().as_secs_f64());
         families.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
         if let Some(bytes) = process::resident_bytes() {
             families.resident.set(bytes);

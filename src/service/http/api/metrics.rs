@@ -10,7 +10,7 @@ use axum::response::IntoResponse;
 
 use crate::guard::problem::{Answer, Problematic};
 use crate::http::state::App;
-use crate::metrics::{self, Room, Snapshot};
+use crate::metrics::{self, Snapshot};
 
 /// Metrics
 ///
@@ -24,10 +24,6 @@ use crate::metrics::{self, Room, Snapshot};
 )]
 pub(crate) async fn metrics(Extract(shared): App) -> Answer {
     let oldest = shared.store.oldest_queued().await?;
-    let room = Room {
-        disk_free: shared.files.free_bytes(),
-        oldest_queued: oldest.map(|time| time.elapsed().unwrap_or_default()),
-    };
     let now = Snapshot {
         jobs: shared.store.counts().await?,
         streams: shared.traffic.open_streams(),
@@ -37,7 +33,8 @@ pub(crate) async fn metrics(Extract(shared): App) -> Answer {
         stuck_jobs: shared.files.stuck.load(Ordering::Relaxed),
         unknown_jobs: shared.files.unknown(),
         results_damaged: shared.files.damages(),
-        room,
+        disk_free: shared.files.free_bytes(),
+        oldest_queued: oldest.map(|time| time.elapsed().unwrap_or_default()),
     };
     let text = shared.metrics.text(now, &shared.health)?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())

@@ -29,5 +29,5 @@ mod turns;
 mod watched;
 
 pub(crate) use self::memory::Memory;
-pub(crate) use self::parts::{Costs, Parts, Pipeline};
+pub(crate) use self::parts::{Parts, Pipeline};
 pub(crate) use self::patience::PATIENCE;

@@ -40,11 +40,6 @@ pub(crate) struct Parts {
     pub worker: Arc<str>,
     /// Failures on purpose.
     pub faults: Faults,
-}
-
-/// What jobs may cost.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Costs {
     /// What a mesh may cost.
     pub limits: Limits,
     /// Meshes in memory at a time.
@@ -82,22 +77,22 @@ pub(crate) struct Pipeline {
 
 impl Pipeline {
     /// A pipeline of these parts.
-    pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
-        let Parts { store, files, storage, device, metrics, live, shares, worker, faults } = parts;
+    pub fn start(parts: Parts) -> Result<Self> {
+        let Parts { store, files, storage, device, metrics, live, shares, worker, faults, .. } = parts;
         Ok(Self {
             store,
             files,
             storage,
             device,
-            limits: costs.limits,
-            time: costs.time,
-            patience: costs.patience,
-            slots: Arc::new(Semaphore::new(costs.slots)),
+            limits: parts.limits,
+            time: parts.time,
+            patience: parts.patience,
+            slots: Arc::new(Semaphore::new(parts.slots)),
             newcomer: Arc::new(Semaphore::new(1)),
             shares,
             worker,
             faults,
-            memory: Memory::new(costs.memory),
+            memory: Memory::new(parts.memory),
             small: SmallMeshes::start()?,
             leases: Arc::new(Leases::default()),
             metrics,
