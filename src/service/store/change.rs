@@ -28,12 +28,12 @@ pub struct Transaction<'t> {
 
 /// A `SELECT` for [`job`]: all columns, and the place in the tenant's queue.
 macro_rules! jobs {
-    ($rest:literal) => {
+    ($($rest:literal)+) => {
         concat!(
             "SELECT *, CASE state WHEN 'queued' THEN (SELECT count(*) FROM jobs AS before \
              WHERE before.state = 'queued' AND before.tenant = jobs.tenant \
              AND (before.urgency, before.number) <= (jobs.urgency, jobs.number)) END AS queue_position FROM jobs ",
-            $rest
+            $($rest),+
         )
     };
 }

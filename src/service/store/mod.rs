@@ -22,7 +22,6 @@ mod change;
 mod claim;
 #[cfg(test)]
 pub(crate) mod conformance;
-mod cursor;
 mod database;
 mod job;
 mod jobs;

@@ -34,9 +34,9 @@ CREATE INDEX jobs_waiting ON jobs (state, tenant, urgency, number) WHERE state =
 CREATE INDEX jobs_suspect ON jobs (state, tenant, not_before, number) WHERE state = 'queued' AND suspicion > 0;
 CREATE INDEX jobs_running ON jobs (state, tenant, worker_id) WHERE state = 'running';
 CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE ended_at IS NOT NULL;
-CREATE INDEX jobs_by_tenant ON jobs (tenant, number);
+CREATE INDEX jobs_by_tenant ON jobs (tenant, created_at, id);
 -- without jobs that have not ended: a claim must not read those that have
-CREATE INDEX jobs_ended ON jobs (tenant, state, number) WHERE ended_at IS NOT NULL;
+CREATE INDEX jobs_ended ON jobs (tenant, state, created_at, id) WHERE ended_at IS NOT NULL;
 
 CREATE TABLE events (
     job  INTEGER NOT NULL,
@@ -95,11 +95,10 @@ CREATE TABLE duties (
     until  INTEGER NOT NULL
 ) STRICT;
 
--- One row: what must outlast the process and is no job.
-CREATE TABLE secrets (
-    id      INTEGER PRIMARY KEY,
-    cursors BLOB NOT NULL, -- key of the cursors of lists
-    name    TEXT NOT NULL  -- of this store, to know its files by
+-- One row: the name of this store, by which its files are known.
+CREATE TABLE identity (
+    id   INTEGER PRIMARY KEY,
+    name TEXT NOT NULL
 ) STRICT;
 
 -- One row, written to see whether anything can be.

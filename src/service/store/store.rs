@@ -8,11 +8,10 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Kind, Result};
 use uuid::Uuid;
 
 use super::change::Transaction;
-use super::cursor::Cursors;
 #[cfg(feature = "postgres")]
 use super::database::postgres::Postgres;
 use super::database::rows::{Abort, Rows, values};
@@ -42,7 +41,6 @@ pub(crate) struct Store {
     /// This process among the workers: new at every start.
     pub(super) me: Uuid,
     pub(super) listeners: Arc<Listeners>,
-    pub(super) cursors: Cursors,
     name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
@@ -111,7 +109,6 @@ impl Store {
             rules,
             me,
             listeners,
-            cursors: Cursors::random()?,
             name: Uuid::new_v4().to_string(),
             held: Mutex::default(),
             claims: tokio::sync::RwLock::default(),
@@ -123,23 +120,19 @@ impl Store {
             #[cfg(test)]
             offset: Default::default(),
         };
-        let kept = "SELECT cursors, name FROM secrets WHERE id = 1";
-        let find = move |rows: &mut dyn Rows| rows.first(kept, Vec::new());
-        let row = match store.read("open", find).await? {
+        let kept = "SELECT name FROM identity WHERE id = 1";
+        let row = match store.read("open", move |rows| rows.first(kept, Vec::new())).await? {
             Some(row) => row,
             None => {
-                let secrets =
-                    values![tokio_util::bytes::Bytes::copy_from_slice(store.cursors.key()), store.name.clone()];
+                let name = store.name.clone();
                 let keep = move |change: &mut Transaction<'_>| {
-                    let sql = "INSERT INTO secrets (id, cursors, name) VALUES (1, $1, $2) ON CONFLICT (id) DO NOTHING";
-                    change.rows.write(sql, secrets.clone())?;
+                    let sql = "INSERT INTO identity (id, name) VALUES (1, $1) ON CONFLICT (id) DO NOTHING";
+                    change.rows.write(sql, values![&*name])?;
                     change.rows.one(kept, Vec::new())
                 };
                 store.change("open", keep).await?
             }
         };
-        let damaged = || Error::new(Kind::Internal, "the key of cursors in the store of jobs is damaged");
-        store.cursors = Cursors::with_key(&row.get::<tokio_util::bytes::Bytes>("cursors")?).ok_or_else(damaged)?;
         store.name = row.get("name")?;
         Ok(store)
     }

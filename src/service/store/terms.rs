@@ -103,8 +103,8 @@ pub(crate) struct Page {
 /// Which part of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct ListQuery {
-    /// Only jobs of this tenant.
-    pub tenant: Option<String>,
+    /// Jobs of this tenant.
+    pub tenant: String,
     /// Only jobs in this state.
     pub state: Option<State>,
     /// Go on where an earlier page ended: its `next`.

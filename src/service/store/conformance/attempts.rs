@@ -141,7 +141,7 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
     assert_eq!(end, Ok(State::Failed));
     // and numbers of jobs are not used again
     let next = create(again).await;
-    let page = again.list(&ListQuery { limit: 1, ..ListQuery::default() }).await.expect("listed");
+    let page = again.list(&first(1)).await.expect("listed");
     assert_eq!(page.jobs[0].id, next.id);
 }
 

@@ -92,9 +92,17 @@ const RULES: Rules = Rules { max_queued: 9, max_attempts: 3, crash_pause: Durati
 /// Long enough that no lease ends by itself.
 const LEASE: Duration = Duration::from_secs(3600);
 
+/// The tenant of jobs whose tenant is of no matter.
+const TENANT: &str = "größe & co";
+
+/// The first jobs of a list.
+fn first(limit: usize) -> ListQuery {
+    ListQuery { tenant: TENANT.to_owned(), limit, ..ListQuery::default() }
+}
+
 fn spec(name: &str) -> Spec {
     Spec {
-        tenant: "größe & co".to_owned(),
+        tenant: TENANT.to_owned(),
         trace_parent: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned()),
         webhook: None,
         parameters: Parameters { clusters: Some(7), seed: u64::MAX, ..Parameters::default() },
