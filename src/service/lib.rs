@@ -61,8 +61,8 @@ pub use server::{Extras, Server, serve};
 pub use settings::heading;
 pub use settings::logging::{LogFormat, LogSettings};
 pub use settings::{
-    AccessSettings, Network, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookHost,
-    WebhookSettings, WorkSettings,
+    AccessSettings, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookHost, WebhookSettings,
+    WorkSettings,
 };
 pub use store::StoreUrl;
 pub use work::pipeline::device_thread::Reopen;

@@ -20,7 +20,6 @@ const MOST: u64 = 16 << 20;
 /// Part of the disk that the ballast may take.
 const PART: u64 = 16;
 
-/// The ballast of a folder.
 #[derive(Debug)]
 pub(super) struct Ballast {
     path: PathBuf,

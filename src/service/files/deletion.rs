@@ -11,7 +11,6 @@ use tesserae_mesh::error::{Kind, Result};
 use crate::files::Files;
 use crate::store::{Deletion, Job, JobId, Store};
 
-/// Deletes an ended job and its files.
 pub(crate) async fn delete(files: &Arc<Files>, store: &Store, id: JobId) -> Result<Deletion> {
     let mut outcome = store.delete(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {

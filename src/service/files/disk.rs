@@ -31,7 +31,6 @@ pub(crate) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
     }
 }
 
-/// The room in a folder.
 #[derive(Debug)]
 pub(super) struct Disk {
     root: PathBuf,
@@ -42,7 +41,6 @@ pub(super) struct Disk {
 }
 
 impl Disk {
-    /// Counts the files of uploads.
     pub fn new(root: PathBuf, reserve: u64) -> Self {
         let uploads = AtomicU64::new(size(&root.join(UPLOADS)));
         Self { root, reserve: reserve.max(STORE_ROOM), uploads }
@@ -94,12 +92,10 @@ impl Disk {
         self.uploads.load(Ordering::Relaxed)
     }
 
-    /// Counts a file of an upload.
     pub fn uploaded(&self, bytes: u64) {
         self.uploads.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// Counts removed files of an upload.
     pub fn removed(&self, bytes: u64) {
         let less = |uploads: u64| Some(uploads.saturating_sub(bytes));
         let _ = self.uploads.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);

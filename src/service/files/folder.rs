@@ -17,7 +17,6 @@ use super::names::{Folder, RESULTS, UPLOADS};
 use super::references::References;
 use super::root::{self, Root};
 use crate::blobs::Blobs;
-use crate::blobs::folder::FolderBlobs;
 use crate::blobs::place::BlobPlace;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -31,7 +30,7 @@ const STORE_PART: u64 = 8;
 #[derive(Debug)]
 pub(crate) struct Files {
     pub(super) root: Root,
-    pub(super) blobs: Box<dyn Blobs>,
+    pub(super) blobs: Blobs,
     pub(super) references: References,
     /// Where the blobs lie when they are not in the root. Other processes may use them too.
     pub(super) elsewhere: Option<BlobPlace>,
@@ -67,11 +66,11 @@ impl Files {
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
         }
-        let blobs: Box<dyn Blobs> = match elsewhere {
+        let blobs = match elsewhere {
             Some(place) => place.open()?,
             None => {
-                let blobs = FolderBlobs::open(root.path(), root.is_kept());
-                Box::new(blobs.map_err(|error| cannot_make(root.path(), error))?)
+                let blobs = Blobs::in_folder(root.path(), root.is_kept());
+                blobs.map_err(|error| cannot_make(root.path(), error))?
             }
         };
         let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), root.is_kept());
@@ -111,7 +110,6 @@ impl Files {
         self.root.path().join("scratch")
     }
 
-    /// Removes the upload of a job.
     pub async fn remove_upload(&self, id: JobId) {
         let removed = self.remove_below(&Folder::Upload(id).path()).await;
         if !self.is_shared() {
@@ -124,7 +122,6 @@ impl Files {
         self.remove_below(&Folder::Result(id, attempt).path()).await;
     }
 
-    /// Removes everything of a job.
     pub async fn remove(&self, id: JobId) {
         self.remove_upload(id).await;
         self.remove_below(&Folder::Results(id).path()).await;

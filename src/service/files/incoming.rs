@@ -41,7 +41,6 @@ impl Incoming {
         BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
     }
 
-    /// Makes a blob part of the upload.
     pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
         self.held.push(blob);
         if self.has_files || !are_small(&self.held) {

@@ -40,12 +40,10 @@ const PAUSE: Duration = Duration::from_secs(600);
 struct Reading {
     /// The system's clock, which people and other computers set.
     wall: SystemTime,
-    /// The monotonic clock.
     steady: Instant,
 }
 
 impl Reading {
-    /// As it is now.
     fn now() -> Self {
         Self { wall: SystemTime::now(), steady: Instant::now() }
     }
@@ -58,7 +56,6 @@ pub(crate) struct Retention {
     store: Arc<Store>,
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
-    /// The clocks at the last look.
     last: Reading,
     /// Until when nothing is deleted.
     pause: Option<Instant>,

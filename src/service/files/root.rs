@@ -23,7 +23,6 @@ pub(crate) const BLOBS: &str = "blobs";
 /// Files of the store of jobs.
 pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm"];
 
-/// The folder.
 #[derive(Debug)]
 pub(super) enum Root {
     /// `--data-dir`: everything stays.
@@ -86,7 +85,6 @@ impl Root {
         Ok(Self::Temporary { folder, lock })
     }
 
-    /// Where it is.
     pub fn path(&self) -> &Path {
         match self {
             Root::Kept { path, .. } => path,

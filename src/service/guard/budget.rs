@@ -20,7 +20,6 @@ pub(crate) struct Held {
 }
 
 impl Budget {
-    /// Nothing yet, and at most `limit` bytes.
     pub fn new(limit: u64) -> Self {
         Self { limit, held: AtomicU64::new(0) }
     }
@@ -33,7 +32,6 @@ impl Budget {
         }
     }
 
-    /// Bytes that are coming in.
     pub fn held(&self) -> u64 {
         self.held.load(Ordering::Relaxed)
     }
@@ -47,7 +45,6 @@ impl Budget {
 }
 
 impl Held {
-    /// Takes more bytes.
     pub fn add(&mut self, bytes: u64) -> Result<()> {
         self.bytes += bytes;
         let before = self.budget.held.fetch_add(bytes, Ordering::Relaxed);

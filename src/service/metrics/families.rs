@@ -77,11 +77,9 @@ labels! {
     ByEnd { algorithm: &'static str, state: &'static str }
     /// An algorithm and a stage of its work.
     ByStage { algorithm: &'static str, stage: &'static str }
-    /// An algorithm.
     ByAlgorithm { algorithm: &'static str }
     /// A request: its method, the template of its route, the status of its answer.
     ByAnswer { method: &'static str, route: Cow<'static, str>, status: u16 }
-    /// The template of a route.
     ByRoute { route: Cow<'static, str> }
     /// A method of the store.
     ByOperation { operation: &'static str }
@@ -148,7 +146,6 @@ metrics! {
         conditions: Family<ByPart, Gauge>, "condition", "1 for each part that is degraded or failing";
         webhooks: Family<ByOutcome, Counter>, "webhooks", "Attempts to tell the end of a job, by what came of them";
         webhooks_pending: Gauge, "webhooks_pending", "Ends of jobs that are still to be told";
-        resident: Gauge, "resident_memory" [Bytes], "Memory of the process that is in use";
         device_memory: Gauge, "device_memory" [Bytes],
             "Memory of its own that the device has allocated; 0 where it has none, as on the cpu";
         disk_free: Gauge, "disk_free" [Bytes],

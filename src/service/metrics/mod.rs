@@ -38,7 +38,6 @@ pub(crate) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0
 /// How much a new job counts in the average duration of jobs.
 const NEWEST: f64 = 0.2;
 
-/// What is counted.
 #[derive(Debug)]
 pub(crate) struct Metrics {
     registry: Registry,
@@ -56,11 +55,8 @@ pub(crate) struct Metrics {
 pub(crate) struct Snapshot {
     /// Jobs in each state, in the order of [`State::ALL`].
     pub jobs: [u64; State::ALL.len()],
-    /// Open event streams.
     pub streams: u64,
-    /// Bytes of uploads that are coming in.
     pub upload_bytes_in_flight: u64,
-    /// What the store counted.
     pub store: Statistics,
     /// Files of jobs that could not be written or read for reasons of their place.
     pub file_errors: u64,
@@ -119,7 +115,6 @@ impl Metrics {
         }
     }
 
-    /// What the settings allow.
     pub fn limits(&self, settings: &Settings) {
         let families = &self.families;
         families.disk_reserve.set(signed(settings.storage.min_free_bytes));
@@ -138,13 +133,11 @@ impl Metrics {
         }
     }
 
-    /// A job was accepted.
     pub fn accepted(&self, job: &Job) {
         self.tenants.accepted(&job.spec.tenant);
         self.families.upload_bytes.inc_by(job.spec.bytes);
     }
 
-    /// A job was claimed.
     pub fn claimed(&self, job: &Job) {
         let claimed = job.started_at.unwrap_or_else(SystemTime::now);
         let waited = claimed.duration_since(job.created_at).unwrap_or_default();
@@ -160,7 +153,6 @@ impl Metrics {
         }
     }
 
-    /// The device computed wrongly.
     pub fn device_wrong(&self) {
         self.families.device_wrong.inc();
     }
@@ -178,7 +170,6 @@ impl Metrics {
         *pace = Some(pace.map_or(seconds, |average| average + NEWEST * (seconds - average)));
     }
 
-    /// The result of a job was written.
     pub fn written(&self, job: &Job, elapsed: Duration) {
         let label = ByStage { algorithm: job.spec.parameters.algorithm.name(), stage: "write" };
         self.families.stage_seconds.get_or_create(&label).observe(elapsed.as_secs_f64());
@@ -220,7 +211,6 @@ impl Metrics {
         self.device_works.begin()
     }
 
-    /// A request was answered.
     pub fn answered(&self, method: &axum::http::Method, route: &str, status: u16, elapsed: Duration) {
         let method = match method.as_str() {
             "GET" => "GET",
@@ -235,7 +225,6 @@ impl Metrics {
         self.families.answer_seconds.get_or_create(&ByRoute { route }).observe(elapsed.as_secs_f64());
     }
 
-    /// A request was answered with an error.
     pub fn rejected(&self, kind: Kind) {
         self.families.rejections.get_or_create(&ByReason { reason: kind.slug() }).inc();
     }
@@ -249,12 +238,10 @@ impl Metrics {
         }
     }
 
-    /// An attempt at a webhook ended.
     pub fn told(&self, outcome: &'static str) {
         self.families.webhooks.get_or_create(&ByOutcome { outcome }).inc();
     }
 
-    /// Number of webhooks that are not settled.
     pub fn webhooks_pending(&self, count: usize) {
         self.families.webhooks_pending.set(count as i64);
     }
@@ -280,7 +267,6 @@ impl Metrics {
         Some((pace * queued as f64).ceil().clamp(1.0, 300.0) as u32)
     }
 
-    /// All metrics as text.
     pub fn text(&self, now: Snapshot, health: &Health) -> Result<String> {
         let families = &self.families;
         for (state, count) in State::ALL.into_iter().zip(now.jobs) {
@@ -315,9 +301,6 @@ impl Metrics {
         }
         families.queue_oldest.set(now.oldest_queued.unwrap_or_default().as_secs_f64());
         families.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
-        if let Some(bytes) = process::resident_bytes() {
-            families.resident.set(bytes);
-        }
         let mut text = String::new();
         encode_registry(&mut text, &self.registry)
             .and_then(|()| encode_registry(&mut text, self.process.measured()))

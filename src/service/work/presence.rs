@@ -22,7 +22,6 @@ pub(crate) fn worker_name() -> String {
     format!("{}-{}", host.as_deref().unwrap_or("tesserae"), std::process::id())
 }
 
-/// Announces a worker until `stop`.
 pub(crate) async fn announce(store: &Store, presence: Presence, stop: CancellationToken) {
     loop {
         if let Err(error) = store.announce(&presence).await {

@@ -19,14 +19,12 @@ const SWEEP_ABOVE: usize = 4096;
 /// A client: its requests share one allowance.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Client {
-    /// A tenant.
     Tenant(String),
     /// An address: of IPv6, the first half, which is what one machine has to itself.
     Address(IpAddr),
 }
 
 impl Client {
-    /// The client at an address.
     pub fn of_address(address: IpAddr) -> Self {
         Self::Address(match address.to_canonical() {
             IpAddr::V6(address) => IpAddr::V6(Ipv6Addr::from_bits(address.to_bits() >> 64 << 64)),
@@ -35,7 +33,6 @@ impl Client {
     }
 }
 
-/// What a client may have.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Allowance {
     /// Requests a second; 0 for any number.

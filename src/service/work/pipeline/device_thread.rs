@@ -12,7 +12,7 @@
 //! no part otherwise.
 //!
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
-//! [short](Beside) one beside a long one. The others take [turns](Line).
+//! [short](SmallMeshes::beside) one beside a long one. The others take [turns](Line).
 
 use std::fmt;
 use std::sync::Arc;
@@ -29,7 +29,6 @@ use tesserae_mesh::job::{Clustered, Outcome, instead_of_gpu};
 use tesserae_mesh::report::DeviceKind;
 use tokio::sync::oneshot;
 
-use super::beside::Beside;
 use super::bounds::{caught, pool, within};
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
@@ -61,11 +60,10 @@ pub(crate) struct DeviceThread {
     /// The meshes that wait for the thread.
     line: Line,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
-    beside: Option<Beside>,
+    beside: Option<SmallMeshes>,
     timeout: Duration,
 }
 
-/// A thread that was started.
 #[derive(Clone)]
 struct Thread {
     tasks: mpsc::Sender<Submitted>,
@@ -73,7 +71,6 @@ struct Thread {
     life: Arc<AtomicU64>,
 }
 
-/// What all threads share.
 struct Shared {
     reopen: Option<Reopen>,
     faults: Faults,
@@ -108,7 +105,8 @@ impl DeviceThread {
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
-        let beside = Beside::start(device.as_ref())?;
+        let takes_several = device.info().kind == DeviceKind::Cpu && device.another().is_some();
+        let beside = takes_several.then(SmallMeshes::beside).transpose()?;
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
         Ok(Self { shared, like, thread, line: Line::default(), beside, timeout })
@@ -129,8 +127,11 @@ impl DeviceThread {
             Some(beside) => match self.line.turn_unless_short(task.cost).await {
                 Some(turn) => turn,
                 None => {
-                    let (metrics, faults) = (Arc::clone(&self.shared.metrics), self.shared.faults.clone());
-                    return beside.run(task, metrics, faults, limit).await;
+                    let gone = || Error::new(Kind::Internal, "the device for short meshes is gone");
+                    let (device, threads) = (self.another().ok_or_else(gone)?, beside.thread().await?);
+                    let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
+                    let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
+                    return within(limit, threads.run(work)).await;
                 }
             },
         };

@@ -26,7 +26,6 @@ const BYTES_A_FACE_OF_HIERARCHY: u64 = 650;
 /// Bytes that the faces of a small mesh take at the most in a flat clustering.
 const SMALL: u64 = SMALL_FACES as u64 * BYTES_A_FACE;
 
-/// The budget.
 #[derive(Debug, Clone)]
 pub(crate) struct Memory {
     total: u64,

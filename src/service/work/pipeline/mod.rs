@@ -12,7 +12,6 @@
 //!
 //! `parts` holds the state, `stages` the work on one job, `run` the loop around them.
 
-mod beside;
 mod bounds;
 pub(crate) mod device_thread;
 mod leases;

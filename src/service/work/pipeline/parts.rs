@@ -19,26 +19,16 @@ use crate::queue::Shares;
 use crate::store::Store;
 use crate::store::live::Live;
 
-/// What a pipeline is made of.
 #[derive(Debug)]
 pub(crate) struct Parts {
-    /// The jobs.
     pub store: Arc<Store>,
-    /// Their files.
     pub files: Arc<Files>,
-    /// Whether these two work.
     pub storage: Arc<Storage>,
-    /// What clusters.
     pub device: DeviceThread,
-    /// What is counted.
     pub metrics: Arc<Metrics>,
-    /// Running jobs that are watched.
     pub live: Arc<Live>,
-    /// What tenants may use.
     pub shares: watch::Receiver<Arc<Shares>>,
-    /// Name of this process for clients.
     pub worker: Arc<str>,
-    /// Failures on purpose.
     pub faults: Faults,
     /// What a mesh may cost.
     pub limits: Limits,
@@ -52,7 +42,6 @@ pub(crate) struct Parts {
     pub patience: Duration,
 }
 
-/// What works on jobs.
 #[derive(Debug)]
 pub(crate) struct Pipeline {
     pub(super) store: Arc<Store>,
@@ -76,7 +65,6 @@ pub(crate) struct Pipeline {
 }
 
 impl Pipeline {
-    /// A pipeline of these parts.
     pub fn start(parts: Parts) -> Result<Self> {
         let Parts { store, files, storage, device, metrics, live, shares, worker, faults, .. } = parts;
         Ok(Self {

@@ -29,11 +29,9 @@ const EARLY: Duration = Duration::from_millis(1);
 /// The outcome of an attempt.
 #[derive(Debug)]
 enum Verdict {
-    /// The job has ended.
     Ended(Ending),
     /// It is to be tried again.
     Released(Release),
-    /// The lease was lost.
     Lost,
 }
 

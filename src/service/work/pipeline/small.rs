@@ -10,11 +10,11 @@ use std::sync::Arc;
 use std::thread::available_parallelism;
 
 use parking_lot::Mutex;
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-use super::bounds::caught;
+use super::bounds::{caught, pool};
 
 /// Faces of the largest small mesh.
 pub(super) const SMALL_FACES: usize = 8192;
@@ -22,7 +22,7 @@ pub(super) const SMALL_FACES: usize = 8192;
 /// Bytes of the largest files that are taken for a small mesh before its faces are known.
 pub(super) const SMALL_BYTES: u64 = 1 << 20;
 
-/// Threads that work on a mesh each.
+/// Pools of threads that work on a mesh each.
 #[derive(Debug, Clone)]
 pub(super) struct SmallMeshes {
     threads: Arc<Threads>,
@@ -36,7 +36,7 @@ struct Threads {
     idle: Mutex<Vec<usize>>,
 }
 
-/// A thread, taken until this is dropped or what it runs has ended.
+/// A pool, taken until this is dropped or what it runs has ended.
 #[derive(Debug)]
 pub(super) struct Thread {
     threads: Arc<Threads>,
@@ -47,13 +47,18 @@ pub(super) struct Thread {
 impl SmallMeshes {
     /// As many threads as there are processors, but two at least, so that no mesh waits for the reading of another.
     pub fn start() -> Result<Self> {
-        let count = available_parallelism().map_or(2, |count| count.get().max(2));
-        let pool = |index| {
-            let builder = ThreadPoolBuilder::new().num_threads(1).thread_name(move |_| format!("small-{index}"));
-            builder.build().map_err(|error| {
-                Error::new(Kind::Io, format_args!("a thread for small meshes cannot be started: {error}"))
-            })
-        };
+        Self::pools(available_parallelism().map_or(2, |count| count.get().max(2)), 1, "small")
+    }
+
+    /// As many threads as there are processors for one mesh at a time: a short one, beside a long one that the device
+    /// is at. The system shares the processors between both: a short mesh takes at most about twice its own time, and a
+    /// long one is held up by no more than that.
+    pub fn beside() -> Result<Self> {
+        Self::pools(1, 0, "beside")
+    }
+
+    fn pools(count: usize, threads: usize, name: &'static str) -> Result<Self> {
+        let pool = |index| pool(threads, move |thread| format!("{name}-{index}-{thread}"));
         let pools = (0..count).map(pool).collect::<Result<_>>()?;
         let threads = Threads { pools, idle: Mutex::new((0..count).collect()) };
         Ok(Self { threads: Arc::new(threads), places: Arc::new(Semaphore::new(count)) })

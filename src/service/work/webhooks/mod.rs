@@ -75,7 +75,6 @@ impl std::fmt::Debug for Sender {
     }
 }
 
-/// The body of a delivery.
 #[derive(Debug, Serialize)]
 struct Message<'a> {
     #[serde(rename = "type")]
@@ -94,7 +93,6 @@ struct Data<'a> {
 }
 
 impl Webhooks {
-    /// What the settings say.
     pub fn new(settings: &WebhookSettings) -> Result<Self> {
         let targets = Targets::new(&settings.webhook_hosts);
         if settings.webhook_secret.is_some() && settings.webhook_hosts.is_empty() {
@@ -144,7 +142,6 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
     })
 }
 
-/// Delivers notices.
 #[derive(Debug)]
 pub(crate) struct Teller {
     store: Arc<Store>,

@@ -17,7 +17,6 @@ const PER_HOST: usize = 8;
 /// Longest URL of a webhook, in bytes.
 const MAX_BYTES: usize = 2048;
 
-/// The hosts that webhooks may go to.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Targets {
     /// Each with its places.
