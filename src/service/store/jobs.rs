@@ -188,7 +188,7 @@ impl Store {
 
     /// At most `limit` events of a job from number `after + 1` on; none when there is no such job.
     pub async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
-        let found = self.read_much("events", move |rows| {
+        let found = self.read("events", move |rows| {
             let Some(row) = rows.first("SELECT number FROM jobs WHERE id = $1", values![id])? else { return Ok(None) };
             let sql = "SELECT seq, kind, data FROM events WHERE job = $1 AND seq > $2 ORDER BY seq LIMIT $3";
             let rows = rows.query(sql, values![row.get::<i64>("number")?, after, limit])?;

@@ -58,7 +58,7 @@ impl Store {
                 page!("AND ended_at IS NOT NULL AND state = $5 ")
             }
         };
-        let found = self.read_much("list", move |rows| {
+        let found = self.read("list", move |rows| {
             let rows = rows.query(sql, values.clone())?;
             Ok(rows.iter().map(job).collect::<Result<Vec<_>>>()?)
         });
@@ -84,7 +84,7 @@ impl Store {
         {
             return Ok(counts);
         }
-        let found = self.read_much("counts", |rows| {
+        let found = self.read("counts", |rows| {
             let mut counts = [0; State::ALL.len()];
             for row in rows.query(COUNT, Vec::new())? {
                 counts[row.get::<State>("state")? as usize] = row.get("jobs")?;
@@ -116,7 +116,7 @@ impl Store {
     pub async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
         // by their age: the clock of this machine may be another than that of the store
         let age = SystemTime::now().duration_since(time).map_err(|ahead| ahead.duration());
-        let found = self.read_much("ended_before", move |rows| {
+        let found = self.read("ended_before", move |rows| {
             let now = rows.now()?;
             let time = match age {
                 Ok(age) => now.checked_sub(age).unwrap_or(SystemTime::UNIX_EPOCH),

@@ -168,33 +168,14 @@ impl Store {
         self.observed(operation, changed).await
     }
 
-    /// Reads a few rows that an index finds.
+    /// Reads rows.
     pub(super) async fn read<T: Send + 'static>(
         &self,
         operation: &'static str,
         work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
-        self.read_rows(operation, false, work).await
-    }
-
-    /// Reads what may be many rows.
-    pub(super) async fn read_much<T: Send + 'static>(
-        &self,
-        operation: &'static str,
-        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
-    ) -> Result<T> {
-        self.read_rows(operation, true, work).await
-    }
-
-    async fn read_rows<T: Send + 'static>(
-        &self,
-        operation: &'static str,
-        are_many: bool,
-        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
-    ) -> Result<T> {
         let read = async {
             match &self.database {
-                Database::Sqlite(file) if are_many => file.read_much(work).await,
                 Database::Sqlite(file) => file.read(work).await,
                 #[cfg(feature = "postgres")]
                 Database::Postgres(database) => database.read(work).await,

@@ -117,7 +117,7 @@ impl Store {
 
     /// The workers that were heard of in the last minutes or have jobs, the oldest first.
     pub async fn workers(&self) -> Result<Vec<Worker>> {
-        let found = self.read_much("workers", |rows| {
+        let found = self.read("workers", |rows| {
             let since = rows.now()? - SHOWN;
             let sql = "SELECT worker_id, id, number FROM jobs WHERE state = 'running'";
             let found =
@@ -173,9 +173,7 @@ impl Store {
         let ids = |rows: Vec<Row>| rows.iter().map(|row| row.get("job")).collect::<Result<Vec<_>>>();
         let rows = match self.is_shared() {
             true => self.change("untold", take).await?,
-            false => {
-                self.read_much("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?
-            }
+            false => self.read("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?,
         };
         ids(rows)
     }

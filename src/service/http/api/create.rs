@@ -35,7 +35,7 @@ pub(crate) struct UploadForm {
     /// The mesh: OBJ, GLB, glTF, PLY, STL or OFF, recognised by media type, file name or content.
     #[schema(value_type = Binary)]
     mesh: Binary,
-    /// What to do; the same names as in the query. A parameter may stand in both with the same value only.
+    /// What to do; the same names as in the query. A parameter stands in one of the two.
     parameters: Option<Parameters>,
     /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
     #[schema(value_type = Option<Vec<Binary>>)]
