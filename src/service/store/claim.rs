@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::error::Result;
 
@@ -77,42 +77,36 @@ impl Drop for Unsure<'_> {
 type Taken = (Ticket, u64, Job);
 
 impl Store {
-    /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on.
-    pub async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
+    /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on. Also gives the time until
+    /// a job that was passed over may be claimed, if that needs time only.
+    pub async fn claim_as(&self, claiming: Claiming) -> Result<(Vec<(Ticket, Job)>, Option<Duration>)> {
         if self.is_unsure.load(Relaxed) {
             let _alone = self.claims.write().await;
             self.give_back_unknown().await?;
             self.is_unsure.store(false, Relaxed);
         }
         let _others = self.claims.read().await;
-        *self.next_start.lock() = None;
         // a look without the lock of the queue: an arrival wakes many workers
         let waits =
             |rows: &mut dyn Rows| rows.first("SELECT number FROM jobs WHERE state = 'queued' LIMIT 1", Vec::new());
         if self.is_idle.load(Relaxed) && self.read("look", waits).await?.is_none() {
-            return Ok(Vec::new());
+            return Ok((Vec::new(), None));
         }
         let unsure = Unsure(&self.is_unsure);
         let is_alone = !self.is_shared();
         let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
         std::mem::forget(unsure);
         self.is_idle.store(taken.is_empty(), Relaxed);
-        *self.next_start.lock() = wait.map(|wait| Instant::now() + wait);
         let mut held = self.held.lock();
         held.extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
-        Ok(taken.into_iter().map(|(ticket, _, job)| (ticket, job)).collect())
+        Ok((taken.into_iter().map(|(ticket, _, job)| (ticket, job)).collect(), wait))
     }
 
     /// Claims jobs of tenants with equal shares.
     #[cfg(test)]
     pub async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
         let (worker, shares) = ("test".into(), Default::default());
-        self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await
-    }
-
-    /// Time until a job that the last claim passed over may be claimed, if that needs time only.
-    pub fn next_start(&self) -> Option<Duration> {
-        self.next_start.lock().map(|start| start.saturating_duration_since(Instant::now()))
+        Ok(self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await?.0)
     }
 
     /// Gives back the jobs that a claim without an answer took.

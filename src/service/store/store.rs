@@ -50,8 +50,6 @@ pub(crate) struct Store {
     pub(super) is_unsure: AtomicBool,
     /// Whether the last claim took nothing.
     pub(super) is_idle: AtomicBool,
-    /// When a job that the last claim passed over may be claimed.
-    pub(super) next_start: Mutex<Option<Instant>>,
     /// Counts of jobs in each state, and when they were read: counting the ended ones takes long.
     pub(super) counts: Mutex<Option<(Instant, [u64; State::ALL.len()])>>,
     observer: OnceLock<Observer>,
@@ -114,7 +112,6 @@ impl Store {
             claims: tokio::sync::RwLock::default(),
             is_unsure: AtomicBool::new(false),
             is_idle: AtomicBool::new(true),
-            next_start: Mutex::default(),
             counts: Mutex::default(),
             observer: OnceLock::new(),
             #[cfg(test)]

@@ -63,7 +63,7 @@ impl<C: Crashes> Stored for Workers<C> {
 
     async fn claim(&mut self, worker: usize, limit: usize, newcomers: usize) -> Vec<(usize, u32)> {
         let claiming = claiming(worker, limit, newcomers, 3);
-        let claimed = self.subject.stores()[worker].claim_as(claiming).await.expect("claimable");
+        let claimed = self.subject.stores()[worker].claim_as(claiming).await.expect("claimable").0;
         let job = |(ticket, _): (Ticket, Job)| {
             let index = self.jobs.iter().position(|(id, ..)| *id == ticket.job).expect("created here");
             self.jobs[index] = (ticket.job, worker, ticket.attempt);
