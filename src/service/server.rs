@@ -30,7 +30,7 @@ use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
 use crate::store::{Presence, Rules, Store};
 use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
-use crate::work::pipeline::{PATIENCE, Parts, Pipeline};
+use crate::work::pipeline::{Memory, PATIENCE, Pipeline, SmallMeshes};
 use crate::work::presence;
 use crate::work::webhooks::{Teller, Webhooks};
 
@@ -140,8 +140,7 @@ impl Server {
             }
             (None, None) => Store::temporary(&files.database(), rules, faults).await?,
         };
-        let metrics = Arc::new(Metrics::new(&description.info));
-        metrics.limits(&settings);
+        let metrics = Arc::new(Metrics::new(&description.info, &settings));
         let observer = Arc::clone(&metrics);
         store.observe(move |operation, elapsed, failed| observer.stored(operation, elapsed, failed));
         let store = Arc::new(store);
@@ -159,7 +158,7 @@ impl Server {
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout;
         let live = Arc::<Live>::default();
-        let parts = Parts {
+        let pipeline = Pipeline {
             shares: access.shares(),
             worker: presence::worker_name().into(),
             faults: extras.faults.clone(),
@@ -178,12 +177,14 @@ impl Server {
             metrics: Arc::clone(&metrics),
             live: Arc::clone(&live),
             limits: settings.limits(),
-            slots: settings.meshes_in_memory,
-            memory: settings.work.memory_budget,
+            slots: Arc::new(Semaphore::new(settings.meshes_in_memory)),
+            newcomer: Arc::new(Semaphore::new(1)),
+            memory: Memory::new(settings.work.memory_budget),
+            small: SmallMeshes::start()?,
+            leases: Arc::default(),
             time: settings.work.max_job(),
             patience: extras.patience.unwrap_or(PATIENCE),
         };
-        let pipeline = Pipeline::start(parts)?;
         let shared = Arc::new(Shared {
             store,
             files,
@@ -193,7 +194,7 @@ impl Server {
             live,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
-            memory: pipeline.memory(),
+            memory: pipeline.memory.clone(),
             traffic: Arc::new(Traffic::new(&settings, Arc::clone(&access), extras.faults.clone())),
             access,
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),

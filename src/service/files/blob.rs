@@ -127,7 +127,7 @@ impl BlobWriter {
         let bytes = self.buffer.len() as u64;
         self.written += bytes;
         if self.is_upload {
-            self.files.uploaded(bytes);
+            self.files.disk.uploaded(bytes);
             self.counted.bytes += bytes;
         }
         Ok(std::mem::take(&mut self.buffer).into())
@@ -142,7 +142,7 @@ struct Counted {
 
 impl Drop for Counted {
     fn drop(&mut self) {
-        self.files.removed(self.bytes);
+        self.files.disk.removed(self.bytes);
     }
 }
 

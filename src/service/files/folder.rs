@@ -5,9 +5,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use object_store::path::Path as BlobPath;
+use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::ballast::Ballast;
@@ -74,7 +74,7 @@ impl Files {
             }
         };
         let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), root.is_kept());
-        let disk = Disk::new(root.path().to_owned(), reserve);
+        let disk = Disk::new(root.path().to_owned(), reserve, elsewhere.is_none());
         let (incoming, failures, damages) = (Mutex::default(), AtomicU64::new(0), AtomicU64::new(0));
         let references = References::default();
         let elsewhere = elsewhere.cloned();
@@ -112,9 +112,7 @@ impl Files {
 
     pub async fn remove_upload(&self, id: JobId) {
         let removed = self.remove_below(&Folder::Upload(id).path()).await;
-        if !self.is_shared() {
-            self.disk.removed(removed);
-        }
+        self.disk.removed(removed);
     }
 
     /// Removes what an attempt at a job left.
@@ -137,24 +135,10 @@ impl Files {
         self.check_room(SMALL_BLOBS)
     }
 
-    /// Refuses more bytes of an upload, of which some were written before. Blobs that lie elsewhere take no room here.
+    /// Refuses more bytes of an upload, of which some were written before.
     pub(super) fn check_more(&self, more: u64, before: u64) -> Result<()> {
         self.check_reachable()?;
-        if self.is_shared() { self.disk.check(0, 0) } else { self.disk.check(more, before) }
-    }
-
-    /// Counts bytes of an upload.
-    pub(super) fn uploaded(&self, bytes: u64) {
-        if !self.is_shared() {
-            self.disk.uploaded(bytes);
-        }
-    }
-
-    /// Counts bytes of an upload that are gone.
-    pub(super) fn removed(&self, bytes: u64) {
-        if !self.is_shared() {
-            self.disk.removed(bytes);
-        }
+        self.disk.check(more, before)
     }
 
     /// Makes the ballast if it is missing and there is room to spare. Blocks.
@@ -260,10 +244,6 @@ impl Files {
                 let _ = tokio::fs::remove_dir_all(folder.path()).await;
             }
         }
-    }
-
-    pub(super) fn lock_incoming(&self) -> MutexGuard<'_, HashSet<JobId>> {
-        self.incoming.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Removes all blobs below a path, and gives the number of their bytes. What cannot be removed now is swept away

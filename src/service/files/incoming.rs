@@ -87,13 +87,13 @@ impl Drop for Incoming {
     fn drop(&mut self) {
         let (files, id) = (Arc::clone(&self.files), self.id);
         if self.kept {
-            files.lock_incoming().remove(&id);
+            files.incoming.lock().remove(&id);
             return;
         }
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
                 files.remove_upload(id).await;
-                files.lock_incoming().remove(&id);
+                files.incoming.lock().remove(&id);
             });
         }
     }
@@ -103,7 +103,7 @@ impl Files {
     /// Starts an upload, under the name of the job that it will be.
     pub fn incoming(self: &Arc<Self>) -> Incoming {
         let id = JobId::random();
-        self.lock_incoming().insert(id);
+        self.incoming.lock().insert(id);
         Incoming::new(Arc::clone(self), id)
     }
 }

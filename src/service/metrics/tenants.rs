@@ -18,12 +18,12 @@ const MOST: usize = 100;
 const OTHER: &str = "(other)";
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-pub(super) struct ByTenant {
+pub(crate) struct ByTenant {
     tenant: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-pub(super) struct ByTenantAndState {
+pub(crate) struct ByTenantAndState {
     tenant: String,
     state: &'static str,
 }

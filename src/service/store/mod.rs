@@ -44,7 +44,7 @@ pub(crate) use self::job::{
 };
 pub(crate) use self::store::Store;
 pub(crate) use self::terms::{
-    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, Statistics, What,
+    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, What,
 };
 pub use self::url::StoreUrl;
 pub(crate) use self::workers::{Presence, Worker, WorkerId};

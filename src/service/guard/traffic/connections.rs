@@ -110,7 +110,7 @@ async fn accept(
             false => settings.constants.connections_per_address,
         };
         let Some(counted) = by_address.enter(ip, limit) else {
-            metrics.connection_refused();
+            metrics.families.connections_refused.inc();
             continue;
         };
         let _ = stream.set_nodelay(true);
@@ -125,15 +125,18 @@ async fn accept(
                 true => None,
                 false => match timeout(BEGINNING, places.acquire_owned()).await {
                     Ok(place) => place.ok(),
-                    Err(_) => return metrics.connection_refused(),
+                    Err(_) => {
+                        metrics.families.connections_refused.inc();
+                        return;
+                    }
                 },
             };
             drop(beginning);
             let Ok(stream) = stream.into_std() else { return };
             let serve = async move {
-                metrics.connections(1);
+                metrics.families.connections.inc();
                 connection(stream, begun, address, router, &settings, is_probe, close).await;
-                metrics.connections(-1);
+                metrics.families.connections.dec();
                 drop((place, counted));
             };
             match is_probe {

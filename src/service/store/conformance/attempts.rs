@@ -68,7 +68,8 @@ pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &Store) {
 pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &Store) {
     let id = create(store).await.id;
     let count = || {
-        let Statistics { attempts_failed, given_up, .. } = store.statistics();
+        let statistics = store.statistics();
+        let (attempts_failed, given_up) = (statistics.attempts_failed, statistics.given_up);
         (attempts_failed, given_up)
     };
     // one that has not begun counts for nothing

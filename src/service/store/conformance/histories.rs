@@ -9,8 +9,8 @@ use tempfile::TempDir;
 use super::sqlite::NAME;
 use super::*;
 use crate::ops::faults::Faults;
-use crate::queue::history::{self, New, Step, Stored, play};
-use crate::queue::model::{Altered, Model, claiming};
+use crate::queue::tests::history::{self, New, Step, Stored, play};
+use crate::queue::tests::model::{Altered, Model, claiming};
 use crate::queue::{self, Change};
 
 /// How many histories a store goes through.

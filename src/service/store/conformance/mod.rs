@@ -13,7 +13,7 @@ use tesserae_mesh::report::Phase;
 use super::terms::Page;
 use super::{
     Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice,
-    Progress, Release, Retried, Rules, SmallBlob, Spec, State, Statistics, Store, Summary, Ticket, What,
+    Progress, Release, Retried, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
 };
 use crate::store::kept::Kept;
 

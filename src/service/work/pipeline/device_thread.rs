@@ -309,7 +309,7 @@ impl Devices {
             }
             (Err(error), cpu) if error.kind == Kind::DeviceWrong => {
                 tracing::error!(%error, "the cpu runs the job again");
-                self.shared.metrics.device_wrong();
+                self.shared.metrics.families.device_wrong.inc();
                 self.shared.lost(&error.message);
                 if self.shared.reopen.is_some() {
                     self.device = None;

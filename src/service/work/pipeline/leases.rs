@@ -22,7 +22,7 @@ const PARTS: u32 = 3;
 const AGAIN: Duration = Duration::from_secs(1);
 
 #[derive(Debug, Default)]
-pub(super) struct Leases {
+pub(crate) struct Leases {
     held: Mutex<HashMap<Ticket, CancellationToken>>,
 }
 
@@ -85,7 +85,7 @@ impl Leases {
 }
 
 #[derive(Debug)]
-pub(super) struct Lease {
+pub(crate) struct Lease {
     leases: Arc<Leases>,
     ticket: Ticket,
     lost: CancellationToken,

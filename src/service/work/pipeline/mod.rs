@@ -28,5 +28,6 @@ mod turns;
 mod watched;
 
 pub(crate) use self::memory::Memory;
-pub(crate) use self::parts::{Parts, Pipeline};
+pub(crate) use self::parts::Pipeline;
 pub(crate) use self::patience::PATIENCE;
+pub(crate) use self::small::SmallMeshes;

@@ -24,7 +24,7 @@ pub(super) const SMALL_BYTES: u64 = 1 << 20;
 
 /// Pools of threads that work on a mesh each.
 #[derive(Debug, Clone)]
-pub(super) struct SmallMeshes {
+pub(crate) struct SmallMeshes {
     threads: Arc<Threads>,
     places: Arc<Semaphore>,
 }
@@ -38,7 +38,7 @@ struct Threads {
 
 /// A pool, taken until this is dropped or what it runs has ended.
 #[derive(Debug)]
-pub(super) struct Thread {
+pub(crate) struct Thread {
     threads: Arc<Threads>,
     index: usize,
     _place: OwnedSemaphorePermit,

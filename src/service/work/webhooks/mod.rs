@@ -169,7 +169,7 @@ impl Teller {
                     continue;
                 }
             };
-            this.metrics.webhooks_pending(untold.len());
+            this.metrics.families.webhooks_pending.set(untold.len() as i64);
             // another service may have taken over some
             let ours: HashSet<JobId> = untold.iter().copied().collect();
             by_job.iter().filter(|(id, _)| !ours.contains(id)).for_each(|(_, task)| task.abort());
