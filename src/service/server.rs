@@ -46,8 +46,6 @@ const ENCODED_AT_ONCE: usize = 2;
 pub struct Extras {
     /// Opens the device anew after it was lost.
     pub reopen: Option<Reopen>,
-    /// Makes the service read its tokens again when it is notified.
-    pub reload: Option<Arc<Notify>>,
     /// Ends the drain delay when it is notified during it.
     pub end_drain_delay: Option<Arc<Notify>>,
     /// Time after which a job fails that cannot read or write its files; ten minutes when none.
@@ -69,7 +67,6 @@ pub struct Server {
     address: SocketAddr,
     shared: Arc<Shared>,
     pipeline: Pipeline,
-    reload: Arc<Notify>,
     end_drain_delay: Arc<Notify>,
 }
 
@@ -106,7 +103,6 @@ impl Server {
         let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
-        let reload = extras.reload.clone().unwrap_or_default();
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, reserve) = (settings.storage.blobs.as_ref(), settings.storage.min_free_bytes);
         let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, faults.clone())?;
@@ -201,7 +197,7 @@ impl Server {
             metrics,
             settings,
         });
-        Ok(Self { listener, address, shared, pipeline, reload, end_drain_delay })
+        Ok(Self { listener, address, shared, pipeline, end_drain_delay })
     }
 
     /// The address it listens on.
@@ -213,7 +209,7 @@ impl Server {
     /// begun, streams end, running jobs get the grace period to finish and are released after it, and the last answers
     /// are sent: a few seconds after the grace period at most.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
-        let Self { listener, address, shared, pipeline, reload, end_drain_delay } = self;
+        let Self { listener, address, shared, pipeline, end_drain_delay } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
@@ -244,7 +240,7 @@ impl Server {
         let watching_lag = tokio::spawn(lag::watch(Arc::clone(&shared.metrics), close.clone()));
         let following = tokio::spawn({
             let (shared, stop) = (Arc::clone(&shared), stop.clone());
-            async move { shared.access.follow(&shared.health, reload, stop).await }
+            async move { shared.access.follow(&shared.health, stop).await }
         });
         let telling = tokio::spawn({
             let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));
