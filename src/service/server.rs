@@ -28,7 +28,7 @@ use crate::ops::health::{Health, Part};
 use crate::ops::tls;
 use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
-use crate::store::{Presence, Rules, Store};
+use crate::store::{Rules, Store};
 use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
 use crate::work::pipeline::{Memory, PATIENCE, Pipeline, SmallMeshes};
 use crate::work::presence;
@@ -221,12 +221,8 @@ impl Server {
         };
         let announcing = (shared.settings.work.work == Switch::On).then(|| {
             let (store, until) = (Arc::clone(&shared.store), stop.clone());
-            let presence = Presence {
-                name: presence::worker_name().into(),
-                version: env!("CARGO_PKG_VERSION"),
-                device: shared.device.info.name.as_str().into(),
-            };
-            tokio::spawn(async move { presence::announce(store.as_ref(), presence, until).await })
+            let (name, device) = (presence::worker_name(), shared.device.info.name.clone());
+            tokio::spawn(async move { presence::announce(&store, &name, &device, until).await })
         });
         let watching = tokio::spawn({
             let (storage, until) = (Arc::clone(&shared.storage), close.clone());

@@ -47,7 +47,7 @@ pub(crate) use self::terms::{
     Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, What,
 };
 pub use self::url::StoreUrl;
-pub(crate) use self::workers::{Presence, Worker, WorkerId};
+pub(crate) use self::workers::Worker;
 pub(crate) use crate::queue::{Claiming, Release, Rules, State};
 
 #[cfg(test)]
