@@ -77,8 +77,7 @@ CREATE TABLE workers (
     started_at  INTEGER NOT NULL,
     seen_at     INTEGER NOT NULL,
     lease       INTEGER NOT NULL DEFAULT 0,         -- length of its leases
-    alive_until INTEGER NOT NULL DEFAULT 0,
-    claims      INTEGER NOT NULL DEFAULT 0
+    alive_until INTEGER NOT NULL DEFAULT 0
 ) STRICT;
 
 -- Virtual times of tenants: see the fairness of claims.
@@ -88,21 +87,11 @@ CREATE TABLE tenants (
     next   REAL NOT NULL  -- start of its next turn
 ) STRICT;
 
--- What one service does for all.
-CREATE TABLE duties (
-    name   TEXT    PRIMARY KEY,
-    holder TEXT    NOT NULL,
-    until  INTEGER NOT NULL
-) STRICT;
-
--- One row: the name of this store, by which its files are known.
+-- One row, about the store itself.
 CREATE TABLE identity (
-    id   INTEGER PRIMARY KEY,
-    name TEXT NOT NULL
-) STRICT;
-
--- One row, written to see whether anything can be.
-CREATE TABLE probes (
-    id INTEGER PRIMARY KEY,
-    at INTEGER NOT NULL
+    id           INTEGER PRIMARY KEY,
+    name         TEXT NOT NULL, -- by which its files are known
+    cleaner      TEXT,          -- the service that cleans up for all
+    cleans_until INTEGER,       -- until when
+    probed_at    INTEGER        -- written to see whether anything can be
 ) STRICT;

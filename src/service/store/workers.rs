@@ -20,7 +20,7 @@ use crate::ops::timestamp::rfc3339;
 const SHOWN: Duration = Duration::from_secs(300);
 const KEPT: Duration = Duration::from_secs(3600);
 
-/// For how long a service has a duty, or a notice to deliver, before another one may take it.
+/// For how long a service cleans up, or has a notice to deliver, before another one may take it.
 const TERM: Duration = Duration::from_secs(90);
 
 const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
@@ -31,9 +31,8 @@ const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_
 const FORGET: &str = "DELETE FROM workers WHERE seen_at < $1 \
     AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = workers.id AND state = 'running')";
 
-const DUTY: &str = "INSERT INTO duties (name, holder, until) VALUES ('clean-up', $1, $2) \
-    ON CONFLICT (name) DO UPDATE SET holder = excluded.holder, until = excluded.until \
-    WHERE duties.holder = excluded.holder OR duties.until <= $3 RETURNING name";
+const CLEANER: &str = "UPDATE identity SET cleaner = $1, cleans_until = $2 \
+    WHERE cleaner IS NULL OR cleaner = $1 OR cleans_until <= $3 RETURNING id";
 
 /// Takes notices that no living service delivers, some at a time.
 const TAKE: &str = "UPDATE notices SET teller = $1, lease_until = $2 \
@@ -121,17 +120,17 @@ impl Store {
         }
         let taken = self.change("may_clean_up", |change| {
             let now = change.now()?;
-            Ok(change.rows.first(DUTY, values![change.me, now + TERM, now])?.is_some())
+            Ok(change.rows.first(CLEANER, values![change.me, now + TERM, now])?.is_some())
         });
         taken.await
     }
 
-    /// Leaves duties and notices to other services.
+    /// Leaves the cleaning up and notices to other services.
     pub(super) async fn leave(&self) -> Result<()> {
         let left = self.change("close", |change| {
             let me = change.me;
             change.rows.write("UPDATE notices SET teller = NULL, lease_until = NULL WHERE teller = $1", values![me])?;
-            change.rows.write("DELETE FROM duties WHERE holder = $1", values![me])?;
+            change.rows.write("UPDATE identity SET cleaner = NULL WHERE cleaner = $1", values![me])?;
             let sql = "DELETE FROM workers WHERE id = $1 \
                        AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = $1 AND state = 'running')";
             change.rows.write(sql, values![me])
