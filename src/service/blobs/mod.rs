@@ -1,8 +1,8 @@
 //! Blobs: bytes under a path, which appear whole, never change, and are removed together with others below a path.
 //!
 //! [`Blobs`] is all that the service needs of a place that keeps them: an [`ObjectStore`], which is a `bucket` of S3,
-//! or a [`folder`], which is listed and removed as such. [`place::BlobPlace`] is what `--blobs` says. One suite of tests
-//! runs for each (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
+//! or a [`folder`], which is listed and removed as such. [`place::BlobPlace`] is what `--blobs` says. One suite of
+//! tests runs for each (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
 
 #[cfg(feature = "s3")]
 mod bucket;

@@ -77,8 +77,8 @@ impl Drop for Unsure<'_> {
 type Taken = (Ticket, u64, Job);
 
 impl Store {
-    /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on. Also gives the time until
-    /// a job that was passed over may be claimed, if that needs time only.
+    /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on. Also gives the time
+    /// until a job that was passed over may be claimed, if that needs time only.
     pub async fn claim_as(&self, claiming: Claiming) -> Result<(Vec<(Ticket, Job)>, Option<Duration>)> {
         if self.is_unsure.load(Relaxed) {
             let _alone = self.claims.write().await;

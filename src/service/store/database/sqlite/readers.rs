@@ -36,7 +36,7 @@ impl Readers {
         Ok(readers)
     }
 
-    /// Reads rows on this thread. The other tasks of this thread continue on another one meanwhile, should it take long.
+    /// Reads rows on this thread. Where that takes long, the other tasks of this thread continue on another one.
     pub async fn read<T>(&self, work: impl FnOnce(&mut Session) -> Result<T, Abort>) -> Result<T> {
         let _place = self.places.acquire().await.map_err(|_| closed())?;
         match Handle::current().runtime_flavor() {
