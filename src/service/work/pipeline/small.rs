@@ -1,7 +1,7 @@
 //! Small meshes: one thread works on each, several meshes at a time.
 //!
 //! Threads that share a small mesh lose more time on synchronisation than they gain: 5,000 faces take one thread about
-//! as long as two (measured), so two meshes at a time are done twice as fast. Each pool has one thread; parallel code
+//! as long as two (measured), so two at a time are done twice as fast. Their pools have one thread each; parallel code
 //! runs sequentially there. [`Device::another`] says whether a device takes several meshes at a time.
 //!
 //! [`Device::another`]: tesserae_mesh::device::Device::another
