@@ -36,6 +36,7 @@ use uuid::Uuid;
 const CHUNK: usize = 1 << 16;
 
 /// Bytes of a part of a blob in an object store. S3 takes none below 5 MiB but the last, and at most 10,000.
+#[cfg(any(test, feature = "s3"))]
 const PART: usize = 8 << 20;
 
 /// A place that keeps blobs.
