@@ -12,7 +12,7 @@
 //! | `server`, `backup`, `preflight` | start and stop; a copy of everything; what is checked before a start |
 //! | [`http`] | routes and layers, handlers (`api`), results, the OpenAPI document, the page |
 //! | [`work`] | what happens to a claimed job (`pipeline`), webhooks, the list of workers |
-//! | [`ingest`] | how bodies and parameters come in, repeated requests, limits of the queue |
+//! | [`ingest`] | how bodies and parameters come in, repeated requests |
 //! | [`guard`] | tokens and tenants, limits of traffic, what errors look like, what is logged about requests |
 //! | [`metrics`] | what is counted and timed |
 //! | [`settings`] | settings and constants, and the log's |
@@ -61,8 +61,8 @@ pub use server::{Extras, Server, serve};
 pub use settings::heading;
 pub use settings::logging::{LogFormat, LogSettings};
 pub use settings::{
-    AccessSettings, Network, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookHost,
-    WebhookSettings, WorkSettings,
+    AccessSettings, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookHost, WebhookSettings,
+    WorkSettings,
 };
 pub use store::StoreUrl;
 pub use work::pipeline::device_thread::Reopen;

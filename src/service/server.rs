@@ -20,7 +20,6 @@ use crate::guard::access::Access;
 use crate::guard::traffic::{Traffic, connections};
 use crate::http::router::router;
 use crate::http::state::{DeviceDescription, Shared};
-use crate::ingest::admission::Admission;
 use crate::metrics::Metrics;
 use crate::metrics::lag;
 use crate::ops::blocking::blocking;
@@ -29,9 +28,9 @@ use crate::ops::health::{Health, Part};
 use crate::ops::tls;
 use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
-use crate::store::{Presence, Rules, Store};
+use crate::store::{Rules, Store};
 use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
-use crate::work::pipeline::{Costs, PATIENCE, Parts, Pipeline};
+use crate::work::pipeline::{Memory, PATIENCE, Pipeline, SmallMeshes};
 use crate::work::presence;
 use crate::work::webhooks::{Teller, Webhooks};
 
@@ -47,8 +46,6 @@ const ENCODED_AT_ONCE: usize = 2;
 pub struct Extras {
     /// Opens the device anew after it was lost.
     pub reopen: Option<Reopen>,
-    /// Makes the service read its tokens again when it is notified.
-    pub reload: Option<Arc<Notify>>,
     /// Ends the drain delay when it is notified during it.
     pub end_drain_delay: Option<Arc<Notify>>,
     /// Time after which a job fails that cannot read or write its files; ten minutes when none.
@@ -70,7 +67,6 @@ pub struct Server {
     address: SocketAddr,
     shared: Arc<Shared>,
     pipeline: Pipeline,
-    reload: Arc<Notify>,
     end_drain_delay: Arc<Notify>,
 }
 
@@ -107,7 +103,6 @@ impl Server {
         let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
-        let reload = extras.reload.clone().unwrap_or_default();
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, reserve) = (settings.storage.blobs.as_ref(), settings.storage.min_free_bytes);
         let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, faults.clone())?;
@@ -141,8 +136,7 @@ impl Server {
             }
             (None, None) => Store::temporary(&files.database(), rules, faults).await?,
         };
-        let metrics = Arc::new(Metrics::new(&description.info));
-        metrics.limits(&settings);
+        let metrics = Arc::new(Metrics::new(&description.info, &settings));
         let observer = Arc::clone(&metrics);
         store.observe(move |operation, elapsed, failed| observer.stored(operation, elapsed, failed));
         let store = Arc::new(store);
@@ -160,7 +154,7 @@ impl Server {
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout;
         let live = Arc::<Live>::default();
-        let parts = Parts {
+        let pipeline = Pipeline {
             shares: access.shares(),
             worker: presence::worker_name().into(),
             faults: extras.faults.clone(),
@@ -178,17 +172,15 @@ impl Server {
             )?,
             metrics: Arc::clone(&metrics),
             live: Arc::clone(&live),
-        };
-        let costs = Costs {
             limits: settings.limits(),
-            slots: settings.meshes_in_memory,
-            memory: settings.work.memory_budget,
+            slots: Arc::new(Semaphore::new(settings.meshes_in_memory)),
+            newcomer: Arc::new(Semaphore::new(1)),
+            memory: Memory::new(settings.work.memory_budget),
+            small: SmallMeshes::start()?,
+            leases: Arc::default(),
             time: settings.work.max_job(),
             patience: extras.patience.unwrap_or(PATIENCE),
         };
-        let pipeline = Pipeline::start(parts, costs)?;
-        let most = settings.traffic.max_queued_jobs_per_tenant;
-        let admission = Admission::new(store.clone(), Arc::clone(&metrics), most);
         let shared = Arc::new(Shared {
             store,
             files,
@@ -198,15 +190,14 @@ impl Server {
             live,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
-            memory: pipeline.memory(),
+            memory: pipeline.memory.clone(),
             traffic: Arc::new(Traffic::new(&settings, Arc::clone(&access), extras.faults.clone())),
             access,
-            admission,
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
             metrics,
             settings,
         });
-        Ok(Self { listener, address, shared, pipeline, reload, end_drain_delay })
+        Ok(Self { listener, address, shared, pipeline, end_drain_delay })
     }
 
     /// The address it listens on.
@@ -218,7 +209,7 @@ impl Server {
     /// begun, streams end, running jobs get the grace period to finish and are released after it, and the last answers
     /// are sent: a few seconds after the grace period at most.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
-        let Self { listener, address, shared, pipeline, reload, end_drain_delay } = self;
+        let Self { listener, address, shared, pipeline, end_drain_delay } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
@@ -230,12 +221,8 @@ impl Server {
         };
         let announcing = (shared.settings.work.work == Switch::On).then(|| {
             let (store, until) = (Arc::clone(&shared.store), stop.clone());
-            let presence = Presence {
-                name: presence::worker_name().into(),
-                version: env!("CARGO_PKG_VERSION"),
-                device: shared.device.info.name.as_str().into(),
-            };
-            tokio::spawn(async move { presence::announce(store.as_ref(), presence, until).await })
+            let (name, device) = (presence::worker_name(), shared.device.info.name.clone());
+            tokio::spawn(async move { presence::announce(&store, &name, &device, until).await })
         });
         let watching = tokio::spawn({
             let (storage, until) = (Arc::clone(&shared.storage), close.clone());
@@ -249,7 +236,7 @@ impl Server {
         let watching_lag = tokio::spawn(lag::watch(Arc::clone(&shared.metrics), close.clone()));
         let following = tokio::spawn({
             let (shared, stop) = (Arc::clone(&shared), stop.clone());
-            async move { shared.access.follow(&shared.health, reload, stop).await }
+            async move { shared.access.follow(&shared.health, stop).await }
         });
         let telling = tokio::spawn({
             let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));

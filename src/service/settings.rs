@@ -13,7 +13,6 @@ macro_rules! durations {
 mod access;
 pub mod heading;
 pub(crate) mod logging;
-mod network;
 mod storage;
 mod traffic;
 mod webhooks;
@@ -26,7 +25,6 @@ use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::mesh::Limits;
 
 pub use self::access::AccessSettings;
-pub use self::network::Network;
 pub use self::storage::StorageSettings;
 pub(crate) use self::traffic::BEGINNINGS;
 pub use self::traffic::{TrafficConstants, TrafficSettings};

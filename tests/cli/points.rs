@@ -27,7 +27,7 @@ fn run(folder: &Folder, command: &str) -> String {
 #[test]
 fn a_grid_gives_labels_in_its_shape_and_tables_without_a_mesh() {
     let folder = Folder::new();
-    folder.write("x.npy", &npy("(12, 20, 3)", &values(12, 20)));
+    folder.write("x.npy", npy("(12, 20, 3)", &values(12, 20)));
     let said = run(
         &folder,
         "cluster x.npy -k 6 --graph grid -o l.npy -o l.json --clusters-table t.json --clusters-graph g.json",
@@ -68,7 +68,7 @@ fn a_grid_gives_labels_in_its_shape_and_tables_without_a_mesh() {
 #[test]
 fn edges_of_a_sparse_matrix_are_those_of_the_nearest_neighbours_that_it_lists() {
     let folder = Folder::new();
-    folder.write("x.npy", &npy("(240, 3)", &values(12, 20)));
+    folder.write("x.npy", npy("(240, 3)", &values(12, 20)));
     run(&folder, "cluster x.npy -k 8 --graph knn:6 -o near.npy");
     // the graph of clusters, one an item, is that of the items
     run(&folder, "cluster x.npy -k 240 --graph knn:6 --clusters-graph items.npz -o all.npy");
@@ -81,8 +81,8 @@ fn edges_of_a_sparse_matrix_are_those_of_the_nearest_neighbours_that_it_lists() 
 fn what_points_do_not_have_is_refused() {
     let folder = Folder::new();
     folder.sample("quads", 400, "q.obj");
-    folder.write("x.npy", &npy("(12, 20, 3)", &values(12, 20)));
-    folder.write("flat.npy", &npy("(240, 3)", &values(12, 20)));
+    folder.write("x.npy", npy("(12, 20, 3)", &values(12, 20)));
+    folder.write("flat.npy", npy("(240, 3)", &values(12, 20)));
     for (command, words) in [
         ("cluster x.npy -k 4 --graph grid --mesh m.glb", "--mesh is made of a mesh, and these are points"),
         ("cluster x.npy -k 4 --graph grid --remesh m.ply", "--remesh is made of a mesh"),

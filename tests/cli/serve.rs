@@ -189,22 +189,6 @@ fn receiver() -> (String, std::sync::mpsc::Receiver<(String, TcpStream)>) {
 }
 
 #[test]
-fn a_hangup_makes_the_service_read_its_tokens_again() {
-    let folder = Folder::new();
-    folder.run(&["token", "new", "acme", "--tokens", "tokens.json"]).expect_success();
-    let mut service = Running::with(&folder, &["--tokens", "tokens.json"]);
-    let id = service.child.id().to_string();
-    assert!(Command::new("kill").args(["-HUP", &id]).status().expect("kill runs").success());
-    let mut line = String::new();
-    while !line.contains("tokens.json again") {
-        line.clear();
-        assert_ne!(service.log.read_line(&mut line).expect("text"), 0, "it ended, or did not read the tokens again");
-    }
-    assert!(service.get("/healthz").starts_with("HTTP/1.0 200 "));
-    assert_eq!(service.end("-TERM").0, Some(0));
-}
-
-#[test]
 fn settings_that_cannot_be_are_told_before_the_device_is_opened() {
     use std::os::unix::fs::PermissionsExt as _;
     let folder = Folder::new();

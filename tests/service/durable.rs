@@ -94,11 +94,11 @@ async fn the_same_key_and_request_give_the_same_job_also_after_a_restart() {
     let mesh = sphere(300);
     let service = Service::start().await;
     let first = json(keyed(&service, "clusters=5", "\"a key\"", &mesh)).await;
-    let again = json(keyed(&service, "clusters=5", "a key", &mesh).header("prefer", "wait=50")).await;
+    let again = json(keyed(&service, "clusters=5", "\"a key\"", &mesh).header("prefer", "wait=50")).await;
     assert_eq!(again["id"], first["id"]);
     assert_eq!(again["state"], "succeeded");
     let service = service.again(|_| {}).await;
-    let again = keyed(&service, "clusters=5", "a key", &mesh).send().await.expect("answered");
+    let again = keyed(&service, "clusters=5", "\"a key\"", &mesh).send().await.expect("answered");
     assert_eq!(again.headers()["location"], path(&first));
     assert_eq!(again.json::<Value>().await.expect("JSON")["id"], first["id"]);
     // as long as the first, and of the same name: only its content tells
@@ -108,11 +108,11 @@ async fn the_same_key_and_request_give_the_same_job_also_after_a_restart() {
     for (query, mesh) in
         [("clusters=6", mesh.clone()), ("clusters=5", of_equal_length), ("clusters=5&seed=1", mesh.clone())]
     {
-        refused(keyed(&service, query, "a key", &mesh), 422, "key-reused").await;
+        refused(keyed(&service, query, "\"a key\"", &mesh), 422, "key-reused").await;
     }
     let other = json(keyed(&service, "clusters=5", "another key", &mesh)).await;
     assert_ne!(other["id"], first["id"]);
-    refused(keyed(&service, "clusters=5", "\"", &mesh), 400, "bad-request").await;
+    refused(keyed(&service, "clusters=5", &"k".repeat(256), &mesh), 400, "bad-request").await;
     service.ended(&other).await;
     service.keeps_no("uploads").await;
 }

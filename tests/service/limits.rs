@@ -278,7 +278,7 @@ async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
     let service = Service::with(|settings| settings.traffic.max_request_rate = 0, device).await;
     let job = service.submit("clusters=50", sphere(3000)).await;
     service.reaches(&job, "running").await;
-    let before = metric(&service, "tesserae_resident_memory_bytes").await;
+    let before = metric(&service, "process_resident_memory_bytes").await;
     let opened = Instant::now();
     let request = format!("GET {}/events HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", path(&job));
     let readers: Vec<_> = (0..STREAMS)
@@ -298,7 +298,7 @@ async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
     let asked = Instant::now();
     assert_eq!(service.get(path(&job)).send().await.expect("answered").status(), 200);
     let asked = asked.elapsed();
-    let memory = metric(&service, "tesserae_resident_memory_bytes").await - before;
+    let memory = metric(&service, "process_resident_memory_bytes").await - before;
     gate.open();
     let ended = Instant::now();
     let whole =

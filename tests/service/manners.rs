@@ -181,7 +181,7 @@ async fn answers_are_compressed_for_who_can_read_that_and_streams_are_not() {
         assert_eq!(answer.headers()["content-encoding"], coding);
         assert!(answer.headers()["vary"].to_str().expect("text").contains("accept"));
         let tag = answer.headers()["etag"].clone();
-        assert_ne!(tag, plain_tag, "other bytes");
+        assert_eq!(tag, format!("W/{}", plain_tag.to_str().expect("text")), "other bytes of the same meaning");
         let bytes = answer.bytes().await.expect("bytes");
         assert!(bytes.len() < plain.len() / 2, "{} of {}", bytes.len(), plain.len());
         let mut read = Vec::new();

@@ -43,7 +43,7 @@ async fn work_shows_in_the_metrics() {
     assert!(metric(&service, "tesserae_device_busy_seconds_total").await > 0.0);
     assert!(metric(&service, "tesserae_iterations_total{algorithm=\"bb\"}").await > 0.0);
     assert!(metric(&service, "tesserae_faces_total{algorithm=\"bb\"}").await >= 300.0);
-    assert!(metric(&service, "tesserae_resident_memory_bytes").await > 1e6);
+    assert!(metric(&service, "process_resident_memory_bytes").await > 1e6);
     assert!(metric(&service, "tesserae_disk_free_bytes").await > 1e6);
     assert!(metric(&service, "process_cpu_seconds_total").await > 0.0);
     assert!(metric(&service, "process_open_fds").await > 3.0);

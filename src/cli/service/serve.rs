@@ -21,7 +21,7 @@ use crate::{Cli, Failure};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Every setting is a flag or an environment variable. Ctrl-C and SIGTERM stop the service in order, and again during \
---drain-delay end that delay; SIGHUP makes the service read its tokens again.
+--drain-delay end that delay.
 
 Example:
   tesserae serve --listen 127.0.0.1:8080
@@ -96,14 +96,8 @@ pub fn run(mut arguments: Arguments) -> Result<(), Failure> {
     };
     let choice = arguments.device.clone();
     let reopen: service::Reopen = Arc::new(move || open(&choice));
-    let reload = Arc::<Notify>::default();
     let stop_again = Arc::<Notify>::default();
-    let extras = Extras {
-        reopen: Some(reopen),
-        reload: Some(Arc::clone(&reload)),
-        end_drain_delay: Some(Arc::clone(&stop_again)),
-        ..Extras::default()
-    };
+    let extras = Extras { reopen: Some(reopen), end_drain_delay: Some(Arc::clone(&stop_again)), ..Extras::default() };
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
@@ -111,7 +105,6 @@ pub fn run(mut arguments: Arguments) -> Result<(), Failure> {
     let served = runtime.block_on(async {
         let cannot = |error| Error::io("cannot listen for signals", error);
         let shutdown = signals::requests_to_stop(stop_again).map_err(cannot)?;
-        signals::notify_at_hangup(reload).map_err(cannot)?;
         service::serve(arguments.settings, device, description, extras, shutdown).await
     });
     // What still works on a mesh is left behind.

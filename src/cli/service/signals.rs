@@ -1,4 +1,4 @@
-//! Signals to the service: Ctrl-C and SIGTERM stop it, SIGHUP makes it read its tokens again.
+//! Signals to the service: Ctrl-C and SIGTERM stop it.
 
 use std::io;
 use std::sync::Arc;
@@ -55,24 +55,4 @@ impl Requests {
     async fn next(&mut self) {
         self.0.recv().await;
     }
-}
-
-/// Notifies at every SIGHUP from here on, which would end the process otherwise. Needs a tokio runtime around it.
-#[cfg(unix)]
-pub fn notify_at_hangup(notify: Arc<Notify>) -> io::Result<()> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let mut hangups = signal(SignalKind::hangup())?;
-    tokio::spawn(async move {
-        while hangups.recv().await.is_some() {
-            tracing::info!("SIGHUP: reading the tokens again, where there are any");
-            notify.notify_one();
-        }
-    });
-    Ok(())
-}
-
-/// There is no such signal.
-#[cfg(windows)]
-pub fn notify_at_hangup(_: Arc<Notify>) -> io::Result<()> {
-    Ok(())
 }

@@ -4,7 +4,6 @@ use futures_util::StreamExt as _;
 use object_store::memory::InMemory;
 use object_store::path::Path;
 
-use super::folder::FolderBlobs;
 #[cfg(feature = "s3")]
 use super::place::BlobPlace;
 use super::*;
@@ -14,18 +13,18 @@ fn content(bytes: usize) -> Bytes {
     (0..bytes).map(|at| (at % 251) as u8).collect()
 }
 
-async fn read(blobs: &dyn Blobs, path: &str, range: Option<GetRange>) -> Result<Bytes> {
+async fn read(blobs: &Blobs, path: &str, range: Option<GetRange>) -> Result<Bytes> {
     blobs.get(&Path::from(path), range).await?.bytes().await
 }
 
-async fn sorted_names(blobs: &dyn Blobs, below: &str) -> Vec<String> {
+async fn sorted_names(blobs: &Blobs, below: &str) -> Vec<String> {
     let mut names = blobs.names(&Path::from(below)).await.expect("listed");
     names.sort();
     names
 }
 
 /// Blobs of every size come back whole and in ranges, as bytes, as a body and to a thread that blocks.
-async fn reading(blobs: &dyn Blobs) {
+async fn reading(blobs: &Blobs) {
     for size in [0, 1, 1000, 3 << 20] {
         let (path, bytes) = (format!("read/{size}"), content(size));
         blobs.put(&Path::from(path.as_str()), bytes.clone()).await.expect("stored");
@@ -63,7 +62,7 @@ async fn reading(blobs: &dyn Blobs) {
 }
 
 /// A blob in parts appears when it is complete; one that is dropped never does.
-async fn parts(blobs: &dyn Blobs) {
+async fn parts(blobs: &Blobs) {
     let bytes = content((12 << 20) + 1);
     for is_completed in [true, false] {
         let path = format!("parts/{is_completed}");
@@ -83,7 +82,7 @@ async fn parts(blobs: &dyn Blobs) {
 }
 
 /// Names are those directly below a path; removing is about all that lies below it.
-async fn listing_and_removing(blobs: &dyn Blobs) {
+async fn listing_and_removing(blobs: &Blobs) {
     for (path, size) in [("a/1/x", 5), ("a/1/y/z", 7), ("a/10/x", 11), ("a/b", 13)] {
         blobs.put(&Path::from(path), content(size)).await.expect("stored");
     }
@@ -107,7 +106,7 @@ async fn listing_and_removing(blobs: &dyn Blobs) {
 }
 
 /// Times are those of the place, and a probe leaves nothing.
-async fn times(blobs: &dyn Blobs) {
+async fn times(blobs: &Blobs) {
     let before = blobs.probe().await.expect("it works");
     let below = Path::from("times");
     assert_eq!(blobs.newest(&below).await, Ok(None));
@@ -125,7 +124,7 @@ async fn times(blobs: &dyn Blobs) {
 }
 
 /// A blob that was replaced is not read by the tag of the one before.
-async fn replaced(blobs: &dyn Blobs) {
+async fn replaced(blobs: &Blobs) {
     let path = Path::from("replaced/x");
     assert_eq!(blobs.find(&path).await.expect_err("none").kind, Kind::NotFound);
     blobs.put(&path, content(9)).await.expect("stored");
@@ -139,7 +138,7 @@ async fn replaced(blobs: &dyn Blobs) {
     assert_eq!(read().await.expect_err("another one").kind, Kind::Conflict);
 }
 
-async fn check(blobs: &dyn Blobs) {
+async fn check(blobs: &Blobs) {
     reading(blobs).await;
     parts(blobs).await;
     listing_and_removing(blobs).await;
@@ -151,7 +150,7 @@ async fn check(blobs: &dyn Blobs) {
 async fn a_folder_conforms() {
     for is_kept in [false, true] {
         let folder = tempfile::tempdir().expect("a folder");
-        let blobs = FolderBlobs::open(folder.path(), is_kept).expect("opened");
+        let blobs = Blobs::in_folder(folder.path(), is_kept).expect("opened");
         check(&blobs).await;
         drop(folder);
         assert!(blobs.names(&Path::from("a")).await.is_err(), "a folder that is away is not an empty one");
@@ -160,7 +159,7 @@ async fn a_folder_conforms() {
 
 #[tokio::test]
 async fn an_object_store_in_memory_conforms() {
-    check(&InMemory::new()).await;
+    check(&Blobs::stored(InMemory::new())).await;
 }
 
 /// The bucket is one of a server that `tests/scripts/s3.py` runs, which sets this variable to its URL.
@@ -174,7 +173,7 @@ async fn a_bucket_conforms() {
     crate::ops::tls::prepare();
     for below in [String::new(), format!("/{}/x", Uuid::new_v4())] {
         let place: BlobPlace = format!("{bucket}{below}").parse().expect("a bucket");
-        check(place.open().expect("opened").as_ref()).await;
+        check(&place.open().expect("opened")).await;
     }
     // one that is away is not an empty one
     let place: BlobPlace = format!("{bucket}-away").parse().expect("a bucket");

@@ -8,113 +8,61 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use async_trait::async_trait;
-use axum::body::Bytes;
-use object_store::GetRange;
-use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Result};
 
-use super::{Blob, Blobs, Found, Parts};
 use crate::ops::blocking::blocking;
 use crate::ops::private;
 
 /// Bytes of a part of a blob.
-const PART: usize = 1 << 20;
+pub(super) const PART: usize = 1 << 20;
 
-/// The blobs in a folder.
-#[derive(Debug)]
-pub(crate) struct FolderBlobs {
-    root: PathBuf,
-    files: LocalFileSystem,
-}
-
-impl FolderBlobs {
-    /// Those below a folder that is there; with `is_kept`, a blob is on the disk when its writing returns.
-    pub fn open(root: &Path, is_kept: bool) -> io::Result<Self> {
-        let files = LocalFileSystem::new_with_prefix(root).map_err(io::Error::other)?.with_fsync(is_kept);
-        Ok(Self { root: root.to_owned(), files })
-    }
-
-    /// The folder or file at a path.
-    fn at(&self, path: &BlobPath) -> PathBuf {
-        self.root.join(path.as_ref())
-    }
-}
-
-#[async_trait]
-impl Blobs for FolderBlobs {
-    fn part_bytes(&self) -> usize {
-        PART
-    }
-
-    async fn put(&self, path: &BlobPath, bytes: Bytes) -> Result<()> {
-        Blobs::put(&self.files, path, bytes).await
-    }
-
-    async fn start(&self, path: &BlobPath) -> Result<Parts> {
-        self.files.start(path).await
-    }
-
-    async fn get(&self, path: &BlobPath, range: Option<GetRange>) -> Result<Blob> {
-        Blobs::get(&self.files, path, range).await
-    }
-
-    async fn get_tagged(&self, path: &BlobPath, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
-        self.files.get_tagged(path, range, tag).await
-    }
-
-    async fn find(&self, path: &BlobPath) -> Result<Found> {
-        self.files.find(path).await
-    }
-
-    async fn names(&self, below: &BlobPath) -> Result<Vec<String>> {
-        let (root, folder) = (self.root.clone(), self.at(below));
-        blocking(move || match names(&folder) {
+/// The next segment of every path below a path.
+pub(super) async fn names(root: &Path, below: &BlobPath) -> Result<Vec<String>> {
+    let (root, folder) = (root.to_owned(), root.join(below.as_ref()));
+    blocking(move || {
+        let names = std::fs::read_dir(&folder).and_then(|entries| {
+            let names = entries.map(|entry| Ok(entry?.file_name().into_string().ok()));
+            Ok(names.collect::<io::Result<Vec<_>>>()?.into_iter().flatten().collect())
+        });
+        match names {
             // no blob has such a path, unless the root is away
             Err(error) if error.kind() == io::ErrorKind::NotFound && root.is_dir() => Ok(Vec::new()),
             found => found.map_err(|error| {
                 Error::io(format_args!("the data folder cannot be read: {}", folder.display()), error)
             }),
-        })
-        .await?
-    }
-
-    async fn newest(&self, below: &BlobPath) -> Result<Option<SystemTime>> {
-        let folder = self.at(below);
-        blocking(move || {
-            let mut newest = None;
-            // one that is being written counts too
-            each_below(&folder, |_, found| newest = newest.max(found.modified().ok().filter(|_| found.is_file())));
-            newest
-        })
-        .await
-    }
-
-    async fn remove(&self, below: &BlobPath) -> Result<u64> {
-        let (root, folder) = (self.root.clone(), self.at(below));
-        blocking(move || {
-            let bytes = size(&folder);
-            match std::fs::remove_dir_all(&folder) {
-                Ok(()) => {
-                    remove_empty_above(&root, &folder);
-                    Ok(bytes)
-                }
-                // another task removed it, and counted its bytes
-                Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
-                Err(error) => Err(Error::io(format_args!("a folder cannot be removed: {}", folder.display()), error)),
-            }
-        })
-        .await?
-    }
+        }
+    })
+    .await?
 }
 
-fn names(folder: &Path) -> io::Result<Vec<String>> {
-    let mut names = Vec::new();
-    for entry in std::fs::read_dir(folder)? {
-        names.extend(entry?.file_name().into_string());
-    }
-    Ok(names)
+/// When the newest file below a path was written, one that is being written included.
+pub(super) async fn newest(root: &Path, below: &BlobPath) -> Result<Option<SystemTime>> {
+    let folder = root.join(below.as_ref());
+    blocking(move || {
+        let mut newest = None;
+        each_below(&folder, |_, found| newest = newest.max(found.modified().ok().filter(|_| found.is_file())));
+        newest
+    })
+    .await
+}
+
+/// Removes the folder at a path.
+pub(super) async fn remove(root: &Path, below: &BlobPath) -> Result<u64> {
+    let (root, folder) = (root.to_owned(), root.join(below.as_ref()));
+    blocking(move || {
+        let bytes = size(&folder);
+        match std::fs::remove_dir_all(&folder) {
+            Ok(()) => {
+                remove_empty_above(&root, &folder);
+                Ok(bytes)
+            }
+            // another task removed it, and counted its bytes
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
+            Err(error) => Err(Error::io(format_args!("a folder cannot be removed: {}", folder.display()), error)),
+        }
+    })
+    .await?
 }
 
 /// Removes the folders above a removed one that are empty now. Those in the root stay: they have the modes that the

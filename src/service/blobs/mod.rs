@@ -1,9 +1,8 @@
 //! Blobs: bytes under a path, which appear whole, never change, and are removed together with others below a path.
 //!
-//! [`Blobs`] is all that the service needs of a place that keeps them. Every [`ObjectStore`] is one; the folder on a
-//! disk, [`folder::FolderBlobs`], is one of its own, because a folder can be listed and removed as such; a `bucket` of
-//! S3 is the other one in use. [`place::BlobPlace`] is what `--blobs` says. One suite of tests runs for each
-//! (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
+//! [`Blobs`] is all that the service needs of a place that keeps them: an [`ObjectStore`], which is a `bucket` of S3,
+//! or a [`folder`], which is listed and removed as such. [`place::BlobPlace`] is what `--blobs` says. One suite of
+//! tests runs for each (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
 
 #[cfg(feature = "s3")]
 mod bucket;
@@ -14,18 +13,17 @@ pub(crate) mod place;
 #[cfg(test)]
 mod tests;
 
-use std::fmt::Debug;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::path::PathBuf;
 use std::time::SystemTime;
 
-use async_trait::async_trait;
 use axum::body::{Body, Bytes};
 use futures_util::{StreamExt as _, TryStreamExt as _, future, stream};
+use object_store::local::LocalFileSystem;
 use object_store::path::Path;
 use object_store::{
     GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt as _,
-    PutMultipartOptions, PutOptions,
 };
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::Input;
@@ -38,43 +36,98 @@ use uuid::Uuid;
 const CHUNK: usize = 1 << 16;
 
 /// Bytes of a part of a blob in an object store. S3 takes none below 5 MiB but the last, and at most 10,000.
+#[cfg(any(test, feature = "s3"))]
 const PART: usize = 8 << 20;
 
 /// A place that keeps blobs.
-#[async_trait]
-pub(crate) trait Blobs: Debug + Send + Sync {
+#[derive(Debug)]
+pub(crate) struct Blobs {
+    store: Box<dyn ObjectStore>,
+    /// Where they lie in a folder, which can be listed and removed as such.
+    folder: Option<PathBuf>,
     /// Bytes of a part of a blob; the last one may have fewer.
-    fn part_bytes(&self) -> usize;
+    pub part: usize,
+}
+
+impl Blobs {
+    #[cfg(any(test, feature = "s3"))]
+    pub fn stored(store: impl ObjectStore) -> Self {
+        Self { store: Box::new(store), folder: None, part: PART }
+    }
+
+    /// Those below a folder that is there; with `is_kept`, a blob is on the disk when its writing returns.
+    pub fn in_folder(root: &std::path::Path, is_kept: bool) -> io::Result<Self> {
+        let store = LocalFileSystem::new_with_prefix(root).map_err(io::Error::other)?.with_fsync(is_kept);
+        Ok(Self { store: Box::new(store), folder: Some(root.to_owned()), part: folder::PART })
+    }
 
     /// Stores a blob, which stays when this returns.
-    async fn put(&self, path: &Path, bytes: Bytes) -> Result<()>;
+    pub async fn put(&self, path: &Path, bytes: Bytes) -> Result<()> {
+        self.store.put(path, bytes.into()).await.map(drop).map_err(cannot_store)
+    }
 
     /// Starts a blob that is stored in parts.
-    async fn start(&self, path: &Path) -> Result<Parts>;
+    pub async fn start(&self, path: &Path) -> Result<Parts> {
+        let upload = self.store.put_multipart(path).await.map_err(cannot_store)?;
+        Ok(Parts { upload: Some(upload) })
+    }
 
     /// Opens a blob, or a range of it. [`Kind::NotFound`] if it is not there.
-    async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob>;
+    pub async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
+        let options = GetOptions { range, ..GetOptions::default() };
+        let found = self.store.get_opts(path, options).await.map_err(cannot_read)?;
+        Ok(Blob(Source::Found(Box::new(found))))
+    }
 
     /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its [tag](Found::tag) is another one,
     /// and [`Kind::Forbidden`] if it may not be read.
-    async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob>;
+    pub async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
+        let options = GetOptions { range, if_match: tag.map(str::to_owned), ..GetOptions::default() };
+        let found = self.store.get_opts(path, options).await.map_err(may_not_read)?;
+        Ok(Blob(Source::Found(Box::new(found))))
+    }
 
     /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there, [`Kind::Forbidden`] if it may
     /// not be read.
-    async fn find(&self, path: &Path) -> Result<Found>;
+    pub async fn find(&self, path: &Path) -> Result<Found> {
+        let ObjectMeta { size, e_tag, .. } = self.store.head(path).await.map_err(may_not_read)?;
+        Ok(Found { bytes: size, tag: e_tag })
+    }
 
     /// The next segment of every path below a path, once each, in no order.
-    async fn names(&self, below: &Path) -> Result<Vec<String>>;
+    pub async fn names(&self, below: &Path) -> Result<Vec<String>> {
+        if let Some(root) = &self.folder {
+            return folder::names(root, below).await;
+        }
+        let found = self.store.list_with_delimiter(Some(below)).await.map_err(cannot_read)?;
+        let paths = found.common_prefixes.into_iter().chain(found.objects.into_iter().map(|blob| blob.location));
+        Ok(paths.filter_map(|path| path.filename().map(str::to_owned)).collect())
+    }
 
     /// When the newest blob below a path was stored, by the clock of the place; none without blobs.
-    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>>;
+    pub async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
+        if let Some(root) = &self.folder {
+            return folder::newest(root, below).await;
+        }
+        let times = self.store.list(Some(below)).map_ok(|blob| blob.last_modified.into());
+        times.try_fold(None, |newest, time| future::ready(Ok(newest.max(Some(time))))).await.map_err(cannot_read)
+    }
 
     /// Removes all blobs below a path, and returns the number of their bytes.
-    async fn remove(&self, below: &Path) -> Result<u64>;
+    pub async fn remove(&self, below: &Path) -> Result<u64> {
+        if let Some(root) = &self.folder {
+            return folder::remove(root, below).await;
+        }
+        let found: Vec<ObjectMeta> = self.store.list(Some(below)).try_collect().await.map_err(cannot_read)?;
+        let bytes = found.iter().map(|blob| blob.size).sum();
+        let paths = stream::iter(found.into_iter().map(|blob| Ok(blob.location))).boxed();
+        self.store.delete_stream(paths).try_for_each(|_| future::ready(Ok(()))).await.map_err(cannot_store)?;
+        Ok(bytes)
+    }
 
     /// Stores a blob, finds it, and removes it; returns the time by the clock of the place. A place that fails here is
     /// one that does not work.
-    async fn probe(&self) -> Result<SystemTime> {
+    pub async fn probe(&self) -> Result<SystemTime> {
         let below = Path::from_iter([PROBES, &Uuid::new_v4().to_string()]);
         self.put(&below.clone().join("probe"), Bytes::from_static(b"probe")).await?;
         let time = self.newest(&below).await?;
@@ -83,10 +136,8 @@ pub(crate) trait Blobs: Debug + Send + Sync {
     }
 }
 
-/// What a place knows of a blob.
 #[derive(Debug, Clone)]
 pub(crate) struct Found {
-    /// Number of its bytes.
     pub bytes: u64,
     /// Changes with its content; none where the place has none.
     pub tag: Option<String>,
@@ -94,58 +145,6 @@ pub(crate) struct Found {
 
 /// Where blobs lie that try a place.
 const PROBES: &str = "probes";
-
-#[async_trait]
-impl<S: ObjectStore> Blobs for S {
-    fn part_bytes(&self) -> usize {
-        PART
-    }
-
-    async fn put(&self, path: &Path, bytes: Bytes) -> Result<()> {
-        self.put_opts(path, bytes.into(), PutOptions::default()).await.map(drop).map_err(cannot_store)
-    }
-
-    async fn start(&self, path: &Path) -> Result<Parts> {
-        let upload = self.put_multipart_opts(path, PutMultipartOptions::default()).await.map_err(cannot_store)?;
-        Ok(Parts { upload: Some(upload) })
-    }
-
-    async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
-        let options = GetOptions { range, ..GetOptions::default() };
-        let found = self.get_opts(path, options).await.map_err(cannot_read)?;
-        Ok(Blob(Source::Found(Box::new(found))))
-    }
-
-    async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
-        let options = GetOptions { range, if_match: tag.map(str::to_owned), ..GetOptions::default() };
-        let found = self.get_opts(path, options).await.map_err(may_not_read)?;
-        Ok(Blob(Source::Found(Box::new(found))))
-    }
-
-    async fn find(&self, path: &Path) -> Result<Found> {
-        let ObjectMeta { size, e_tag, .. } = self.head(path).await.map_err(may_not_read)?;
-        Ok(Found { bytes: size, tag: e_tag })
-    }
-
-    async fn names(&self, below: &Path) -> Result<Vec<String>> {
-        let found = self.list_with_delimiter(Some(below)).await.map_err(cannot_read)?;
-        let paths = found.common_prefixes.into_iter().chain(found.objects.into_iter().map(|blob| blob.location));
-        Ok(paths.filter_map(|path| path.filename().map(str::to_owned)).collect())
-    }
-
-    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
-        let times = self.list(Some(below)).map_ok(|blob| blob.last_modified.into());
-        times.try_fold(None, |newest, time| future::ready(Ok(newest.max(Some(time))))).await.map_err(cannot_read)
-    }
-
-    async fn remove(&self, below: &Path) -> Result<u64> {
-        let found: Vec<ObjectMeta> = self.list(Some(below)).try_collect().await.map_err(cannot_read)?;
-        let bytes = found.iter().map(|blob| blob.size).sum();
-        let paths = stream::iter(found.into_iter().map(|blob| Ok(blob.location))).boxed();
-        self.delete_stream(paths).try_for_each(|_| future::ready(Ok(()))).await.map_err(cannot_store)?;
-        Ok(bytes)
-    }
-}
 
 /// A blob that is stored in parts. It is there when [complete](Self::complete); the parts of one that is dropped before
 /// are removed.
@@ -156,7 +155,6 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
-    /// Stores the next part.
     pub async fn add(&mut self, bytes: Bytes) -> Result<()> {
         self.upload()?.put_part(bytes.into()).await.map_err(cannot_store)
     }
@@ -251,7 +249,6 @@ impl Blob {
         }
     }
 
-    /// All bytes.
     pub async fn bytes(self) -> Result<Bytes> {
         match self.0 {
             Source::Held { bytes, .. } => Ok(bytes),

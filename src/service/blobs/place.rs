@@ -12,7 +12,6 @@ use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Result};
 
 use super::Blobs;
-use super::folder::FolderBlobs;
 use crate::ops::private;
 
 /// What the URL of a bucket begins with.
@@ -65,15 +64,15 @@ impl fmt::Display for BlobPlace {
 
 impl BlobPlace {
     /// The blobs there. A folder is made if need be; a bucket must be there, which is not checked yet.
-    pub(crate) fn open(&self) -> Result<Box<dyn Blobs>> {
+    pub(crate) fn open(&self) -> Result<Blobs> {
         match &self.0 {
             Place::Folder(path) => {
-                let opened = private::make_folder(path).and_then(|()| FolderBlobs::open(path, true));
+                let opened = private::make_folder(path).and_then(|()| Blobs::in_folder(path, true));
                 let cannot = |error| Error::io(format_args!("the folder cannot be used (--blobs): {self}"), error);
-                Ok(Box::new(opened.map_err(cannot)?))
+                opened.map_err(cannot)
             }
             #[cfg(feature = "s3")]
-            Place::Bucket { name, prefix } => Ok(Box::new(super::bucket::open(name, prefix)?)),
+            Place::Bucket { name, prefix } => super::bucket::open(name, prefix).map(Blobs::stored),
             #[cfg(not(feature = "s3"))]
             Place::Bucket { .. } => Err(Error::parameter(format_args!(
                 "this program was built without the cargo feature s3; give --blobs a folder, not {self}"

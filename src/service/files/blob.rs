@@ -39,13 +39,12 @@ pub(crate) struct BlobWriter {
 
 impl BlobWriter {
     pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
-        let part = files.blobs.part_bytes();
+        let part = files.blobs.part;
         let (name, buffer, sha256) = (name.to_owned(), Vec::new(), Sha256::new());
         let counted = Counted { files: Arc::clone(&files), bytes: 0 };
         Self { files, folder, name, is_upload, buffer, parts: None, written: 0, counted, sha256, part }
     }
 
-    /// Bytes so far.
     pub(super) fn bytes(&self) -> u64 {
         self.written + self.buffer.len() as u64
     }
@@ -66,7 +65,6 @@ impl BlobWriter {
         self.folder.path().join(self.name.as_str())
     }
 
-    /// Takes the next bytes.
     pub async fn write(&mut self, bytes: &[u8]) -> Result<()> {
         self.take(bytes).await.map_err(|error| self.files.noted(error))
     }
@@ -129,7 +127,7 @@ impl BlobWriter {
         let bytes = self.buffer.len() as u64;
         self.written += bytes;
         if self.is_upload {
-            self.files.uploaded(bytes);
+            self.files.disk.uploaded(bytes);
             self.counted.bytes += bytes;
         }
         Ok(std::mem::take(&mut self.buffer).into())
@@ -144,7 +142,7 @@ struct Counted {
 
 impl Drop for Counted {
     fn drop(&mut self) {
-        self.files.removed(self.bytes);
+        self.files.disk.removed(self.bytes);
     }
 }
 
@@ -193,7 +191,6 @@ impl Write for BlockingWriter {
 }
 
 impl Files {
-    /// Starts a blob of a result.
     pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
         BlobWriter::new(Arc::clone(self), Folder::Result(job, attempt), name, false)
     }

@@ -31,26 +31,28 @@ pub(crate) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
     }
 }
 
-/// The room in a folder.
 #[derive(Debug)]
 pub(super) struct Disk {
     root: PathBuf,
     /// Free bytes that no upload takes.
     reserve: u64,
+    /// Whether uploads take room here.
+    has_uploads: bool,
     /// Bytes of the files of uploads, those that are coming in included.
     uploads: AtomicU64,
 }
 
 impl Disk {
-    /// Counts the files of uploads.
-    pub fn new(root: PathBuf, reserve: u64) -> Self {
+    /// Of a folder in which uploads lie, or not.
+    pub fn new(root: PathBuf, reserve: u64, has_uploads: bool) -> Self {
         let uploads = AtomicU64::new(size(&root.join(UPLOADS)));
-        Self { root, reserve: reserve.max(STORE_ROOM), uploads }
+        Self { root, reserve: reserve.max(STORE_ROOM), has_uploads, uploads }
     }
 
     /// Refuses `more` bytes of an upload of which `before` were written, without room for them and their results.
     /// [`Kind::TooLarge`] when there would be none on an empty disk either.
     pub fn check(&self, more: u64, before: u64) -> Result<()> {
+        let [more, before] = [more, before].map(|bytes| if self.has_uploads { bytes } else { 0 });
         let with_results = |bytes: u64| more.saturating_add(bytes.saturating_mul(RESULTS));
         let needs = with_results(before.saturating_add(more));
         let holds = total_bytes(&self.root).unwrap_or(u64::MAX).saturating_sub(self.reserve);
@@ -86,20 +88,15 @@ impl Disk {
     }
 
     fn taken(&self) -> u64 {
-        self.uploads().saturating_mul(RESULTS).saturating_add(self.reserve)
+        self.uploads.load(Ordering::Relaxed).saturating_mul(RESULTS).saturating_add(self.reserve)
     }
 
-    /// Bytes of the files of uploads.
-    pub fn uploads(&self) -> u64 {
-        self.uploads.load(Ordering::Relaxed)
-    }
-
-    /// Counts a file of an upload.
     pub fn uploaded(&self, bytes: u64) {
-        self.uploads.fetch_add(bytes, Ordering::Relaxed);
+        if self.has_uploads {
+            self.uploads.fetch_add(bytes, Ordering::Relaxed);
+        }
     }
 
-    /// Counts removed files of an upload.
     pub fn removed(&self, bytes: u64) {
         let less = |uploads: u64| Some(uploads.saturating_sub(bytes));
         let _ = self.uploads.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);

@@ -5,9 +5,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use object_store::path::Path as BlobPath;
+use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::ballast::Ballast;
@@ -17,7 +17,6 @@ use super::names::{Folder, RESULTS, UPLOADS};
 use super::references::References;
 use super::root::{self, Root};
 use crate::blobs::Blobs;
-use crate::blobs::folder::FolderBlobs;
 use crate::blobs::place::BlobPlace;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -31,7 +30,7 @@ const STORE_PART: u64 = 8;
 #[derive(Debug)]
 pub(crate) struct Files {
     pub(super) root: Root,
-    pub(super) blobs: Box<dyn Blobs>,
+    pub(super) blobs: Blobs,
     pub(super) references: References,
     /// Where the blobs lie when they are not in the root. Other processes may use them too.
     pub(super) elsewhere: Option<BlobPlace>,
@@ -67,15 +66,15 @@ impl Files {
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
         }
-        let blobs: Box<dyn Blobs> = match elsewhere {
+        let blobs = match elsewhere {
             Some(place) => place.open()?,
             None => {
-                let blobs = FolderBlobs::open(root.path(), root.is_kept());
-                Box::new(blobs.map_err(|error| cannot_make(root.path(), error))?)
+                let blobs = Blobs::in_folder(root.path(), root.is_kept());
+                blobs.map_err(|error| cannot_make(root.path(), error))?
             }
         };
         let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), root.is_kept());
-        let disk = Disk::new(root.path().to_owned(), reserve);
+        let disk = Disk::new(root.path().to_owned(), reserve, elsewhere.is_none());
         let (incoming, failures, damages) = (Mutex::default(), AtomicU64::new(0), AtomicU64::new(0));
         let references = References::default();
         let elsewhere = elsewhere.cloned();
@@ -111,12 +110,9 @@ impl Files {
         self.root.path().join("scratch")
     }
 
-    /// Removes the upload of a job.
     pub async fn remove_upload(&self, id: JobId) {
         let removed = self.remove_below(&Folder::Upload(id).path()).await;
-        if !self.is_shared() {
-            self.disk.removed(removed);
-        }
+        self.disk.removed(removed);
     }
 
     /// Removes what an attempt at a job left.
@@ -124,7 +120,6 @@ impl Files {
         self.remove_below(&Folder::Result(id, attempt).path()).await;
     }
 
-    /// Removes everything of a job.
     pub async fn remove(&self, id: JobId) {
         self.remove_upload(id).await;
         self.remove_below(&Folder::Results(id).path()).await;
@@ -140,24 +135,10 @@ impl Files {
         self.check_room(SMALL_BLOBS)
     }
 
-    /// Refuses more bytes of an upload, of which some were written before. Blobs that lie elsewhere take no room here.
+    /// Refuses more bytes of an upload, of which some were written before.
     pub(super) fn check_more(&self, more: u64, before: u64) -> Result<()> {
         self.check_reachable()?;
-        if self.is_shared() { self.disk.check(0, 0) } else { self.disk.check(more, before) }
-    }
-
-    /// Counts bytes of an upload.
-    pub(super) fn uploaded(&self, bytes: u64) {
-        if !self.is_shared() {
-            self.disk.uploaded(bytes);
-        }
-    }
-
-    /// Counts bytes of an upload that are gone.
-    pub(super) fn removed(&self, bytes: u64) {
-        if !self.is_shared() {
-            self.disk.removed(bytes);
-        }
+        self.disk.check(more, before)
     }
 
     /// Makes the ballast if it is missing and there is room to spare. Blocks.
@@ -263,10 +244,6 @@ impl Files {
                 let _ = tokio::fs::remove_dir_all(folder.path()).await;
             }
         }
-    }
-
-    pub(super) fn lock_incoming(&self) -> MutexGuard<'_, HashSet<JobId>> {
-        self.incoming.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Removes all blobs below a path, and gives the number of their bytes. What cannot be removed now is swept away

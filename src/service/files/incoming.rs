@@ -41,7 +41,6 @@ impl Incoming {
         BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
     }
 
-    /// Makes a blob part of the upload.
     pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
         self.held.push(blob);
         if self.has_files || !are_small(&self.held) {
@@ -88,13 +87,13 @@ impl Drop for Incoming {
     fn drop(&mut self) {
         let (files, id) = (Arc::clone(&self.files), self.id);
         if self.kept {
-            files.lock_incoming().remove(&id);
+            files.incoming.lock().remove(&id);
             return;
         }
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
                 files.remove_upload(id).await;
-                files.lock_incoming().remove(&id);
+                files.incoming.lock().remove(&id);
             });
         }
     }
@@ -104,7 +103,7 @@ impl Files {
     /// Starts an upload, under the name of the job that it will be.
     pub fn incoming(self: &Arc<Self>) -> Incoming {
         let id = JobId::random();
-        self.lock_incoming().insert(id);
+        self.incoming.lock().insert(id);
         Incoming::new(Arc::clone(self), id)
     }
 }

@@ -29,7 +29,6 @@ const LEVEL: i32 = 1;
 /// Numbers that are converted at once.
 const CHUNK: usize = 1 << 14;
 
-/// Writes a mesh.
 pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
     let mut out = zstd::Encoder::new(out, LEVEL)?;
     let PolygonMesh { positions, faces, .. } = mesh;

@@ -4,10 +4,8 @@ use object_store::path::Path;
 
 use crate::store::JobId;
 
-/// Name of the folder of all uploads.
 pub(crate) const UPLOADS: &str = "uploads";
 
-/// Name of the folder of all results.
 pub(crate) const RESULTS: &str = "results";
 
 /// Name of the mesh among a job's uploads.

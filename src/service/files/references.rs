@@ -9,7 +9,6 @@ use crate::blobs::place::BlobPlace;
 /// What stands for the tenant in a prefix.
 const TENANT: &str = "{tenant}";
 
-/// Where meshes may lie.
 #[derive(Debug, Default)]
 pub(super) struct References(Vec<Prefix>);
 
@@ -20,11 +19,10 @@ struct Prefix {
     text: String,
     /// The URL of its bucket.
     bucket: String,
-    blobs: Box<dyn Blobs>,
+    blobs: Blobs,
 }
 
 impl References {
-    /// Opens the buckets of prefixes.
     pub fn open(prefixes: &[BlobPlace]) -> Result<Self> {
         let open = |place: &BlobPlace| {
             let (bucket, _) = place.bucket()?;
@@ -35,10 +33,10 @@ impl References {
     }
 
     /// Where an object of a bucket lies that a tenant may read; none where it may not.
-    pub fn place_of(&self, url: &str, tenant: &str) -> Option<(&dyn Blobs, BlobPath)> {
+    pub fn place_of(&self, url: &str, tenant: &str) -> Option<(&Blobs, BlobPath)> {
         self.0.iter().find_map(|prefix| {
             let path = path_in(&prefix.text, &prefix.bucket, url, tenant)?;
-            Some((prefix.blobs.as_ref(), path))
+            Some((&prefix.blobs, path))
         })
     }
 }

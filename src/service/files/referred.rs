@@ -58,7 +58,7 @@ impl Files {
     }
 
     /// Where a mesh lies that no request brings.
-    fn place_of(&self, tenant: &str, url: &str) -> Result<(&dyn Blobs, BlobPath)> {
+    fn place_of(&self, tenant: &str, url: &str) -> Result<(&Blobs, BlobPath)> {
         self.references.place_of(url, tenant).ok_or_else(|| {
             Error::parameter(format_args!(
                 "mesh_url must be s3://BUCKET/KEY below a prefix that the operator allows (--mesh-prefixes), not \

@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::files::Files;
 use crate::files::deletion;
-use crate::store::{Deletion, ListQuery, Store};
+use crate::store::{Deletion, Store};
 
 /// Jobs that are deleted at a time.
 const AT_ONCE: usize = 100;
@@ -40,12 +40,10 @@ const PAUSE: Duration = Duration::from_secs(600);
 struct Reading {
     /// The system's clock, which people and other computers set.
     wall: SystemTime,
-    /// The monotonic clock.
     steady: Instant,
 }
 
 impl Reading {
-    /// As it is now.
     fn now() -> Self {
         Self { wall: SystemTime::now(), steady: Instant::now() }
     }
@@ -58,7 +56,6 @@ pub(crate) struct Retention {
     store: Arc<Store>,
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
-    /// The clocks at the last look.
     last: Reading,
     /// Until when nothing is deleted.
     pause: Option<Instant>,
@@ -71,9 +68,9 @@ impl Retention {
     }
 
     async fn at(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
-        let newest = store.list(&ListQuery { limit: 1, ..ListQuery::default() }).await?.jobs.pop();
+        let newest = store.newest().await?;
         // a stop and a jump of the clock look alike
-        let last = Reading { wall: newest.map_or(now.wall, |job| job.created_at), ..now };
+        let last = Reading { wall: newest.unwrap_or(now.wall), ..now };
         Ok(Self { files, store, kept, last, pause: None })
     }
 

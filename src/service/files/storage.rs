@@ -24,7 +24,6 @@ const INTERVAL: Duration = Duration::from_millis(500);
 /// Time after which the folder is tried although nothing failed.
 const TRIED_ANYWAY: Duration = Duration::from_secs(10);
 
-/// The state of folder and store.
 #[derive(Debug)]
 pub(crate) struct Storage {
     files: Arc<Files>,
@@ -44,7 +43,6 @@ impl Storage {
         let _ = self.works.subscribe().wait_for(|works| *works).await;
     }
 
-    /// Watches folder and store until `stop`.
     pub async fn watch(&self, stop: CancellationToken) {
         let mut seen = (0, 0);
         let mut tried = Instant::now();
@@ -65,7 +63,6 @@ impl Storage {
         }
     }
 
-    /// Tries both.
     async fn look(&self) {
         let files = Arc::clone(&self.files);
         let folder = match blocking(move || files.probe()).await {

@@ -33,7 +33,7 @@ impl Files {
         };
         for id in self.jobs_in(UPLOADS).await? {
             // looked at before the store, which knows an accepted one before it stops coming in
-            let is_coming_in = self.lock_incoming().contains(&id);
+            let is_coming_in = self.incoming.lock().contains(&id);
             match store.get(id).await? {
                 _ if is_coming_in => continue,
                 Some(job) if !job.state.is_ended() || job.keeps_upload() => continue,

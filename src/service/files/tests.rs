@@ -57,35 +57,6 @@ async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
 }
 
 #[tokio::test]
-async fn a_folder_is_for_one_process_at_a_time() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), 0, Faults::default());
-    let error = Files::open(Some(folder.path()), None, 0, Faults::default()).expect_err("in use");
-    assert_eq!(error.kind, Kind::Conflict);
-    let holder = std::process::id().to_string();
-    assert!(error.message.contains("--data-dir") && error.message.contains(&holder), "{error}");
-    files.close().await;
-    open(folder.path(), 0, Faults::default());
-}
-
-#[tokio::test]
-async fn an_upload_that_is_not_kept_leaves_nothing() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), 0, Faults::default());
-    let incoming = files.incoming();
-    let id = incoming.id();
-    write(incoming.blob(MESH), b"x").await.expect("written");
-    let mut unfinished = incoming.blob(SEEDS);
-    unfinished.write(&content(2 << 20)).await.expect("written");
-    drop(unfinished);
-    drop(incoming);
-    let left = folder.path().join(Folder::Upload(id).path().as_ref());
-    while files.lock_incoming().contains(&id) || left.exists() {
-        tokio::task::yield_now().await;
-    }
-}
-
-#[tokio::test]
 async fn blobs_that_are_small_together_become_no_files_and_others_do() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = open(folder.path(), 0, Faults::default());
@@ -140,23 +111,6 @@ async fn a_reserve_that_the_disk_never_has_is_refused_and_one_that_it_has_not_no
     let error = Files::open(Some(folder.path()), None, total, Faults::default()).expect_err("no disk is that empty");
     let words = format!("less than the {total} bytes");
     assert!(error.message.contains("--min-free-bytes") && error.message.contains(&words), "{error}");
-}
-
-#[tokio::test]
-async fn room_for_results_is_kept_as_long_as_the_upload_is_there_also_by_the_next_process() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), 0, Faults::default());
-    let incoming = files.incoming();
-    let id = incoming.id();
-    write(incoming.blob(MESH), &content(2 << 20)).await.expect("written");
-    incoming.keep();
-    write(files.result(id, 1, "x"), &content(3 << 20)).await.expect("written");
-    assert_eq!(files.disk.uploads(), 2 << 20);
-    files.close().await;
-    let files = open(folder.path(), 0, Faults::default());
-    assert_eq!(files.disk.uploads(), 2 << 20);
-    files.remove_upload(id).await;
-    assert_eq!(files.disk.uploads(), 0);
 }
 
 #[tokio::test]

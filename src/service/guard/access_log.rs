@@ -12,6 +12,7 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::Response;
 use futures_util::TryStreamExt as _;
+use ipnet::IpNet;
 use tracing::Span;
 use uuid::Uuid;
 
@@ -20,7 +21,6 @@ use crate::guard::path;
 use crate::guard::traffic::guarded::Guarded;
 use crate::guard::traffic::origin;
 use crate::ops::trace::{Origin, TraceParent};
-use crate::settings::Network;
 
 /// Name of the header that carries the id of a request.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -32,7 +32,7 @@ const MAX_ID: usize = 128;
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Gives a request its id and its [`Origin`], and logs it once it was answered.
-pub(crate) async fn log(State(proxies): State<Arc<[Network]>>, mut request: Request, next: Next) -> Response {
+pub(crate) async fn log(State(proxies): State<Arc<[IpNet]>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let id = request_id(request.headers());
     let trace = TraceParent::of_request(request.headers());

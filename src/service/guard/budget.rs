@@ -20,7 +20,6 @@ pub(crate) struct Held {
 }
 
 impl Budget {
-    /// Nothing yet, and at most `limit` bytes.
     pub fn new(limit: u64) -> Self {
         Self { limit, held: AtomicU64::new(0) }
     }
@@ -33,7 +32,6 @@ impl Budget {
         }
     }
 
-    /// Bytes that are coming in.
     pub fn held(&self) -> u64 {
         self.held.load(Ordering::Relaxed)
     }
@@ -47,7 +45,6 @@ impl Budget {
 }
 
 impl Held {
-    /// Takes more bytes.
     pub fn add(&mut self, bytes: u64) -> Result<()> {
         self.bytes += bytes;
         let before = self.budget.held.fetch_add(bytes, Ordering::Relaxed);
@@ -58,24 +55,5 @@ impl Held {
 impl Drop for Held {
     fn drop(&mut self) {
         self.budget.held.fetch_sub(self.bytes, Ordering::Relaxed);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_ended_gives_its_bytes_back() {
-        let budget = Arc::new(Budget::new(100));
-        let mut first = budget.begin(Some(90)).expect("room");
-        first.add(90).expect("room");
-        assert_eq!(budget.begin(Some(11)).expect_err("full").kind, Kind::Overloaded);
-        let mut second = budget.begin(None).expect("nobody knows how long it is");
-        second.add(10).expect("room");
-        assert!(second.add(1).is_err());
-        drop((first, second));
-        assert_eq!(budget.held(), 0);
-        assert!(budget.begin(Some(100)).is_ok());
     }
 }

@@ -24,9 +24,6 @@ use tokio_util::io::{ReaderStream, StreamReader};
 use crate::guard::problem::Failure;
 use crate::ingest::upload::content_length;
 
-/// What compression adds to a tag, because compressed bytes are other bytes.
-const CODINGS: [&str; 2] = ["gzip", "zstd"];
-
 /// Put into the extensions of a response: what decides its bytes besides the media type. Of labels their SHA-256, where
 /// it holds nothing else but their number; of outputs that are made on request, path, query and release.
 #[derive(Debug, Clone)]
@@ -61,11 +58,8 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
     // kept by the client only, and validated before each use
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
     headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
-    if let Some(coding) = known(&asked, &tag) {
+    if known(&asked, &tag) {
         let headers = response.headers_mut();
-        if let Some(value) = coding.and_then(|coding| HeaderValue::try_from(format!("\"{tag}-{coding}\"")).ok()) {
-            headers.insert(header::ETAG, value);
-        }
         headers.remove(header::CONTENT_TYPE);
         headers.remove(header::CONTENT_LENGTH);
         *response.body_mut() = Body::empty();
@@ -83,9 +77,9 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
     }
 }
 
-/// Adds the content coding to the tag of a response that was compressed since it got the tag. A response without any
-/// coding may be sent whatever the client accepts (RFC 9110 §12.5.3), so what refuses that is left out of the request:
-/// the layer that compresses would answer 406 after the request was handled.
+/// Makes the tag of a response weak that was compressed since it got the tag: its bytes are others. A response without
+/// any coding may be sent whatever the client accepts (RFC 9110 §12.5.3), so what refuses that is left out of the
+/// request: the layer that compresses would answer 406 after the request was handled.
 pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Response {
     let accepted = request.headers().get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
     let codings: Vec<&str> =
@@ -95,17 +89,12 @@ pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Res
         _ => _ = request.headers_mut().remove(header::ACCEPT_ENCODING),
     }
     let mut response = next.run(request).await;
-    let headers = response.headers();
-    let (Some(tag), Some(coding)) = (headers.get(header::ETAG), headers.get(header::CONTENT_ENCODING)) else {
-        return response;
-    };
-    let (tag, coding) = (tag.to_str().unwrap_or_default(), coding.to_str().unwrap_or_default());
-    let is_new = response.status() == StatusCode::OK;
-    if let Some(stem) = tag.strip_suffix('"').filter(|_| is_new)
-        && let Ok(value) = HeaderValue::try_from(format!("{stem}-{coding}\""))
+    let headers = response.headers_mut();
+    if headers.contains_key(header::CONTENT_ENCODING)
+        && let Some(tag) = headers.get(header::ETAG).and_then(|tag| tag.to_str().ok())
+        && let Ok(weak) = HeaderValue::try_from(format!("W/{tag}"))
     {
-        let headers = response.headers_mut();
-        headers.insert(header::ETAG, value);
+        headers.insert(header::ETAG, weak);
         // parts are parts of what is not compressed
         headers.remove(header::ACCEPT_RANGES);
     }
@@ -120,18 +109,12 @@ fn refuses_none(coding: &str) -> bool {
     is_zero && ["identity", "*"].iter().any(|all| name.trim().eq_ignore_ascii_case(all))
 }
 
-/// Whether the client has the result, and in which coding. A 304 carries the tag that a 200 would (RFC 9110 §15.4.5),
-/// which is always a strong one; the client may send it back as a weak one.
-fn known(asked: &HeaderMap, tag: &str) -> Option<Option<&'static str>> {
+/// Whether the client has the result, compressed or not.
+fn known(asked: &HeaderMap, tag: &str) -> bool {
     let values = asked.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    values.flat_map(|value| value.split(',')).map(str::trim).find_map(|candidate| {
+    values.flat_map(|value| value.split(',')).map(str::trim).any(|candidate| {
         let candidate = candidate.strip_prefix("W/").unwrap_or(candidate);
-        let candidate = candidate.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).unwrap_or(candidate);
-        if candidate == "*" || candidate == tag {
-            return Some(None);
-        }
-        let coding = candidate.strip_prefix(tag)?.strip_prefix('-')?;
-        CODINGS.into_iter().find(|known| *known == coding).map(Some)
+        candidate == "*" || candidate.trim_matches('"') == tag
     })
 }
 
@@ -223,19 +206,19 @@ mod tests {
     }
 
     #[test]
-    fn a_tag_is_known_in_every_coding_and_among_others() {
-        for (header, expected) in [
-            ("\"abc\"", Some(None)),
-            ("W/\"abc\"", Some(None)),
-            ("\"x\", W/\"abc-gzip\"", Some(Some("gzip"))),
-            ("*", Some(None)),
-            ("\"abc-br\"", None),
-            ("\"x\"", None),
-            ("", None),
+    fn a_tag_is_known_among_others() {
+        for (header, is_known) in [
+            ("\"abc\"", true),
+            ("W/\"abc\"", true),
+            ("\"x\", W/\"abc\"", true),
+            ("*", true),
+            ("\"abcd\"", false),
+            ("\"x\"", false),
+            ("", false),
         ] {
             let mut asked = HeaderMap::new();
             asked.insert(header::IF_NONE_MATCH, HeaderValue::from_static(header));
-            assert_eq!(known(&asked, "abc"), expected, "{header}");
+            assert_eq!(known(&asked, "abc"), is_known, "{header}");
         }
     }
 

@@ -14,14 +14,15 @@ use utoipa::ToSchema;
 
 use crate::files::Files;
 use crate::files::storage::Storage;
+use crate::guard::access::tokens::Tenant;
 use crate::guard::access::{Access, Caller};
+use crate::guard::problem::Failure;
 use crate::guard::traffic::Traffic;
-use crate::ingest::admission::Admission;
 use crate::metrics::Metrics;
 use crate::ops::health::Health;
 use crate::settings::Settings;
 use crate::store::live::Live;
-use crate::store::{Job, JobId, Store, no_such_job};
+use crate::store::{Job, JobId, LOCAL_TENANT, Store, no_such_job};
 use crate::work::pipeline::Memory;
 use crate::work::webhooks::Webhooks;
 
@@ -70,8 +71,6 @@ pub(crate) struct Shared {
     pub access: Arc<Access>,
     /// Limits of traffic.
     pub traffic: Arc<Traffic>,
-    /// Jobs that are being created.
-    pub admission: Admission,
     /// What is counted.
     pub metrics: Arc<Metrics>,
     /// Hosts and secret of webhooks.
@@ -89,6 +88,24 @@ impl Shared {
         let tenant = caller.tenant()?;
         let job = self.store.get(id).await?.filter(|job| job.spec.tenant == tenant.name);
         job.ok_or_else(|| no_such_job(id))
+    }
+
+    /// Jobs of a tenant that may wait; none without tokens, where the limit of the whole queue is enough.
+    pub fn most_waiting(&self, tenant: &Tenant) -> Option<u64> {
+        let most = self.settings.traffic.max_queued_jobs_per_tenant;
+        tenant.quotas.max_queued_jobs.or((tenant.name != LOCAL_TENANT).then_some(most))
+    }
+
+    /// The answer to a job that was not accepted; of a full queue with the jobs that wait, and about how long.
+    pub async fn full(&self, error: Error, tenant: &Tenant) -> Failure {
+        let waiting = match error.kind {
+            Kind::QueueFull => self.store.waiting(&tenant.name).await.ok(),
+            _ => None,
+        };
+        let is_own = |own: u64| self.most_waiting(tenant).is_some_and(|most| own >= most);
+        let depth = waiting.map(|(all, own)| if is_own(own) { own } else { all });
+        let retry_after = depth.and_then(|depth| self.metrics.seconds_to_empty(depth));
+        Failure { queue_depth: depth, retry_after, ..error.into() }
     }
 
     /// When a job will be deleted.

@@ -1,6 +1,5 @@
-//! How jobs come in: bodies, parameters, repeated requests, and limits of the queue.
+//! How jobs come in: bodies, parameters and repeated requests.
 
-pub mod admission;
 pub mod idempotency;
 pub mod intake;
 pub mod request;

@@ -1,7 +1,6 @@
 //! The parameters of a job request: those of the query string and of the JSON part, merged.
 //!
-//! A parameter may stand in either place, or in both with the same value; different values are refused. A path is never
-//! a parameter here: files arrive in the request.
+//! A parameter stands in one of the two places. A path is never a parameter here: files arrive in the request.
 
 use std::fmt;
 
@@ -29,37 +28,48 @@ pub(crate) struct Wanted {
     pub mesh_url: Option<String>,
     /// URL that receives the end of the job.
     webhook: Option<String>,
-    priority: Option<i8>,
-    /// Files that are made of the mesh.
-    outputs: Option<Vec<String>>,
-    keep_mesh: Option<bool>,
+    /// Of the tenant's waiting jobs, those with a higher one start first.
+    pub priority: i8,
+    /// What is kept of the mesh.
+    pub kept: Kept,
     parameters: Parameters,
     /// Names of the parameters that were given.
     given: Vec<String>,
 }
 
+/// Parameters of a job that are none of its clustering.
+const OF_JOB: [&str; 4] = ["webhook", "priority", "outputs", "keep_mesh"];
+
 impl Wanted {
     /// Reads the query string.
     pub fn from_query(uri: &Uri) -> Result<Self> {
         let whole = uri.query().unwrap_or_default();
-        query::names(whole)?;
+        let given = query::names(whole)?;
         let (format, rest) = query::take(whole, "format");
         let format = format.as_deref().map(Format::from_name).transpose()?;
-        let (mesh_url, rest) = query::take(&rest, "mesh_url");
-        let (webhook, rest) = query::take(&rest, "webhook");
-        let (priority, rest) = query::take(&rest, "priority");
-        let priority = priority.map(|text| priority_of(text.parse().ok(), &text)).transpose()?;
-        let (outputs, rest) = query::take(&rest, "outputs");
-        let outputs = outputs.map(|text| kept::files(text.split(','))).transpose()?;
-        let (keep_mesh, rest) = query::take(&rest, "keep_mesh");
-        let keep_mesh = keep_mesh.map(|text| is_true(text.parse().ok(), &text)).transpose()?;
-        let given = query::names(&rest)?;
+        let (mesh_url, mut rest) = query::take(&rest, "mesh_url");
+        let mut of_job = Vec::new();
+        for name in OF_JOB {
+            let (text, others) = query::take(&rest, name);
+            of_job.extend(text.map(|text| (name, text)));
+            rest = others;
+        }
         let rest: Uri = format!("/?{rest}")
             .parse()
             .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
         let parameters: Parameters = query::read(&rest)?;
         refuse_path(&parameters)?;
-        Ok(Self { format, mesh_url, webhook, priority, outputs, keep_mesh, parameters, given })
+        let (webhook, priority, kept) = Default::default();
+        let mut this = Self { format, mesh_url, webhook, priority, kept, parameters, given };
+        for (name, text) in of_job {
+            let value = match name {
+                "priority" => text.parse::<i64>().map_or_else(|_| text.into(), Value::from),
+                "keep_mesh" => text.parse::<bool>().map_or_else(|_| text.into(), Value::from),
+                _ => text.into(),
+            };
+            this.set(name, &value)?;
+        }
+        Ok(this)
     }
 
     /// Adds the parameters of the JSON part.
@@ -73,105 +83,51 @@ impl Wanted {
             Error::new(kind, format_args!("the part \"parameters\" is not valid: {}", wrong_json_at(&error)))
         };
         let Members(mut object) = serde_json::from_slice(json).map_err(malformed)?;
-        let ours = ["webhook", "priority", "outputs", "keep_mesh"].map(|name| object.remove(name));
-        let parameters: Parameters = match ours {
-            [None, None, None, None] => serde_json::from_slice(json).map_err(malformed)?,
-            [webhook, priority, outputs, keep_mesh] => {
-                webhook.map(|webhook| self.add_webhook(webhook)).transpose()?;
-                priority.map(|priority| self.add_priority(&priority)).transpose()?;
-                outputs.map(|outputs| self.add_outputs(&outputs)).transpose()?;
-                keep_mesh.map(|keep_mesh| self.add_keep_mesh(&keep_mesh)).transpose()?;
-                // no line numbers in messages here: the text is not the client's any more
-                serde_json::from_value(Value::Object(object.clone())).map_err(malformed)?
-            }
+        if let Some(name) = object.keys().find(|name| self.given.contains(name)) {
+            return Err(Error::parameter(format_args!(
+                "a parameter stands in the query string and in the part \"parameters\": leave it out of one: {name}"
+            )));
+        }
+        let before = object.len();
+        for name in OF_JOB {
+            object.remove(name).map(|value| self.set(name, &value)).transpose()?;
+        }
+        let parameters: Parameters = match object.len() == before {
+            true => serde_json::from_slice(json).map_err(malformed)?,
+            // no line numbers in messages here: the text is not the client's any more
+            false => serde_json::from_value(Value::Object(object.clone())).map_err(malformed)?,
         };
         refuse_path(&parameters)?;
         let mut merged = as_object(&self.parameters)?;
-        for (name, value) in as_object(&parameters)? {
-            if !object.contains_key(&name) {
-                continue;
-            }
-            if !self.given.contains(&name) {
-                self.given.push(name.clone());
-            } else if let Some(other) = merged.get(&name).filter(|other| **other != value) {
-                return Err(Error::parameter(format_args!(
-                    "query string and part \"parameters\" contradict each other about {name}: {other} and {value}"
-                )));
-            }
-            merged.insert(name, value);
-        }
+        merged.extend(as_object(&parameters)?.into_iter().filter(|(name, _)| object.contains_key(name)));
         self.parameters = serde_json::from_value(Value::Object(merged)).map_err(internal)?;
+        self.given.extend(object.into_iter().map(|(name, _)| name));
         Ok(())
     }
 
-    /// Adds the webhook of the JSON part.
-    fn add_webhook(&mut self, webhook: Value) -> Result<()> {
-        let Value::String(webhook) = webhook else {
-            return Err(Error::parameter(format_args!("webhook must be a text with a URL, not {webhook}")));
-        };
-        match &self.webhook {
-            Some(other) if *other != webhook => {
-                Err(Error::parameter("query string and part \"parameters\" contradict each other about webhook"))
+    /// Takes a parameter of the job.
+    fn set(&mut self, name: &str, value: &Value) -> Result<()> {
+        let must_be = |what: &str| Error::parameter(format_args!("{name} must be {what}, not {value}"));
+        match name {
+            "webhook" => self.webhook = Some(value.as_str().ok_or_else(|| must_be("a text with a URL"))?.to_owned()),
+            "priority" => {
+                let priority = value.as_i64().and_then(|number| i8::try_from(number).ok());
+                let (least, most) = (PRIORITIES.start(), PRIORITIES.end());
+                self.priority = priority
+                    .filter(|priority| PRIORITIES.contains(priority))
+                    .ok_or_else(|| must_be(&format!("a whole number from {least} to {most}")))?;
             }
-            _ => {
-                self.webhook = Some(webhook);
-                Ok(())
+            "outputs" => {
+                let names = match value {
+                    Value::String(text) => Some(text.split(',').collect()),
+                    Value::Array(names) => names.iter().map(Value::as_str).collect::<Option<Vec<&str>>>(),
+                    _ => None,
+                };
+                self.kept.outputs = kept::files(names.ok_or_else(|| must_be("a list of names"))?.into_iter())?;
             }
+            _ => self.kept.mesh = value.as_bool().ok_or_else(|| must_be("true or false"))?,
         }
-    }
-
-    /// Adds the priority of the JSON part.
-    fn add_priority(&mut self, priority: &Value) -> Result<()> {
-        let priority = priority_of(priority.as_i64(), priority)?;
-        match self.priority.replace(priority) {
-            Some(other) if other != priority => Err(Error::parameter(format_args!(
-                "query string and part \"parameters\" contradict each other about priority: {other} and {priority}"
-            ))),
-            _ => Ok(()),
-        }
-    }
-
-    /// Adds the outputs of the JSON part: a list of names, or a text with commas.
-    fn add_outputs(&mut self, outputs: &Value) -> Result<()> {
-        let wrong = || Error::parameter(format_args!("outputs must be a list of names, not {outputs}"));
-        let files = match outputs {
-            Value::String(text) => kept::files(text.split(','))?,
-            Value::Array(names) => {
-                let names: Option<Vec<&str>> = names.iter().map(Value::as_str).collect();
-                kept::files(names.ok_or_else(wrong)?.into_iter())?
-            }
-            _ => return Err(wrong()),
-        };
-        match &self.outputs {
-            Some(other) if *other != files => {
-                Err(Error::parameter("query string and part \"parameters\" contradict each other about outputs"))
-            }
-            _ => {
-                self.outputs = Some(files);
-                Ok(())
-            }
-        }
-    }
-
-    /// Adds whether the mesh is kept, of the JSON part.
-    fn add_keep_mesh(&mut self, keep_mesh: &Value) -> Result<()> {
-        let keep_mesh = is_true(keep_mesh.as_bool(), keep_mesh)?;
-        match self.keep_mesh.replace(keep_mesh) {
-            Some(other) if other != keep_mesh => Err(Error::parameter(format_args!(
-                "query string and part \"parameters\" contradict each other about keep_mesh: {other} and {keep_mesh}"
-            ))),
-            _ => Ok(()),
-        }
-    }
-
-    /// What is kept of the mesh.
-    pub fn kept(&self) -> Kept {
-        Kept { outputs: self.outputs.clone().unwrap_or_default(), mesh: self.keep_mesh.unwrap_or_default() }
-    }
-
-    /// The priority, 0 when none was given.
-    pub fn priority(&self) -> i8 {
-        self.priority.unwrap_or_default()
+        Ok(())
     }
 
     /// Checks what can be checked before the body is here: a form may still bring parameters and a list of seeds.
@@ -193,23 +149,9 @@ impl Wanted {
             self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
-        self.kept().check(&self.parameters)?;
+        self.kept.check(&self.parameters)?;
         Ok((self.parameters, self.webhook))
     }
-}
-
-/// Whether the mesh is kept, which was given as `text`.
-fn is_true(value: Option<bool>, text: impl fmt::Display) -> Result<bool> {
-    value.ok_or_else(|| Error::parameter(format_args!("keep_mesh must be true or false, not {text}")))
-}
-
-/// A priority that was given as `text`.
-fn priority_of(number: Option<i64>, text: impl fmt::Display) -> Result<i8> {
-    let priority = number.and_then(|number| i8::try_from(number).ok()).filter(|priority| PRIORITIES.contains(priority));
-    priority.ok_or_else(|| {
-        let (least, most) = (PRIORITIES.start(), PRIORITIES.end());
-        Error::parameter(format_args!("priority must be a whole number from {least} to {most}, not {text}"))
-    })
 }
 
 /// The members of a JSON object, none of which is there twice.

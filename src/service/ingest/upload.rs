@@ -118,13 +118,13 @@ async fn raw(
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let digests = mesh.digest.into_iter().collect();
-    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes)? })
+    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes, false)? })
 }
 
-/// A mesh of so many bytes without a name, and nothing else.
-fn spec_of(wanted: Wanted, format: Format, bytes: u64) -> Result<Spec> {
-    let (priority, kept) = (wanted.priority(), wanted.kept());
-    let (parameters, webhook) = wanted.finish(false)?;
+/// A mesh of so many bytes without a name, and perhaps a list of seeds.
+fn spec_of(wanted: Wanted, format: Format, bytes: u64, listed_seeds: bool) -> Result<Spec> {
+    let (priority, kept) = (wanted.priority, wanted.kept.clone());
+    let (parameters, webhook) = wanted.finish(listed_seeds)?;
     Ok(Spec {
         tenant: String::new(),
         trace_parent: None,
@@ -134,7 +134,7 @@ fn spec_of(wanted: Wanted, format: Format, bytes: u64) -> Result<Spec> {
         format,
         bytes,
         buffers: Vec::new(),
-        listed_seeds: false,
+        listed_seeds,
         has_weights: false,
         is_small: false,
         priority,
@@ -265,13 +265,6 @@ mod tests {
             assert_eq!(kind(content_type), Ok(expected), "{content_type}");
         }
         assert_eq!(body_kind(&HeaderMap::new()), Ok(BodyKind::Mesh(None)));
-    }
-
-    #[test]
-    fn what_curl_says_by_default_is_explained() {
-        let error = kind("application/x-www-form-urlencoded").expect_err("no mesh");
-        assert_eq!(error.kind, Kind::UnsupportedMediaType);
-        assert!(error.message.contains("model/gltf-binary"), "{error}");
     }
 
     #[test]

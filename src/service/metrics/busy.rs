@@ -4,13 +4,11 @@ use std::time::{Duration, Instant};
 
 use parking_lot::{Mutex, MutexGuard};
 
-/// What counts.
 #[derive(Debug, Default)]
 pub(super) struct Busy(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    /// Jobs at the moment.
     jobs: usize,
     /// When the first of them began, or was last counted.
     since: Option<Instant>,

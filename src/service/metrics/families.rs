@@ -11,7 +11,7 @@ use prometheus_client::metrics::histogram::Histogram;
 
 /// Upper ends of the buckets of a histogram.
 #[derive(Debug, Clone)]
-pub(super) struct Buckets(&'static [f64]);
+pub(crate) struct Buckets(&'static [f64]);
 
 /// For what takes milliseconds: requests, the store.
 const SHORT: Buckets = Buckets(&[0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.5, 2.5, 10.0]);
@@ -27,7 +27,7 @@ impl MetricConstructor<Histogram> for Buckets {
 type Histograms<L> = Family<L, Histogram, Buckets>;
 
 /// A sum of times, in seconds.
-pub(super) type Seconds = Counter<f64, AtomicU64>;
+pub(crate) type Seconds = Counter<f64, AtomicU64>;
 
 /// Defines metrics that are registered together: field, type, how it is made unless by default, name, unit if it has
 /// one, and description.
@@ -37,11 +37,11 @@ macro_rules! metrics {
     }) => {
         $(#[$doc])*
         #[derive(Debug)]
-        pub(super) struct $group { $(pub(super) $field: $type),+ }
+        pub(crate) struct $group { $(pub(crate) $field: $type),+ }
 
         impl $group {
             /// Registers all of them.
-            pub(super) fn register(registry: &mut prometheus_client::registry::Registry) -> Self {
+            pub(crate) fn register(registry: &mut prometheus_client::registry::Registry) -> Self {
                 Self { $($field: {
                     let metric: $type = metrics!(@new $($new)?);
                     metrics!(@register registry, metric, $name, $help $(, prometheus_client::registry::Unit::$unit)?);
@@ -59,14 +59,14 @@ macro_rules! metrics {
         $registry.register_with_unit($name, $help, $unit, $metric.clone())
     };
 }
-pub(super) use metrics;
+pub(crate) use metrics;
 
 /// Defines sets of labels.
 macro_rules! labels {
     ($($(#[$doc:meta])* $name:ident { $($label:ident: $kind:ty),+ })+) => {$(
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-        pub(super) struct $name { $(pub $label: $kind),+ }
+        pub(crate) struct $name { $(pub $label: $kind),+ }
     )+};
 }
 
@@ -77,11 +77,9 @@ labels! {
     ByEnd { algorithm: &'static str, state: &'static str }
     /// An algorithm and a stage of its work.
     ByStage { algorithm: &'static str, stage: &'static str }
-    /// An algorithm.
     ByAlgorithm { algorithm: &'static str }
     /// A request: its method, the template of its route, the status of its answer.
     ByAnswer { method: &'static str, route: Cow<'static, str>, status: u16 }
-    /// The template of a route.
     ByRoute { route: Cow<'static, str> }
     /// A method of the store.
     ByOperation { operation: &'static str }
@@ -148,7 +146,6 @@ metrics! {
         conditions: Family<ByPart, Gauge>, "condition", "1 for each part that is degraded or failing";
         webhooks: Family<ByOutcome, Counter>, "webhooks", "Attempts to tell the end of a job, by what came of them";
         webhooks_pending: Gauge, "webhooks_pending", "Ends of jobs that are still to be told";
-        resident: Gauge, "resident_memory" [Bytes], "Memory of the process that is in use";
         device_memory: Gauge, "device_memory" [Bytes],
             "Memory of its own that the device has allocated; 0 where it has none, as on the cpu";
         disk_free: Gauge, "disk_free" [Bytes],

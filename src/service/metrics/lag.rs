@@ -18,6 +18,6 @@ pub(crate) async fn watch(metrics: Arc<Metrics>, close: CancellationToken) {
         if close.run_until_cancelled(sleep_until(due)).await.is_none() {
             return;
         }
-        metrics.lagged(due.elapsed());
+        metrics.families.request_lag.observe(due.elapsed().as_secs_f64());
     }
 }

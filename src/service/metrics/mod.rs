@@ -28,9 +28,10 @@ use self::families::{
 };
 use self::process::Process;
 use self::tenants::Tenants;
+use crate::files::Files;
 use crate::ops::health::{Health, Part, Severity};
 use crate::settings::Settings;
-use crate::store::{Job, State, Statistics};
+use crate::store::{Job, State, Store};
 
 /// Media type of [`Metrics::text`]: OpenMetrics, which Prometheus reads.
 pub(crate) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -38,49 +39,16 @@ pub(crate) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0
 /// How much a new job counts in the average duration of jobs.
 const NEWEST: f64 = 0.2;
 
-/// What is counted.
 #[derive(Debug)]
 pub(crate) struct Metrics {
     registry: Registry,
-    families: Families,
+    pub families: Families,
     process: Process,
     tenants: Tenants,
     device_works: Busy,
     memory_meter: Mutex<Option<Meter>>,
     /// Average seconds between claim and end of a job; none before the first.
     pace: Mutex<Option<f64>>,
-}
-
-/// What is measured for every answer of `/metrics`.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Snapshot {
-    /// Jobs in each state, in the order of [`State::ALL`].
-    pub jobs: [u64; State::ALL.len()],
-    /// Open event streams.
-    pub streams: u64,
-    /// Bytes of uploads that are coming in.
-    pub upload_bytes_in_flight: u64,
-    /// What the store counted.
-    pub store: Statistics,
-    /// Files of jobs that could not be written or read for reasons of their place.
-    pub file_errors: u64,
-    /// Jobs that repeat what they cannot read or write.
-    pub stuck_jobs: u64,
-    /// Folders of jobs that the store does not know.
-    pub unknown_jobs: u64,
-    /// Results that were not what was stored.
-    pub results_damaged: u64,
-    /// What is left.
-    pub room: Room,
-}
-
-/// Room of the data folder and wait of the queue.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Room {
-    /// Bytes that may still be written to the file system of the data folder; none where the system does not tell.
-    pub disk_free: Option<u64>,
-    /// Age of the job that waits longest; none when no job waits.
-    pub oldest_queued: Option<Duration>,
 }
 
 /// A [`MemoryMeter`] that can be printed.
@@ -94,7 +62,7 @@ impl fmt::Debug for Meter {
 
 impl Metrics {
     /// Nothing counted yet, on that device.
-    pub fn new(device: &DeviceInfo) -> Self {
+    pub fn new(device: &DeviceInfo, settings: &Settings) -> Self {
         let mut registry = Registry::with_prefix("tesserae");
         let (families, tenants) = (Families::register(&mut registry), Tenants::register(&mut registry));
         families.build.get_or_create(&BuildLabels { version: env!("CARGO_PKG_VERSION") }).set(1);
@@ -104,6 +72,8 @@ impl Metrics {
         };
         let labels = DeviceLabels { kind, name: device.name.clone(), backend: device.backend.clone() };
         families.device.get_or_create(&labels).set(1);
+        families.disk_reserve.set(signed(settings.storage.min_free_bytes));
+        families.queue_limit.set(signed(settings.max_queued_jobs as u64));
         // what never happened is 0, not absent
         for operation in ["create", "get", "claim", "append", "finish"] {
             families.store_errors.get_or_create(&ByOperation { operation }).inc_by(0);
@@ -126,13 +96,6 @@ impl Metrics {
         }
     }
 
-    /// What the settings allow.
-    pub fn limits(&self, settings: &Settings) {
-        let families = &self.families;
-        families.disk_reserve.set(signed(settings.storage.min_free_bytes));
-        families.queue_limit.set(signed(settings.max_queued_jobs as u64));
-    }
-
     /// A job was given up after its last attempt failed.
     pub fn poisoned(&self, kind: Kind) {
         self.families.poison.get_or_create(&ByReason { reason: kind.slug() }).inc();
@@ -145,13 +108,11 @@ impl Metrics {
         }
     }
 
-    /// A job was accepted.
     pub fn accepted(&self, job: &Job) {
         self.tenants.accepted(&job.spec.tenant);
         self.families.upload_bytes.inc_by(job.spec.bytes);
     }
 
-    /// A job was claimed.
     pub fn claimed(&self, job: &Job) {
         let claimed = job.started_at.unwrap_or_else(SystemTime::now);
         let waited = claimed.duration_since(job.created_at).unwrap_or_default();
@@ -167,11 +128,6 @@ impl Metrics {
         }
     }
 
-    /// The device computed wrongly.
-    pub fn device_wrong(&self) {
-        self.families.device_wrong.inc();
-    }
-
     /// A job ended in `state`, so long after its claim.
     pub fn ended(&self, job: &Job, state: State, elapsed: Duration, error: Option<Kind>) {
         let algorithm = job.spec.parameters.algorithm.name();
@@ -185,7 +141,6 @@ impl Metrics {
         *pace = Some(pace.map_or(seconds, |average| average + NEWEST * (seconds - average)));
     }
 
-    /// The result of a job was written.
     pub fn written(&self, job: &Job, elapsed: Duration) {
         let label = ByStage { algorithm: job.spec.parameters.algorithm.name(), stage: "write" };
         self.families.stage_seconds.get_or_create(&label).observe(elapsed.as_secs_f64());
@@ -227,7 +182,6 @@ impl Metrics {
         self.device_works.begin()
     }
 
-    /// A request was answered.
     pub fn answered(&self, method: &axum::http::Method, route: &str, status: u16, elapsed: Duration) {
         let method = match method.as_str() {
             "GET" => "GET",
@@ -242,7 +196,6 @@ impl Metrics {
         self.families.answer_seconds.get_or_create(&ByRoute { route }).observe(elapsed.as_secs_f64());
     }
 
-    /// A request was answered with an error.
     pub fn rejected(&self, kind: Kind) {
         self.families.rejections.get_or_create(&ByReason { reason: kind.slug() }).inc();
     }
@@ -256,29 +209,8 @@ impl Metrics {
         }
     }
 
-    /// An attempt at a webhook ended.
     pub fn told(&self, outcome: &'static str) {
         self.families.webhooks.get_or_create(&ByOutcome { outcome }).inc();
-    }
-
-    /// Number of webhooks that are not settled.
-    pub fn webhooks_pending(&self, count: usize) {
-        self.families.webhooks_pending.set(count as i64);
-    }
-
-    /// `more` connections were opened, or closed where it is negative.
-    pub fn connections(&self, more: i64) {
-        self.families.connections.inc_by(more);
-    }
-
-    /// A connection was closed because its address had too many.
-    pub fn connection_refused(&self) {
-        self.families.connections_refused.inc();
-    }
-
-    /// The threads that answer requests were so late.
-    pub fn lagged(&self, late: Duration) {
-        self.families.request_lag.observe(late.as_secs_f64());
     }
 
     /// Estimated seconds until the last of `queued` jobs has begun.
@@ -287,26 +219,26 @@ impl Metrics {
         Some((pace * queued as f64).ceil().clamp(1.0, 300.0) as u32)
     }
 
-    /// All metrics as text.
-    pub fn text(&self, now: Snapshot, health: &Health) -> Result<String> {
+    /// All metrics, after those are set that others count.
+    pub async fn text(&self, store: &Store, files: &Files, health: &Health) -> Result<String> {
         let families = &self.families;
-        for (state, count) in State::ALL.into_iter().zip(now.jobs) {
+        let (jobs, oldest) = (store.counts().await?, store.oldest_queued().await?);
+        for (state, count) in State::ALL.into_iter().zip(jobs) {
             families.jobs.get_or_create(&ByState { state: state.name() }).set(count.cast_signed());
         }
         families.device_busy.inner().store(self.device_works.seconds().to_bits(), Ordering::Relaxed);
-        families.streams.set(now.streams.cast_signed());
-        families.upload_bytes_in_flight.set(now.upload_bytes_in_flight.cast_signed());
-        families.store_commits.inner().store(now.store.commits, Ordering::Relaxed);
-        families.store_commands.inner().store(now.store.commands, Ordering::Relaxed);
-        families.store_failed_commits.inner().store(now.store.failures, Ordering::Relaxed);
-        families.results_damaged.inner().store(now.results_damaged, Ordering::Relaxed);
-        families.file_errors.inner().store(now.file_errors, Ordering::Relaxed);
-        families.store_commit_seconds.inner().store(now.store.commit_seconds.to_bits(), Ordering::Relaxed);
+        let of_store = store.statistics();
+        families.store_commits.inner().store(of_store.commits, Ordering::Relaxed);
+        families.store_commands.inner().store(of_store.commands, Ordering::Relaxed);
+        families.store_failed_commits.inner().store(of_store.failures, Ordering::Relaxed);
+        families.results_damaged.inner().store(files.damages(), Ordering::Relaxed);
+        families.file_errors.inner().store(files.failures(), Ordering::Relaxed);
+        families.store_commit_seconds.inner().store(of_store.commit_seconds.to_bits(), Ordering::Relaxed);
         // only the store ends attempts for this reason
         let unavailable = ByReason { reason: Kind::Unavailable.slug() };
         let attempts_failed = families.attempts_failed.get_or_create(&unavailable);
-        attempts_failed.inner().store(now.store.attempts_failed, Ordering::Relaxed);
-        families.poison.get_or_create(&unavailable).inner().store(now.store.given_up, Ordering::Relaxed);
+        attempts_failed.inner().store(of_store.attempts_failed, Ordering::Relaxed);
+        families.poison.get_or_create(&unavailable).inner().store(of_store.given_up, Ordering::Relaxed);
         families.ready.set(i64::from(health.why_not_ready().is_none()));
         for part in Part::ALL {
             let now = health.severity(part);
@@ -315,16 +247,14 @@ impl Metrics {
                 families.conditions.get_or_create(&label).set(i64::from(now == Some(severity)));
             }
         }
-        families.stuck_jobs.set(signed(now.stuck_jobs));
-        families.unknown_jobs.set(signed(now.unknown_jobs));
-        if let Some(free) = now.room.disk_free {
+        families.stuck_jobs.set(signed(files.stuck.load(Ordering::Relaxed)));
+        families.unknown_jobs.set(signed(files.unknown()));
+        if let Some(free) = files.free_bytes() {
             families.disk_free.set(signed(free));
         }
-        families.queue_oldest.set(now.room.oldest_queued.unwrap_or_default().as_secs_f64());
+        let age = oldest.and_then(|oldest| oldest.elapsed().ok()).unwrap_or_default();
+        families.queue_oldest.set(age.as_secs_f64());
         families.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
-        if let Some(bytes) = process::resident_bytes() {
-            families.resident.set(bytes);
-        }
         let mut text = String::new();
         encode_registry(&mut text, &self.registry)
             .and_then(|()| encode_registry(&mut text, self.process.measured()))

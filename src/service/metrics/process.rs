@@ -20,7 +20,6 @@ metrics! {
     }
 }
 
-/// The metrics of the process.
 #[derive(Debug)]
 pub(super) struct Process {
     registry: Registry,
@@ -36,7 +35,6 @@ impl Process {
         Self { registry, families }
     }
 
-    /// The metrics as they are now.
     pub fn measured(&self) -> &Registry {
         if let Some(seconds) = cpu_seconds() {
             self.families.cpu_seconds.inner().store(seconds.to_bits(), std::sync::atomic::Ordering::Relaxed);
@@ -69,7 +67,7 @@ fn cpu_seconds() -> Option<f64> {
 }
 
 /// Memory of this process that is in use, where the system tells (Linux).
-pub(super) fn resident_bytes() -> Option<i64> {
+fn resident_bytes() -> Option<i64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
     let kilobytes: i64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

@@ -18,18 +18,17 @@ const MOST: usize = 100;
 const OTHER: &str = "(other)";
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-pub(super) struct ByTenant {
+pub(crate) struct ByTenant {
     tenant: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-pub(super) struct ByTenantAndState {
+pub(crate) struct ByTenantAndState {
     tenant: String,
     state: &'static str,
 }
 
 metrics! {
-    /// The counters.
     Families {
         jobs: Family<ByTenantAndState, Counter>, "tenant_jobs",
             "Jobs of a tenant that were accepted, or ended in a state";
@@ -42,7 +41,6 @@ metrics! {
     }
 }
 
-/// Counters by tenant.
 #[derive(Debug)]
 pub(super) struct Tenants {
     named: Mutex<HashSet<String>>,
@@ -50,12 +48,10 @@ pub(super) struct Tenants {
 }
 
 impl Tenants {
-    /// Registers the counters.
     pub fn register(registry: &mut Registry) -> Self {
         Self { named: Mutex::default(), families: Families::register(registry) }
     }
 
-    /// A job was accepted.
     pub fn accepted(&self, tenant: &str) {
         self.families.jobs.get_or_create(&ByTenantAndState { tenant: self.name(tenant), state: "accepted" }).inc();
     }
@@ -72,7 +68,6 @@ impl Tenants {
         self.families.jobs.get_or_create(&ByTenantAndState { tenant, state }).inc();
     }
 
-    /// A request was answered.
     pub fn answered(&self, tenant: &str, is_error: bool) {
         let label = ByTenant { tenant: self.name(tenant) };
         self.families.requests.get_or_create(&label).inc();
@@ -81,7 +76,6 @@ impl Tenants {
         }
     }
 
-    /// The label of a tenant.
     fn name(&self, tenant: &str) -> String {
         let mut named = self.named.lock();
         if named.contains(tenant) {

@@ -1,12 +1,10 @@
 //! Failures on purpose: named points at which a test makes the service fail as a disk or a device would, or wait.
 //!
-//! In builds without debug assertions nothing can be armed, and a point costs nothing.
+//! In builds without debug assertions nothing fails or waits, and a point costs nothing.
 
 use std::io;
-#[cfg(debug_assertions)]
 use std::sync::Arc;
 
-#[cfg(debug_assertions)]
 use parking_lot::{Condvar, Mutex};
 
 /// Where something can be made to fail, or to wait.
@@ -28,27 +26,22 @@ pub enum FaultPoint {
 
 /// Environment variable, for tests only: the process aborts when it begins to read a mesh of this file name. Read by
 /// builds with debug assertions only.
-#[cfg(debug_assertions)]
 const ABORT_AT: &str = "TEST_ABORT_AT_FILE";
 
 /// The faults that are armed; clones share them.
 #[derive(Debug, Clone, Default)]
 pub struct Faults {
-    #[cfg(debug_assertions)]
     armed: Arc<Mutex<Vec<Armed>>>,
-    #[cfg(debug_assertions)]
     held: Arc<Held>,
 }
 
 /// Points that are held, and the number of threads that wait there.
-#[cfg(debug_assertions)]
 #[derive(Debug, Default)]
 struct Held {
     points: Mutex<Vec<(FaultPoint, usize)>>,
     changed: Condvar,
 }
 
-#[cfg(debug_assertions)]
 impl Held {
     /// Waits as long as the point is held.
     fn pass(&self, at: FaultPoint) {
@@ -62,7 +55,6 @@ impl Held {
     }
 }
 
-#[cfg(debug_assertions)]
 #[derive(Debug)]
 struct Armed {
     point: FaultPoint,
@@ -74,7 +66,6 @@ struct Armed {
 
 impl Faults {
     /// `point` is passed `after` times, then fails `times` times with an error of `kind`.
-    #[cfg(debug_assertions)]
     pub fn arm(&self, point: FaultPoint, kind: io::ErrorKind, after: usize, times: usize) {
         let armed = Armed { point, kind, passes: after, failures: times };
         self.armed.lock().push(armed);
@@ -82,19 +73,16 @@ impl Faults {
 
     /// From now on, every thread that reaches `point` waits there. [`FaultPoint::Request`] is on threads of
     /// the runtime: to hold it, a test needs threads of its own.
-    #[cfg(debug_assertions)]
     pub fn hold(&self, point: FaultPoint) {
         self.held.points.lock().push((point, 0));
     }
 
     /// Number of threads that wait at a point.
-    #[cfg(debug_assertions)]
     pub fn waiting(&self, at: FaultPoint) -> usize {
         self.held.points.lock().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
     }
 
     /// Ends all faults and all waits.
-    #[cfg(debug_assertions)]
     pub fn disarm(&self) {
         self.armed.lock().clear();
         self.held.points.lock().clear();
@@ -102,33 +90,27 @@ impl Faults {
     }
 
     /// Aborts the process when [`ABORT_AT`] names this file, as a mesh would that takes all memory.
-    #[cfg(debug_assertions)]
     pub(crate) fn abort_at(&self, file_name: Option<&str>) {
-        if file_name.is_some_and(|name| std::env::var(ABORT_AT).is_ok_and(|wanted| wanted == name)) {
+        if cfg!(debug_assertions)
+            && file_name.is_some_and(|name| std::env::var(ABORT_AT).is_ok_and(|wanted| wanted == name))
+        {
             std::process::abort();
         }
     }
 
-    /// Nothing, in this build.
-    #[cfg(not(debug_assertions))]
-    #[inline]
-    pub(crate) fn abort_at(&self, _: Option<&str>) {}
-
     /// Waits while this point is held.
-    #[cfg(debug_assertions)]
     pub(crate) fn pass(&self, point: FaultPoint) {
-        self.held.pass(point);
+        if cfg!(debug_assertions) {
+            self.held.pass(point);
+        }
     }
 
-    /// Nothing, in this build.
-    #[cfg(not(debug_assertions))]
-    #[inline]
-    pub(crate) fn pass(&self, _: FaultPoint) {}
-
     /// An error when a fault is armed for this point; waits first when it is held.
-    #[cfg(debug_assertions)]
     pub(crate) fn hit(&self, point: FaultPoint) -> io::Result<()> {
-        self.held.pass(point);
+        if !cfg!(debug_assertions) {
+            return Ok(());
+        }
+        self.pass(point);
         let mut armed = self.armed.lock();
         for fault in armed.iter_mut().filter(|fault| fault.point == point) {
             if fault.passes > 0 {
@@ -138,13 +120,6 @@ impl Faults {
                 return Err(fault.kind.into());
             }
         }
-        Ok(())
-    }
-
-    /// Nothing, in this build.
-    #[cfg(not(debug_assertions))]
-    #[inline]
-    pub(crate) fn hit(&self, _: FaultPoint) -> io::Result<()> {
         Ok(())
     }
 }

@@ -9,11 +9,8 @@ use uuid::Uuid;
 /// Where a request comes from, for everything that is logged about it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Origin {
-    /// Address of the client, behind trusted proxies.
     pub client: IpAddr,
-    /// Id of the request.
     pub request: String,
-    /// Its place in a trace.
     pub trace: TraceParent,
 }
 

@@ -34,13 +34,11 @@ impl FromIterator<(String, Share)> for Shares {
 }
 
 impl Shares {
-    /// The share of a tenant.
     pub fn of(&self, tenant: &str) -> Share {
         self.0.get(tenant).copied().unwrap_or_default()
     }
 }
 
-/// What a worker claims.
 #[derive(Debug, Clone)]
 pub(crate) struct Claiming {
     /// Most jobs.
@@ -49,13 +47,10 @@ pub(crate) struct Claiming {
     pub newcomers: usize,
     /// For how long the jobs are leased.
     pub lease: Duration,
-    /// Name of the worker.
     pub worker: Arc<str>,
-    /// What each tenant may use.
     pub shares: Arc<Shares>,
 }
 
-/// What is claimed.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Picks {
     /// Numbers of the jobs, in the order of their claims. The store applies [`Change::Claim`](super::Change) to each.
@@ -70,7 +65,6 @@ pub(crate) struct Picks {
 /// A turn of a tenant, in virtual time.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Turn {
-    /// Name of the tenant.
     pub tenant: String,
     /// When the turn started.
     pub served: f64,

@@ -85,22 +85,38 @@ pub(crate) enum Release {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Change {
     /// A worker claims it; the attempt begins at once if the upload is small.
-    Claim { worker: Arc<str>, lease: Duration, is_small: bool },
+    Claim {
+        worker: Arc<str>,
+        lease: Duration,
+        is_small: bool,
+    },
     /// The worker begins to read the mesh: from now on the attempt counts. Nothing happens when it has begun already.
-    Begin { attempt: u32 },
+    Begin {
+        attempt: u32,
+    },
     /// The worker is alive: its lease ends this long after now.
-    Heartbeat { attempt: u32, lease: Duration },
-    /// The worker gives it back.
-    Release { attempt: u32, release: Release },
+    Heartbeat {
+        attempt: u32,
+        lease: Duration,
+    },
+    Release {
+        attempt: u32,
+        release: Release,
+    },
     /// The worker ends it in that state, with the problem of a failed job.
-    End { attempt: u32, state: State, problem: Option<Error> },
+    End {
+        attempt: u32,
+        state: State,
+        problem: Option<Error>,
+    },
     /// Its lease is over, but the worker is alive: it stood still.
     LeaseOver,
     /// The worker crashed: see [`crashed`](super::crashed).
-    Crashed { counts: bool },
+    Crashed {
+        counts: bool,
+    },
     /// A client requests its end: a waiting job ends at once, a running one when its worker stops, an ended one stays.
     Cancel,
-    /// A client runs a failed job again.
     Retry,
 }
 

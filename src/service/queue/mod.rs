@@ -54,14 +54,10 @@
 
 mod claim;
 mod crash;
-#[cfg(test)]
-pub(crate) mod history;
 mod job;
-#[cfg(test)]
-pub(crate) mod model;
 mod rules;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod view;
 
 pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};

@@ -18,14 +18,15 @@ pub(crate) struct Rules {
 }
 
 impl Rules {
-    /// [`Kind::QueueFull`] when as many jobs wait as may.
-    pub fn check_room(&self, waiting: u64) -> Result<()> {
-        match waiting < self.max_queued as u64 {
-            true => Ok(()),
-            false => Err(Error::new(
-                Kind::QueueFull,
-                format_args!("as many jobs wait as may; try again later: {}", self.max_queued),
-            )),
+    /// [`Kind::QueueFull`] when as many jobs wait as may, or `most` of the tenant.
+    pub fn check_room(&self, waiting: u64, own: u64, most: Option<u64>) -> Result<()> {
+        let full = |whose: &str, most: u64| {
+            Err(Error::new(Kind::QueueFull, format_args!("as many jobs{whose} wait as may; try again later: {most}")))
+        };
+        match most {
+            _ if waiting >= self.max_queued as u64 => full("", self.max_queued as u64),
+            Some(most) if own >= most => full(" of this tenant", most),
+            _ => Ok(()),
         }
     }
 }

@@ -1,5 +1,8 @@
 //! Each rule, and random histories of all of them.
 
+pub(crate) mod history;
+pub(crate) mod model;
+
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, SystemTime};
 
@@ -8,8 +11,8 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 
-use super::history::{New, RULES, Step, Stored, histories, play, state};
-use super::model::{Altered, Model, claiming};
+use self::history::{New, RULES, Step, Stored, histories, play, state};
+use self::model::{Altered, Model, claiming};
 use super::{Change, Picks, Refused, Standing, State, Suspect, Tenant, Turn, View, Waiting, claim, crashed};
 
 fn seen(history: &[Step], workers: usize, altered: Altered, ends: bool) -> Vec<String> {

@@ -18,10 +18,8 @@ pub(crate) struct View {
     pub is_least_busy: bool,
 }
 
-/// A tenant with waiting jobs.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Tenant {
-    /// Its name.
     pub name: String,
     /// Its jobs that run, on any worker.
     pub running: u64,

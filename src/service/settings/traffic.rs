@@ -1,11 +1,12 @@
 //! Limits of traffic.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
+use ipnet::IpNet;
 use tesserae_mesh::error::{Error, Result};
 
 use super::heading;
-use super::network::Network;
 
 /// Connections at a time that have not begun, or wait for a place. More stay with the system.
 pub(crate) const BEGINNINGS: usize = 256;
@@ -32,8 +33,8 @@ pub struct TrafficSettings {
     /// Addresses of proxies, such as 10.0.0.0/8, whose X-Forwarded-For says where requests come from; without any the
     /// other end of a connection is the client
     #[arg(long, env = "TESSERAE_TRUSTED_PROXIES", value_name = "NETWORK,…", value_delimiter = ',',
-          help_heading = heading::ACCESS, hide_short_help = true)]
-    pub trusted_proxies: Vec<Network>,
+          value_parser = network, help_heading = heading::ACCESS, hide_short_help = true)]
+    pub trusted_proxies: Vec<IpNet>,
 
     /// What is the same in every service.
     #[arg(skip)]
@@ -49,6 +50,12 @@ impl Default for TrafficSettings {
             constants: TrafficConstants::default(),
         }
     }
+}
+
+/// Reads a network, or the address of one proxy.
+fn network(text: &str) -> Result<IpNet, String> {
+    let found = text.parse().ok().or_else(|| text.parse::<IpAddr>().ok().map(IpNet::from));
+    found.ok_or_else(|| format!("a network is an address, or an address, / and the bits of its prefix, not {text:?}"))
 }
 
 /// Limits that no flag changes. Tests lower them.
@@ -107,5 +114,18 @@ impl TrafficConstants {
             }
             _ => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_proxy_is_a_network_or_an_address() {
+        for (text, is_one) in [("10.0.0.0/8", true), ("fd00::1", true), ("10.0.0.0/33", false), ("proxy", false)] {
+            assert_eq!(network(text).is_ok(), is_one, "{text}");
+        }
+        assert_eq!(network("10.0.0.1"), network("10.0.0.1/32"));
     }
 }

@@ -28,12 +28,12 @@ pub struct Transaction<'t> {
 
 /// A `SELECT` for [`job`]: all columns, and the place in the tenant's queue.
 macro_rules! jobs {
-    ($rest:literal) => {
+    ($($rest:literal)+) => {
         concat!(
             "SELECT *, CASE state WHEN 'queued' THEN (SELECT count(*) FROM jobs AS before \
              WHERE before.state = 'queued' AND before.tenant = jobs.tenant \
              AND (before.urgency, before.number) <= (jobs.urgency, jobs.number)) END AS queue_position FROM jobs ",
-            $rest
+            $($rest),+
         )
     };
 }
@@ -78,19 +78,7 @@ pub fn standing(row: &Row) -> Result<Standing> {
     })
 }
 
-/// The columns of a [`Live`].
-macro_rules! live {
-    ($rest:literal) => {
-        concat!(
-            "SELECT number, id, webhook, state, attempt, uncounted, begun, suspicion, not_before, worker, worker_id, \
-             started_at, lease_until, cancel_requested, last_seq, ends FROM jobs ",
-            $rest
-        )
-    };
-}
-pub(in crate::store) use live;
-
-const FIND: &str = live!("WHERE id = $1 FOR UPDATE");
+const FIND: &str = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
 
 const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, begun = $5, suspicion = $6, \
     not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker = $11, worker_id = $12, \
@@ -105,24 +93,28 @@ const NOTICE: &str = "INSERT INTO notices (job, webhook, trace_parent, state, pr
 pub struct Live {
     pub id: JobId,
     pub number: i64,
+    pub tenant: String,
     pub standing: Standing,
     pub last_seq: u64,
     pub worker: Option<String>,
     pub worker_id: Option<Uuid>,
-    webhook: Option<String>,
-    ends: u32,
+    /// The URL that its end is sent to, and the `traceparent` for that.
+    pub webhook: Option<(String, Option<String>)>,
+    pub ends: u32,
 }
 
 impl Live {
     pub fn of(row: &Row) -> Result<Self> {
+        let webhook = |webhook| Ok((webhook, row.json::<Spec>("spec")?.trace_parent));
         Ok(Self {
             id: row.get("id")?,
             number: row.get("number")?,
+            tenant: row.get("tenant")?,
             standing: standing(row)?,
             last_seq: row.get("last_seq")?,
             worker: row.get("worker")?,
             worker_id: row.get("worker_id")?,
-            webhook: row.get("webhook")?,
+            webhook: row.get::<Option<String>>("webhook")?.map(webhook).transpose()?,
             ends: row.get("ends")?,
         })
     }
@@ -228,12 +220,10 @@ impl Transaction<'_> {
         let summary = ending.and_then(|ending| ending.end.parts().2).map(json).transpose()?;
         let text = problem.as_ref().map(json).transpose()?;
         self.save(live, text.clone(), summary, Some(now), progress)?;
-        if let Some(webhook) = live.webhook.clone() {
-            let spec: Spec =
-                self.rows.one("SELECT spec FROM jobs WHERE number = $1", values![live.number])?.json("spec")?;
+        if let Some((webhook, trace_parent)) = live.webhook.clone() {
             let state = live.standing.state;
             self.rows.write("DELETE FROM notices WHERE job = $1", values![live.id])?;
-            self.rows.write(NOTICE, values![live.id, webhook, spec.trace_parent, state, text, now, live.ends])?;
+            self.rows.write(NOTICE, values![live.id, webhook, trace_parent, state, text, now, live.ends])?;
             self.effects.endings = true;
         }
         // a job that was given up may be run again

@@ -6,11 +6,11 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::error::Result;
 
-use super::change::{Live, Transaction, live, standing, unplaced};
+use super::change::{Live, Transaction, standing, unplaced};
 use super::database::rows::{Abort, Query, Row, Rows, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
@@ -36,7 +36,7 @@ const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
 const CLOCK: &str = "SELECT coalesce(max(served), 0.0) AS clock FROM tenants";
 
 /// The running jobs of a worker.
-const MINE: &str = live!("WHERE state = 'running' AND worker_id = $1");
+const MINE: &str = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
 
 /// The first waiting jobs of a tenant.
 const HEADS: &str = "SELECT urgency, number FROM jobs \
@@ -60,9 +60,7 @@ const ALIVE: &str = "INSERT INTO workers (id, name, version, started_at, seen_at
         WHEN workers.alive_until < excluded.alive_until THEN excluded.alive_until ELSE workers.alive_until END";
 
 /// Running jobs whose lease is over, and what is known of their workers.
-const OVER: &str = "SELECT number, id, webhook, state, attempt, uncounted, begun, suspicion, not_before, worker, \
-    worker_id, started_at, lease_until, cancel_requested, last_seq, ends, \
-    (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
+const OVER: &str = "SELECT *, (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
     (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
     FROM jobs WHERE state = 'running' AND lease_until <= $1 FOR UPDATE";
 
@@ -79,42 +77,36 @@ impl Drop for Unsure<'_> {
 type Taken = (Ticket, u64, Job);
 
 impl Store {
-    /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on.
-    pub async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
+    /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on. Also gives the time
+    /// until a job that was passed over may be claimed, if that needs time only.
+    pub async fn claim_as(&self, claiming: Claiming) -> Result<(Vec<(Ticket, Job)>, Option<Duration>)> {
         if self.is_unsure.load(Relaxed) {
             let _alone = self.claims.write().await;
             self.give_back_unknown().await?;
             self.is_unsure.store(false, Relaxed);
         }
         let _others = self.claims.read().await;
-        *self.next_start.lock() = None;
         // a look without the lock of the queue: an arrival wakes many workers
         let waits =
             |rows: &mut dyn Rows| rows.first("SELECT number FROM jobs WHERE state = 'queued' LIMIT 1", Vec::new());
         if self.is_idle.load(Relaxed) && self.read("look", waits).await?.is_none() {
-            return Ok(Vec::new());
+            return Ok((Vec::new(), None));
         }
         let unsure = Unsure(&self.is_unsure);
         let is_alone = !self.is_shared();
         let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
         std::mem::forget(unsure);
         self.is_idle.store(taken.is_empty(), Relaxed);
-        *self.next_start.lock() = wait.map(|wait| Instant::now() + wait);
         let mut held = self.held.lock();
         held.extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
-        Ok(taken.into_iter().map(|(ticket, _, job)| (ticket, job)).collect())
+        Ok((taken.into_iter().map(|(ticket, _, job)| (ticket, job)).collect(), wait))
     }
 
     /// Claims jobs of tenants with equal shares.
     #[cfg(test)]
     pub async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
         let (worker, shares) = ("test".into(), Default::default());
-        self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await
-    }
-
-    /// Time until a job that the last claim passed over may be claimed, if that needs time only.
-    pub fn next_start(&self) -> Option<Duration> {
-        self.next_start.lock().map(|start| start.saturating_duration_since(Instant::now()))
+        Ok(self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await?.0)
     }
 
     /// Gives back the jobs that a claim without an answer took.
@@ -124,7 +116,8 @@ impl Store {
             // the claim may still be under way
             change.rows.lock_queue(None);
             let mut jobs = 0;
-            for row in change.rows.query(live!("WHERE state = 'running' AND worker_id = $1 FOR UPDATE"), values![me])? {
+            let mine = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1 FOR UPDATE";
+            for row in change.rows.query(mine, values![me])? {
                 let live = Live::of(&row)?;
                 if !known.contains_key(&live.ticket()) {
                     let release = Change::Release { attempt: live.standing.attempt, release: Release::Free };
@@ -151,7 +144,7 @@ impl Store {
     /// Releases all running jobs, as their process died, and forgets it; how many they were.
     pub(super) async fn recover(&self) -> Result<usize> {
         let recovered = self.change("reclaim", |change| {
-            let rows = change.rows.query(live!("WHERE state = 'running'"), Vec::new())?;
+            let rows = change.rows.query("SELECT * FROM jobs WHERE state = 'running'", Vec::new())?;
             let jobs = rows.iter().map(Live::of).collect::<Result<Vec<_>>>()?;
             let count = jobs.len();
             give_back_of_lost(change, jobs)?;

@@ -24,11 +24,12 @@ const WAITING: &str = "SELECT count(*) AS jobs FROM (SELECT 1 FROM jobs WHERE st
 
 const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, progress, idempotency_key, request_digest, \
     created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, 0) \
-    ON CONFLICT DO NOTHING RETURNING number, id, webhook, state, attempt, uncounted, begun, suspicion, not_before, \
-    worker, worker_id, started_at, lease_until, cancel_requested, last_seq, ends";
+    ON CONFLICT DO NOTHING RETURNING number";
 
-/// The place of a new job in its tenant's queue.
-const PLACE: &str = "SELECT 1 + count(*) AS place FROM jobs WHERE state = 'queued' AND tenant = $1 AND urgency <= $2";
+/// The waiting jobs of a tenant, and the place of a new one among them.
+const OF_TENANT: &str = "SELECT count(*) AS jobs, \
+    1 + coalesce(sum(CASE WHEN urgency <= $2 THEN 1 ELSE 0 END), 0) AS place \
+    FROM jobs WHERE state = 'queued' AND tenant = $1";
 
 /// The error of a key that stands for another request.
 fn reused_key(key: &str) -> Error {
@@ -40,8 +41,13 @@ fn reused_key(key: &str) -> Error {
     )
 }
 
-fn check_room(rows: &mut dyn Rows, rules: &Rules) -> Result<(), Abort> {
-    Ok(rules.check_room(rows.one(WAITING, values![rules.max_queued])?.get("jobs")?)?)
+/// The place of a job that is to wait, of which the tenant may have `most`. [`Kind::QueueFull`] when there is none.
+fn place(rows: &mut dyn Rows, rules: &Rules, tenant: &str, most: Option<u64>, urgency: i16) -> Result<u64, Abort> {
+    let found = rows.all(&[(WAITING, values![rules.max_queued]), (OF_TENANT, values![tenant, urgency])])?;
+    let found: Vec<Row> = found.into_iter().flatten().collect();
+    let [all, own] = &found[..] else { return Err(Abort::Broken(Error::new(Kind::Internal, "a count gave no row"))) };
+    rules.check_room(all.get("jobs")?, own.get("jobs")?, most)?;
+    Ok(own.get("place")?)
 }
 
 fn find(rows: &mut dyn Rows, id: JobId) -> Result<Option<Job>, Abort> {
@@ -59,9 +65,9 @@ fn known(rows: &mut dyn Rows, tenant: &str, wanted: &Idempotency) -> Result<Opti
 
 impl Store {
     /// [`Kind::QueueFull`] when [`create`](Self::create) would be refused now, so that an upload need not come first.
-    pub async fn check_room(&self) -> Result<()> {
-        let rules = self.rules;
-        self.read("check_room", move |rows| check_room(rows, &rules)).await
+    pub async fn check_room(&self, tenant: &str, most: Option<u64>) -> Result<()> {
+        let (rules, tenant) = (self.rules, tenant.to_owned());
+        self.read("check_room", move |rows| place(rows, &rules, &tenant, most, 0).map(drop)).await
     }
 
     /// Whether a job of the tenant was added with this key: then [`create`](Self::create) adds none.
@@ -71,7 +77,8 @@ impl Store {
         Ok(self.read("knows_key", move |rows| rows.first(sql, values.clone())).await?.is_some())
     }
 
-    /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may; [`Kind::KeyReused`] when its
+    /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may, of all tenants or of its own,
+    /// which services that share a database count at once; [`Kind::KeyReused`] when its
     /// key stands for another request. When this returns, the job is as durable as anything in this store.
     pub async fn create(&self, new: NewJob) -> Result<Created> {
         self.change("create", move |change| create(change, &new)).await
@@ -155,9 +162,9 @@ impl Store {
     }
 
     /// Puts a failed job back into the queue, with no attempt counted. Its upload must still be there.
-    /// [`Kind::QueueFull`] when as many jobs wait as may.
-    pub async fn retry(&self, id: JobId) -> Result<Retried> {
-        self.change("retry", move |change| retry(change, id)).await
+    /// [`Kind::QueueFull`] when as many jobs wait as may, or `most` of its tenant.
+    pub async fn retry(&self, id: JobId, most: Option<u64>) -> Result<Retried> {
+        self.change("retry", move |change| retry(change, id, most)).await
     }
 
     /// A small blob of a job: of its upload until it ends, of its result from then on.
@@ -181,7 +188,7 @@ impl Store {
 
     /// At most `limit` events of a job from number `after + 1` on; none when there is no such job.
     pub async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
-        let found = self.read_much("events", move |rows| {
+        let found = self.read("events", move |rows| {
             let Some(row) = rows.first("SELECT number FROM jobs WHERE id = $1", values![id])? else { return Ok(None) };
             let sql = "SELECT seq, kind, data FROM events WHERE job = $1 AND seq > $2 ORDER BY seq LIMIT $3";
             let rows = rows.query(sql, values![row.get::<i64>("number")?, after, limit])?;
@@ -212,21 +219,17 @@ impl Store {
 }
 
 fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> {
-    let NewJob { id, spec, idempotency, upload } = new;
+    let NewJob { id, spec, idempotency, upload, most_waiting } = new;
     if let Some(wanted) = idempotency
         && let Some(job) = known(change.rows, &spec.tenant, wanted)?
     {
         return Ok(Created::Known(job));
     }
     let urgency = -i16::from(spec.priority);
-    let queries = [(WAITING, values![change.rules.max_queued]), (PLACE, values![&*spec.tenant, urgency])];
-    let found: Vec<Row> = change.rows.all(&queries)?.into_iter().flatten().collect();
-    if let Some(waiting) = found.first() {
-        change.rules.check_room(waiting.get("jobs")?)?;
-    }
+    let place = place(change.rows, &change.rules, &spec.tenant, *most_waiting, urgency)?;
     let created_at = change.now()?;
     let mut job = Job::queued(*id, spec.clone(), created_at);
-    job.queue_position = found.get(1).map(|row| row.get("place")).transpose()?;
+    job.queue_position = Some(place);
     let key = idempotency.as_ref().map(|wanted| &*wanted.key);
     let request = idempotency.as_ref().map(|wanted| &*wanted.request);
     let (text, progress) = (json(spec)?, json(&job.progress)?);
@@ -242,8 +245,18 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
             (None, None) => Err(Error::new(Kind::Internal, "a new job was not stored").into()),
         };
     };
-    let mut live = Live::of(&row)?;
-    let (_, event) = Standing::created();
+    let (standing, event) = Standing::created();
+    let mut live = Live {
+        id: *id,
+        number: row.get("number")?,
+        tenant: spec.tenant.clone(),
+        standing,
+        last_seq: 0,
+        worker: None,
+        worker_id: None,
+        webhook: None,
+        ends: 0,
+    };
     change.tell(&mut live, &[event.into()])?;
     change.rows.write("UPDATE jobs SET last_seq = $2 WHERE number = $1", values![live.number, live.last_seq])?;
     for SmallBlob { name, bytes } in upload {
@@ -304,10 +317,10 @@ fn append(
     Ok(live.last_seq)
 }
 
-fn retry(change: &mut Transaction<'_>, id: JobId) -> Result<Retried, Abort> {
+fn retry(change: &mut Transaction<'_>, id: JobId, most: Option<u64>) -> Result<Retried, Abort> {
     let Some(live) = change.find(id)? else { return Ok(Retried::Unknown) };
     if live.standing.state == State::Failed {
-        check_room(change.rows, &change.rules)?;
+        place(change.rows, &change.rules, &live.tenant, most, 0)?;
     }
     match change.apply(live, Change::Retry, None)? {
         Err(Refused(state)) => Ok(Retried::NotFailed(state)),

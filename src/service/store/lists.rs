@@ -2,10 +2,10 @@
 
 use std::time::{Instant, SystemTime};
 
-use tesserae_mesh::error::Result;
+use tesserae_mesh::error::{Error, Result};
 
 use super::change::{job, jobs};
-use super::database::rows::values;
+use super::database::rows::{micros, values};
 use super::job::JobId;
 use super::store::Store;
 use super::terms::{ListQuery, Page};
@@ -18,51 +18,62 @@ const COUNT: &str = "SELECT state, count(*) AS jobs FROM jobs WHERE ended_at IS 
     UNION ALL SELECT 'queued' AS state, count(*) AS jobs FROM jobs WHERE state = 'queued' \
     UNION ALL SELECT 'running' AS state, count(*) AS jobs FROM jobs WHERE state = 'running'";
 
+/// A page of the jobs of a tenant.
+macro_rules! page {
+    ($filter:literal) => {
+        jobs!(
+            "WHERE (created_at, id) < ($1, $2) AND tenant = $4 "
+            $filter
+            "ORDER BY created_at DESC, id DESC LIMIT $3"
+        )
+    };
+}
+
+/// Where a page begins that a cursor names: time and id of the last job of the page before.
+fn position(cursor: &str) -> Result<(i64, String)> {
+    let read = || {
+        let (time, id) = cursor.split_once('-')?;
+        Some((time.parse().ok()?, id.parse::<JobId>().ok()?.to_string()))
+    };
+    read().ok_or_else(|| Error::parameter(format_args!("cursor is not one that a list of jobs gave: {cursor:?}")))
+}
+
 impl Store {
-    /// A page of jobs, newest first. A cursor that this store did not give is
+    /// A page of jobs, newest first. A cursor that no page gave is
     /// [`Kind::InvalidParameter`](tesserae_mesh::Kind::InvalidParameter).
     pub async fn list(&self, list: &ListQuery) -> Result<Page> {
-        let before = match &list.cursor {
-            Some(cursor) => self.cursors.number_of(cursor)?,
-            None => u64::MAX,
+        let (time, id) = match &list.cursor {
+            Some(cursor) => position(cursor)?,
+            None => (i64::MAX, String::new()),
         };
         // one more than the limit, to know whether there is another page
-        let mut values = values![before, list.limit.saturating_add(1)];
+        let mut values = values![time, id, list.limit.saturating_add(1), &*list.tenant];
         // one text a filter, so that each has its index
-        let sql = match (&list.tenant, list.state) {
-            (None, None) => jobs!("WHERE number < $1 ORDER BY number DESC LIMIT $2"),
-            (None, Some(State::Queued)) => {
-                jobs!("WHERE number < $1 AND state = 'queued' ORDER BY number DESC LIMIT $2")
-            }
-            (None, Some(State::Running)) => {
-                jobs!("WHERE number < $1 AND state = 'running' ORDER BY number DESC LIMIT $2")
-            }
-            (None, Some(_)) => jobs!("WHERE number < $1 AND state = $3 ORDER BY number DESC LIMIT $2"),
-            (Some(_), None) => jobs!("WHERE number < $1 AND tenant = $3 ORDER BY number DESC LIMIT $2"),
-            (Some(_), Some(State::Queued)) => {
-                jobs!("WHERE number < $1 AND state = 'queued' AND tenant = $3 ORDER BY number DESC LIMIT $2")
-            }
-            (Some(_), Some(State::Running)) => {
-                jobs!("WHERE number < $1 AND state = 'running' AND tenant = $3 ORDER BY number DESC LIMIT $2")
-            }
-            (Some(_), Some(_)) => {
-                jobs!(
-                    "WHERE number < $1 AND ended_at IS NOT NULL AND tenant = $3 AND state = $4 \
-                     ORDER BY number DESC LIMIT $2"
-                )
+        let sql = match list.state {
+            None => page!(""),
+            Some(State::Queued) => page!("AND state = 'queued' "),
+            Some(State::Running) => page!("AND state = 'running' "),
+            Some(ended) => {
+                values.push(ended.into());
+                page!("AND ended_at IS NOT NULL AND state = $5 ")
             }
         };
-        values.extend(list.tenant.as_deref().map(Into::into));
-        values.extend(list.state.filter(|state| state.is_ended()).map(Into::into));
-        let found = self.read_much("list", move |rows| {
+        let found = self.read("list", move |rows| {
             let rows = rows.query(sql, values.clone())?;
-            Ok(rows.iter().map(|row| Ok((row.get("number")?, job(row)?))).collect::<Result<Vec<_>>>()?)
+            Ok(rows.iter().map(job).collect::<Result<Vec<_>>>()?)
         });
-        let mut found = found.await?;
-        let has_more = found.len() > list.limit;
-        found.truncate(list.limit);
-        let next = found.last().filter(|_| has_more).map(|(number, _)| self.cursors.cursor_of(*number));
-        Ok(Page { jobs: found.into_iter().map(|(_, job)| job).collect(), next })
+        let mut jobs = found.await?;
+        let has_more = jobs.len() > list.limit;
+        jobs.truncate(list.limit);
+        let next = jobs.last().filter(|_| has_more).map(|job| format!("{}-{}", micros(job.created_at), job.id));
+        Ok(Page { jobs, next })
+    }
+
+    /// When the newest job was accepted; none when there is no job.
+    pub async fn newest(&self) -> Result<Option<SystemTime>> {
+        let sql = "SELECT created_at FROM jobs ORDER BY number DESC LIMIT 1";
+        let row = self.read("newest", move |rows| rows.first(sql, Vec::new())).await?;
+        row.map(|row| row.get("created_at")).transpose()
     }
 
     /// Number of jobs in each state, in the order of [`State::ALL`]; in a shared store as of a moment ago.
@@ -73,7 +84,7 @@ impl Store {
         {
             return Ok(counts);
         }
-        let found = self.read_much("counts", |rows| {
+        let found = self.read("counts", |rows| {
             let mut counts = [0; State::ALL.len()];
             for row in rows.query(COUNT, Vec::new())? {
                 counts[row.get::<State>("state")? as usize] = row.get("jobs")?;
@@ -85,17 +96,13 @@ impl Store {
         Ok(counts)
     }
 
-    /// Number of jobs that wait.
-    pub async fn waiting(&self) -> Result<u64> {
-        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued'";
-        self.read("waiting_of", move |rows| rows.one(sql, Vec::new())).await?.get("jobs")
-    }
-
-    /// Number of jobs of a tenant that wait.
-    pub async fn waiting_of(&self, tenant: &str) -> Result<u64> {
+    /// Numbers of jobs that wait, and of those of a tenant.
+    pub async fn waiting(&self, tenant: &str) -> Result<(u64, u64)> {
         let values = values![tenant];
-        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = $1";
-        self.read("waiting_of", move |rows| rows.one(sql, values.clone())).await?.get("jobs")
+        let sql = "SELECT count(*) AS jobs, coalesce(sum(CASE WHEN tenant = $1 THEN 1 ELSE 0 END), 0) AS own \
+                   FROM jobs WHERE state = 'queued'";
+        let row = self.read("waiting", move |rows| rows.one(sql, values.clone())).await?;
+        Ok((row.get("jobs")?, row.get("own")?))
     }
 
     /// When the job was accepted that waits longest; none when no job waits.
@@ -109,7 +116,7 @@ impl Store {
     pub async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
         // by their age: the clock of this machine may be another than that of the store
         let age = SystemTime::now().duration_since(time).map_err(|ahead| ahead.duration());
-        let found = self.read_much("ended_before", move |rows| {
+        let found = self.read("ended_before", move |rows| {
             let now = rows.now()?;
             let time = match age {
                 Ok(age) => now.checked_sub(age).unwrap_or(SystemTime::UNIX_EPOCH),

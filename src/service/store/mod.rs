@@ -22,7 +22,6 @@ mod change;
 mod claim;
 #[cfg(test)]
 pub(crate) mod conformance;
-mod cursor;
 mod database;
 mod job;
 mod jobs;
@@ -45,10 +44,10 @@ pub(crate) use self::job::{
 };
 pub(crate) use self::store::Store;
 pub(crate) use self::terms::{
-    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, Statistics, What,
+    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, What,
 };
 pub use self::url::StoreUrl;
-pub(crate) use self::workers::{Presence, Worker, WorkerId};
+pub(crate) use self::workers::Worker;
 pub(crate) use crate::queue::{Claiming, Release, Rules, State};
 
 #[cfg(test)]
@@ -88,6 +87,6 @@ pub(crate) mod tests {
             kept: Kept::default(),
             referred: None,
         };
-        NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
+        NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new(), most_waiting: None }
     }
 }

@@ -34,9 +34,9 @@ CREATE INDEX jobs_waiting ON jobs (state, tenant, urgency, number) WHERE state =
 CREATE INDEX jobs_suspect ON jobs (state, tenant, not_before, number) WHERE state = 'queued' AND suspicion > 0;
 CREATE INDEX jobs_running ON jobs (state, tenant, worker_id) WHERE state = 'running';
 CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE ended_at IS NOT NULL;
-CREATE INDEX jobs_by_tenant ON jobs (tenant, number);
+CREATE INDEX jobs_by_tenant ON jobs (tenant, created_at, id);
 -- without jobs that have not ended: a claim must not read those that have
-CREATE INDEX jobs_ended ON jobs (tenant, state, number) WHERE ended_at IS NOT NULL;
+CREATE INDEX jobs_ended ON jobs (tenant, state, created_at, id) WHERE ended_at IS NOT NULL;
 
 CREATE TABLE events (
     job  INTEGER NOT NULL,
@@ -77,8 +77,7 @@ CREATE TABLE workers (
     started_at  INTEGER NOT NULL,
     seen_at     INTEGER NOT NULL,
     lease       INTEGER NOT NULL DEFAULT 0,         -- length of its leases
-    alive_until INTEGER NOT NULL DEFAULT 0,
-    claims      INTEGER NOT NULL DEFAULT 0
+    alive_until INTEGER NOT NULL DEFAULT 0
 ) STRICT;
 
 -- Virtual times of tenants: see the fairness of claims.
@@ -88,22 +87,11 @@ CREATE TABLE tenants (
     next   REAL NOT NULL  -- start of its next turn
 ) STRICT;
 
--- What one service does for all.
-CREATE TABLE duties (
-    name   TEXT    PRIMARY KEY,
-    holder TEXT    NOT NULL,
-    until  INTEGER NOT NULL
-) STRICT;
-
--- One row: what must outlast the process and is no job.
-CREATE TABLE secrets (
-    id      INTEGER PRIMARY KEY,
-    cursors BLOB NOT NULL, -- key of the cursors of lists
-    name    TEXT NOT NULL  -- of this store, to know its files by
-) STRICT;
-
--- One row, written to see whether anything can be.
-CREATE TABLE probes (
-    id INTEGER PRIMARY KEY,
-    at INTEGER NOT NULL
+-- One row, about the store itself.
+CREATE TABLE identity (
+    id           INTEGER PRIMARY KEY,
+    name         TEXT NOT NULL, -- by which its files are known
+    cleaner      TEXT,          -- the service that cleans up for all
+    cleans_until INTEGER,       -- until when
+    probed_at    INTEGER        -- written to see whether anything can be
 ) STRICT;

@@ -8,11 +8,10 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Kind, Result};
 use uuid::Uuid;
 
 use super::change::Transaction;
-use super::cursor::Cursors;
 #[cfg(feature = "postgres")]
 use super::database::postgres::Postgres;
 use super::database::rows::{Abort, Rows, values};
@@ -42,7 +41,6 @@ pub(crate) struct Store {
     /// This process among the workers: new at every start.
     pub(super) me: Uuid,
     pub(super) listeners: Arc<Listeners>,
-    pub(super) cursors: Cursors,
     name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
@@ -52,8 +50,6 @@ pub(crate) struct Store {
     pub(super) is_unsure: AtomicBool,
     /// Whether the last claim took nothing.
     pub(super) is_idle: AtomicBool,
-    /// When a job that the last claim passed over may be claimed.
-    pub(super) next_start: Mutex<Option<Instant>>,
     /// Counts of jobs in each state, and when they were read: counting the ended ones takes long.
     pub(super) counts: Mutex<Option<(Instant, [u64; State::ALL.len()])>>,
     observer: OnceLock<Observer>,
@@ -111,35 +107,29 @@ impl Store {
             rules,
             me,
             listeners,
-            cursors: Cursors::random()?,
             name: Uuid::new_v4().to_string(),
             held: Mutex::default(),
             claims: tokio::sync::RwLock::default(),
             is_unsure: AtomicBool::new(false),
             is_idle: AtomicBool::new(true),
-            next_start: Mutex::default(),
             counts: Mutex::default(),
             observer: OnceLock::new(),
             #[cfg(test)]
             offset: Default::default(),
         };
-        let kept = "SELECT cursors, name FROM secrets WHERE id = 1";
-        let find = move |rows: &mut dyn Rows| rows.first(kept, Vec::new());
-        let row = match store.read("open", find).await? {
+        let kept = "SELECT name FROM identity WHERE id = 1";
+        let row = match store.read("open", move |rows| rows.first(kept, Vec::new())).await? {
             Some(row) => row,
             None => {
-                let secrets =
-                    values![tokio_util::bytes::Bytes::copy_from_slice(store.cursors.key()), store.name.clone()];
+                let name = store.name.clone();
                 let keep = move |change: &mut Transaction<'_>| {
-                    let sql = "INSERT INTO secrets (id, cursors, name) VALUES (1, $1, $2) ON CONFLICT (id) DO NOTHING";
-                    change.rows.write(sql, secrets.clone())?;
+                    let sql = "INSERT INTO identity (id, name) VALUES (1, $1) ON CONFLICT (id) DO NOTHING";
+                    change.rows.write(sql, values![&*name])?;
                     change.rows.one(kept, Vec::new())
                 };
                 store.change("open", keep).await?
             }
         };
-        let damaged = || Error::new(Kind::Internal, "the key of cursors in the store of jobs is damaged");
-        store.cursors = Cursors::with_key(&row.get::<tokio_util::bytes::Bytes>("cursors")?).ok_or_else(damaged)?;
         store.name = row.get("name")?;
         Ok(store)
     }
@@ -175,33 +165,14 @@ impl Store {
         self.observed(operation, changed).await
     }
 
-    /// Reads a few rows that an index finds.
+    /// Reads rows.
     pub(super) async fn read<T: Send + 'static>(
         &self,
         operation: &'static str,
         work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
-        self.read_rows(operation, false, work).await
-    }
-
-    /// Reads what may be many rows.
-    pub(super) async fn read_much<T: Send + 'static>(
-        &self,
-        operation: &'static str,
-        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
-    ) -> Result<T> {
-        self.read_rows(operation, true, work).await
-    }
-
-    async fn read_rows<T: Send + 'static>(
-        &self,
-        operation: &'static str,
-        are_many: bool,
-        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
-    ) -> Result<T> {
         let read = async {
             match &self.database {
-                Database::Sqlite(file) if are_many => file.read_much(work).await,
                 Database::Sqlite(file) => file.read(work).await,
                 #[cfg(feature = "postgres")]
                 Database::Postgres(database) => database.read(work).await,
@@ -292,6 +263,5 @@ impl Store {
 
 fn probe(rows: &mut dyn Rows) -> Result<(), Abort> {
     let now = rows.now()?;
-    let sql = "INSERT INTO probes (id, at) VALUES (1, $1) ON CONFLICT (id) DO UPDATE SET at = excluded.at";
-    rows.write(sql, values![now])
+    rows.write("UPDATE identity SET probed_at = $1", values![now])
 }

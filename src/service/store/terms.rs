@@ -19,6 +19,8 @@ pub(crate) struct NewJob {
     pub idempotency: Option<Idempotency>,
     /// Small blobs of its upload, kept until it ends, and beyond that when it is [given up](Job::keeps_upload).
     pub upload: Vec<SmallBlob>,
+    /// Jobs of its tenant that may wait; any number when none.
+    pub most_waiting: Option<u64>,
 }
 
 /// The `Idempotency-Key` of a request, and the request it stands for.
@@ -101,8 +103,8 @@ pub(crate) struct Page {
 /// Which part of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct ListQuery {
-    /// Only jobs of this tenant.
-    pub tenant: Option<String>,
+    /// Jobs of this tenant.
+    pub tenant: String,
     /// Only jobs in this state.
     pub state: Option<State>,
     /// Go on where an earlier page ended: its `next`.

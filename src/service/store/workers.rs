@@ -1,11 +1,9 @@
 //! The processes that work on jobs, what each says about itself, and what they do for all.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fmt;
-use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use tesserae_mesh::error::Result;
 use tokio::sync::watch;
 use utoipa::ToSchema;
@@ -16,12 +14,13 @@ use super::database::rows::{Abort, Row, values};
 use super::job::JobId;
 use super::store::Store;
 use super::terms::Notice;
+use crate::ops::timestamp::rfc3339;
 
 /// Time since a worker was last heard of, after which it is shown no more, and after which its row goes.
 const SHOWN: Duration = Duration::from_secs(300);
 const KEPT: Duration = Duration::from_secs(3600);
 
-/// For how long a service has a duty, or a notice to deliver, before another one may take it.
+/// For how long a service cleans up, or has a notice to deliver, before another one may take it.
 const TERM: Duration = Duration::from_secs(90);
 
 const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
@@ -32,9 +31,8 @@ const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_
 const FORGET: &str = "DELETE FROM workers WHERE seen_at < $1 \
     AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = workers.id AND state = 'running')";
 
-const DUTY: &str = "INSERT INTO duties (name, holder, until) VALUES ('clean-up', $1, $2) \
-    ON CONFLICT (name) DO UPDATE SET holder = excluded.holder, until = excluded.until \
-    WHERE duties.holder = excluded.holder OR duties.until <= $3 RETURNING name";
+const CLEANER: &str = "UPDATE identity SET cleaner = $1, cleans_until = $2 \
+    WHERE cleaner IS NULL OR cleaner = $1 OR cleans_until <= $3 RETURNING id";
 
 /// Takes notices that no living service delivers, some at a time.
 const TAKE: &str = "UPDATE notices SET teller = $1, lease_until = $2 \
@@ -44,72 +42,49 @@ const TAKE: &str = "UPDATE notices SET teller = $1, lease_until = $2 \
 /// Prolongs those that it has, well before they are over.
 const KEEP: &str = "UPDATE notices SET lease_until = $2 WHERE teller = $1 AND lease_until < $3";
 
-/// Name of a worker, new at every start of its process.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ToSchema)]
-#[schema(value_type = String, format = "uuid")]
-pub(crate) struct WorkerId(pub(super) Uuid);
-
-impl fmt::Display for WorkerId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.as_hyphenated().fmt(f)
-    }
-}
-
-impl Serialize for WorkerId {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-/// What a process says about itself.
-#[derive(Debug, Clone)]
-pub(crate) struct Presence {
-    /// Its name for clients, which several may have.
-    pub name: Arc<str>,
-    /// Its version.
-    pub version: &'static str,
-    /// Name of its device.
-    pub device: Arc<str>,
-}
-
 /// A process that works on jobs.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub(crate) struct Worker {
-    /// Which one.
-    pub id: WorkerId,
-    /// Its name for clients.
+    /// Which one: new at every start of the process.
+    #[schema(format = "uuid")]
+    pub id: String,
+    /// Its name, as jobs tell it; several may have the same.
     pub name: String,
     /// Its version.
+    #[schema(example = "0.1.0")]
     pub version: String,
-    /// Name of its device; none of a version that does not tell.
+    /// Name of its device; null where its version does not tell.
     pub device: Option<String>,
     /// When it was first heard of.
-    pub started_at: SystemTime,
-    /// When it was last heard of.
-    pub seen_at: SystemTime,
-    /// Its running jobs.
+    #[schema(format = DateTime)]
+    pub started_at: String,
+    /// When it was last heard of: seconds ago, unless it was killed or has no connection to the store of jobs.
+    #[schema(format = DateTime)]
+    pub seen_at: String,
+    /// Its running jobs, of all tenants.
     pub jobs: Vec<JobId>,
 }
 
 fn worker(row: &Row, jobs: Vec<JobId>) -> Result<Worker> {
     Ok(Worker {
-        id: WorkerId(row.get("id")?),
+        id: row.get("id")?,
         name: row.get("name")?,
         version: row.get("version")?,
         device: row.get("device")?,
-        started_at: row.get("started_at")?,
-        seen_at: row.get("seen_at")?,
+        started_at: rfc3339(row.get("started_at")?),
+        seen_at: rfc3339(row.get("seen_at")?),
         jobs,
     })
 }
 
 impl Store {
-    /// Says that this process works on jobs; to be repeated every few seconds.
-    pub async fn announce(&self, presence: &Presence) -> Result<()> {
-        let Presence { name, version, device } = presence.clone();
+    /// Says that this process works on jobs, by its name for clients and that of its device; to be repeated every few
+    /// seconds.
+    pub async fn announce(&self, name: &str, device: &str) -> Result<()> {
+        let (name, device) = (name.to_owned(), device.to_owned());
         let announced = self.change("announce", move |change| {
             let now = change.now()?;
-            change.rows.write(ANNOUNCE, values![change.me, &*name, version, &*device, now])?;
+            change.rows.write(ANNOUNCE, values![change.me, &*name, env!("CARGO_PKG_VERSION"), &*device, now])?;
             change.rows.write(FORGET, values![now - KEPT])
         });
         announced.await
@@ -117,7 +92,7 @@ impl Store {
 
     /// The workers that were heard of in the last minutes or have jobs, the oldest first.
     pub async fn workers(&self) -> Result<Vec<Worker>> {
-        let found = self.read_much("workers", |rows| {
+        let found = self.read("workers", |rows| {
             let since = rows.now()? - SHOWN;
             let sql = "SELECT worker_id, id, number FROM jobs WHERE state = 'running'";
             let found =
@@ -129,9 +104,10 @@ impl Store {
             let mut workers = Vec::new();
             for row in found.first().into_iter().flatten() {
                 let jobs = jobs.remove(&row.get("id")?).unwrap_or_default();
-                workers.push(worker(row, jobs.into_values().collect())?);
+                if row.get::<SystemTime>("seen_at")? > since || !jobs.is_empty() {
+                    workers.push(worker(row, jobs.into_values().collect())?);
+                }
             }
-            workers.retain(|worker| worker.seen_at > since || !worker.jobs.is_empty());
             Ok(workers)
         });
         found.await
@@ -144,17 +120,17 @@ impl Store {
         }
         let taken = self.change("may_clean_up", |change| {
             let now = change.now()?;
-            Ok(change.rows.first(DUTY, values![change.me, now + TERM, now])?.is_some())
+            Ok(change.rows.first(CLEANER, values![change.me, now + TERM, now])?.is_some())
         });
         taken.await
     }
 
-    /// Leaves duties and notices to other services.
+    /// Leaves the cleaning up and notices to other services.
     pub(super) async fn leave(&self) -> Result<()> {
         let left = self.change("close", |change| {
             let me = change.me;
             change.rows.write("UPDATE notices SET teller = NULL, lease_until = NULL WHERE teller = $1", values![me])?;
-            change.rows.write("DELETE FROM duties WHERE holder = $1", values![me])?;
+            change.rows.write("UPDATE identity SET cleaner = NULL WHERE cleaner = $1", values![me])?;
             let sql = "DELETE FROM workers WHERE id = $1 \
                        AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = $1 AND state = 'running')";
             change.rows.write(sql, values![me])
@@ -173,9 +149,7 @@ impl Store {
         let ids = |rows: Vec<Row>| rows.iter().map(|row| row.get("job")).collect::<Result<Vec<_>>>();
         let rows = match self.is_shared() {
             true => self.change("untold", take).await?,
-            false => {
-                self.read_much("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?
-            }
+            false => self.read("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?,
         };
         ids(rows)
     }

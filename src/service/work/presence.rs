@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio_util::sync::CancellationToken;
 
-use crate::store::{Presence, Store};
+use crate::store::Store;
 
 /// Longest name of a host that a worker is named after, in bytes.
 const MAX_HOST: usize = 128;
@@ -22,10 +22,9 @@ pub(crate) fn worker_name() -> String {
     format!("{}-{}", host.as_deref().unwrap_or("tesserae"), std::process::id())
 }
 
-/// Announces a worker until `stop`.
-pub(crate) async fn announce(store: &Store, presence: Presence, stop: CancellationToken) {
+pub(crate) async fn announce(store: &Store, name: &str, device: &str, stop: CancellationToken) {
     loop {
-        if let Err(error) = store.announce(&presence).await {
+        if let Err(error) = store.announce(name, device).await {
             tracing::debug!(%error, "the worker cannot be announced now");
         }
         tokio::select! {

@@ -16,7 +16,7 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tokio::sync::{Notify, watch};
+use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use self::file::Stamp;
@@ -197,19 +197,17 @@ impl Access {
         changes
     }
 
-    /// Reads the tokens again whenever they change, and when `reload` is notified, until `stop`. Tokens that cannot be
-    /// read change nothing.
-    pub async fn follow(&self, health: &Health, reload: Arc<Notify>, stop: CancellationToken) {
+    /// Reads the tokens again whenever they change, until `stop`. Tokens that cannot be read change nothing.
+    pub async fn follow(&self, health: &Health, stop: CancellationToken) {
         let Some(kept) = &self.kept else { return };
         let mut seen = kept.first.clone();
         loop {
-            let is_asked = tokio::select! {
+            tokio::select! {
                 () = stop.cancelled() => return,
-                () = tokio::time::sleep(LOOK_EVERY) => false,
-                () = reload.notified() => true,
-            };
+                () = tokio::time::sleep(LOOK_EVERY) => {}
+            }
             let Ok(stamp) = on_file(&kept.path, Stamp::of).await else { continue };
-            if !is_asked && stamp == seen {
+            if stamp == seen {
                 continue;
             }
             match on_file(&kept.path, Tokens::read).await.flatten() {

@@ -1,18 +1,18 @@
 //! Tokens: which tenants may use the service, and how much of it.
 //!
-//! A token is `tess_ID_SECRET`. The file of tokens has the id, a salt, and the SHA-256 of salt and secret, so that a
-//! reader of the file has no token. The secret is 256 random bits: a slow hash would gain nothing.
+//! A token is `tess_ID_SECRET`. The file of tokens has the id, and the SHA-256 of the secret, by which it is found: a
+//! reader of the file has no token. The secret is 256 random bits: neither salt nor a slow hash would gain anything.
 //! [`file`](super::file) reads and writes the file.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::num::NonZeroU32;
+use std::sync::Arc;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use subtle::ConstantTimeEq;
 use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
 
 use crate::queue::{Share, Shares};
@@ -39,7 +39,7 @@ pub struct Quotas {
     /// Jobs that may run at a time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_running_jobs: Option<u64>,
-    /// Share of the running jobs and of the device's time, from 1 on: a tenant of weight 2 gets twice as much as one of
+    /// Share of the running jobs, from 1 on: a tenant of weight 2 gets twice as much as one of
     /// weight 1, which is what a tenant has when this is left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weight: Option<NonZeroU32>,
@@ -79,9 +79,7 @@ pub struct TenantEntry {
 pub struct TokenEntry {
     /// Which one it is: 16 hexadecimal digits.
     pub id: String,
-    /// Random bytes, base64url.
-    salt: String,
-    /// SHA-256 of salt and secret, base64url.
+    /// SHA-256 of the secret, base64url.
     sha256: String,
 }
 
@@ -145,18 +143,14 @@ impl TokenFile {
     /// Adds a token for a tenant, which is new or known.
     pub fn add(&mut self, tenant: &str) -> Result<Token> {
         Self::check_name(tenant)?;
-        let (mut id, mut salt, mut secret) = ([0; 8], [0; 16], [0; 32]);
-        for bytes in [&mut id[..], &mut salt, &mut secret] {
+        let (mut id, mut secret) = ([0; 8], [0; 32]);
+        for bytes in [&mut id[..], &mut secret] {
             getrandom::fill(bytes)
                 .map_err(|error| Error::new(Kind::Internal, format_args!("no random bytes can be had: {error}")))?;
         }
         let id: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
         let secret = URL_SAFE_NO_PAD.encode(secret);
-        let entry = TokenEntry {
-            id: id.clone(),
-            salt: URL_SAFE_NO_PAD.encode(salt),
-            sha256: URL_SAFE_NO_PAD.encode(digest(&salt, &secret)),
-        };
+        let entry = TokenEntry { id: id.clone(), sha256: URL_SAFE_NO_PAD.encode(digest(&secret)) };
         self.tenants.entry(tenant.to_owned()).or_default().tokens.push(entry);
         Ok(Token { id, secret })
     }
@@ -170,8 +164,8 @@ impl TokenFile {
         })
     }
 
-    /// The tokens by their ids.
-    fn index(&self) -> Result<HashMap<String, Known>> {
+    /// The tokens by their digests.
+    fn index(&self) -> Result<HashMap<[u8; 32], Known>> {
         let mut index = HashMap::new();
         for (name, tenant) in &self.tenants {
             Self::check_name(name)?;
@@ -183,11 +177,12 @@ impl TokenFile {
             }
             let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
             for token in &tenant.tokens {
-                let known = token.known(owner.clone()).ok_or_else(|| {
+                let digest = token.digest().ok_or_else(|| {
                     Error::parameter(format_args!("a token is not as this program writes them, of {name:?}"))
                 })?;
-                if index.insert(token.id.clone(), known).is_some() {
-                    return Err(Error::parameter(format_args!("two tokens have the same id: {:?}", token.id)));
+                let known = Known { id: token.id.as_str().into(), tenant: owner.clone() };
+                if index.insert(digest, known).is_some() {
+                    return Err(Error::parameter(format_args!("a token is listed twice: {:?}", token.id)));
                 }
             }
         }
@@ -196,33 +191,29 @@ impl TokenFile {
 }
 
 impl TokenEntry {
-    fn known(&self, tenant: Tenant) -> Option<Known> {
+    fn digest(&self) -> Option<[u8; 32]> {
         let is_id = self.id.len() == 16 && self.id.bytes().all(|byte| byte.is_ascii_hexdigit());
-        let salt = URL_SAFE_NO_PAD.decode(&self.salt).ok().filter(|salt| salt.len() >= 8)?;
-        let digest = URL_SAFE_NO_PAD.decode(&self.sha256).ok()?.try_into().ok()?;
-        is_id.then_some(Known { salt, digest, tenant })
+        URL_SAFE_NO_PAD.decode(&self.sha256).ok().filter(|_| is_id)?.try_into().ok()
     }
 }
 
 /// The tokens of a file, ready for look-ups.
 #[derive(Debug, Default)]
 pub(crate) struct Tokens {
-    by_id: HashMap<String, Known>,
+    by_digest: HashMap<[u8; 32], Known>,
     shares: Shares,
 }
 
 #[derive(Debug)]
 struct Known {
-    salt: Vec<u8>,
-    digest: [u8; 32],
+    id: Arc<str>,
     tenant: Tenant,
 }
 
-/// Which token a request came with: its id, and the digest of its secret, which differs when the token is replaced
-/// under the same id.
+/// Which token a request came with.
 #[derive(Clone, PartialEq, Eq)]
 pub(crate) struct TokenName {
-    id: String,
+    id: Arc<str>,
     digest: [u8; 32],
 }
 
@@ -254,7 +245,7 @@ impl Tokens {
     /// The tokens of a file.
     pub fn of(file: &TokenFile) -> Result<Self> {
         let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share())).collect();
-        Ok(Self { by_id: file.index()?, shares })
+        Ok(Self { by_digest: file.index()?, shares })
     }
 
     /// What each tenant may use of the queue.
@@ -262,30 +253,27 @@ impl Tokens {
         self.shares.clone()
     }
 
-    /// The tenant of a token, and which token it is. Takes as long for a wrong token as for a right one.
+    /// The tenant of a token, and which token it is. How long that takes tells of the digest, not of the secret.
     pub fn tenant(&self, token: &str) -> Option<(&Tenant, TokenName)> {
         let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
-        let known = self.by_id.get(id);
-        let (salt, expected) = known.map_or((&[0; 16][..], [0; 32]), |known| (&known.salt, known.digest));
-        let is_equal = bool::from(digest(salt, secret).ct_eq(&expected));
-        known.filter(|_| is_equal).map(|known| (&known.tenant, TokenName { id: id.to_owned(), digest: known.digest }))
+        let digest = digest(secret);
+        let known = self.by_digest.get(&digest).filter(|known| *known.id == *id)?;
+        Some((&known.tenant, TokenName { id: Arc::clone(&known.id), digest }))
     }
 
     /// Whether that token is still there, and the tenant's.
     pub fn has(&self, token: &TokenName, tenant: &str) -> bool {
-        let known = self.by_id.get(&token.id);
-        known.is_some_and(|known| known.digest == token.digest && known.tenant.name == tenant)
+        self.by_digest.get(&token.digest).is_some_and(|known| known.tenant.name == tenant)
     }
 
     /// Number of tokens.
     pub fn len(&self) -> usize {
-        self.by_id.len()
+        self.by_digest.len()
     }
 }
 
-/// SHA-256 of salt and secret.
-fn digest(salt: &[u8], secret: &str) -> [u8; 32] {
-    Sha256::new().chain_update(salt).chain_update(secret).finalize().into()
+fn digest(secret: &str) -> [u8; 32] {
+    Sha256::digest(secret).into()
 }
 
 #[cfg(test)]
@@ -316,7 +304,7 @@ mod tests {
 
     #[test]
     fn what_is_wrong_with_a_file_is_told() {
-        let entry = r#"{"id": "0123456789abcdef", "salt": "AAAAAAAAAAA", "sha256": "AAAA"}"#;
+        let entry = r#"{"id": "0123456789abcdef", "sha256": "AAAA"}"#;
         for (json, words) in [
             ("", "EOF"),
             ("{}", "tenants"),

@@ -18,17 +18,17 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use parking_lot::Mutex;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::timeout;
+use tokio_io_timeout::TimeoutWriter;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt;
 
 use super::origin;
-use super::socket::Socket;
 use crate::metrics::Metrics;
 use crate::settings::{BEGINNINGS, TrafficSettings};
 
@@ -110,7 +110,7 @@ async fn accept(
             false => settings.constants.connections_per_address,
         };
         let Some(counted) = by_address.enter(ip, limit) else {
-            metrics.connection_refused();
+            metrics.families.connections_refused.inc();
             continue;
         };
         let _ = stream.set_nodelay(true);
@@ -125,15 +125,18 @@ async fn accept(
                 true => None,
                 false => match timeout(BEGINNING, places.acquire_owned()).await {
                     Ok(place) => place.ok(),
-                    Err(_) => return metrics.connection_refused(),
+                    Err(_) => {
+                        metrics.families.connections_refused.inc();
+                        return;
+                    }
                 },
             };
             drop(beginning);
             let Ok(stream) = stream.into_std() else { return };
             let serve = async move {
-                metrics.connections(1);
+                metrics.families.connections.inc();
                 connection(stream, begun, address, router, &settings, is_probe, close).await;
-                metrics.connections(-1);
+                metrics.families.connections.dec();
                 drop((place, counted));
             };
             match is_probe {
@@ -183,7 +186,11 @@ async fn connection(
     });
     // from now on, the runtime of this task wakes it
     let Ok(stream) = TcpStream::from_std(stream) else { return };
-    let mut socket = Socket::new(stream, begun, settings.constants.write_timeout);
+    let (rest, writer) = stream.into_split();
+    let mut writer = Box::pin(TimeoutWriter::new(writer));
+    // fails when the client takes nothing for so long
+    writer.as_mut().set_timeout_pinned(Some(settings.constants.write_timeout));
+    let mut socket = tokio::io::join(io::Cursor::new(begun).chain(rest), writer);
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(settings.constants.header_timeout);
     if is_probe {
@@ -212,7 +219,7 @@ async fn connection(
 }
 
 /// Ends the answers, and reads the rest of what the client sends: not as HTTP, which costs more.
-async fn linger(mut socket: Socket) -> io::Result<u64> {
+async fn linger(mut socket: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<u64> {
     socket.shutdown().await?;
     tokio::io::copy(&mut socket, &mut tokio::io::sink()).await
 }

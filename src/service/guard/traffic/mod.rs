@@ -2,14 +2,14 @@
 //!
 //! | limit of | where | beyond it, a client is |
 //! |---|---|---|
-//! | connections, and how long heads and answers may take | `connections`, `socket` | closed |
+//! | connections, and how long heads and answers may take | `connections` | closed |
 //! | heads that are not valid or not supported | `heads`, hyper | answered with 400, 414, 431 or 501 |
 //! | web pages that may not use a service without tokens | `sites` | answered with 403 or 421 |
 //! | requests a second, requests and streams at a time | `clients` | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
 //! | bytes of uploads that are coming in | `service::budget` | answered with 503 |
 //!
-//! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `admission`.
+//! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `queue`.
 
 mod clients;
 pub(crate) mod connections;
@@ -18,7 +18,6 @@ pub(crate) mod heads;
 pub(crate) mod origin;
 pub(crate) mod queries;
 pub(crate) mod sites;
-mod socket;
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -54,12 +53,10 @@ pub(crate) struct Traffic {
     clients: Arc<Clients>,
     faults: Faults,
     streams: Arc<Semaphore>,
-    /// Bytes of uploads that are coming in.
     pub uploads: Arc<Budget>,
 }
 
 impl Traffic {
-    /// Nothing yet.
     pub fn new(settings: &Settings, access: Arc<Access>, faults: Faults) -> Self {
         Self {
             access,
@@ -71,7 +68,6 @@ impl Traffic {
         }
     }
 
-    /// Event streams that are open.
     pub fn open_streams(&self) -> u64 {
         u64::from(self.settings.constants.streams) - self.streams.available_permits() as u64
     }

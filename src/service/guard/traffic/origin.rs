@@ -8,26 +8,24 @@ use std::net::{IpAddr, SocketAddr};
 
 use axum::extract::{ConnectInfo, Request};
 use axum::http::{HeaderMap, HeaderValue};
+use ipnet::IpNet;
 
-use crate::settings::Network;
-
-/// The header that proxies append to.
 const FORWARDED: &str = "x-forwarded-for";
 
 /// Whether an address is that of a proxy.
-pub(crate) fn is_proxy(address: IpAddr, proxies: &[Network]) -> bool {
-    proxies.iter().any(|network| network.contains(address))
+pub(crate) fn is_proxy(address: IpAddr, proxies: &[IpNet]) -> bool {
+    proxies.iter().any(|network| network.contains(&address))
 }
 
 /// Address of the client that sent a request.
-pub(crate) fn client(request: &Request, proxies: &[Network]) -> IpAddr {
+pub(crate) fn client(request: &Request, proxies: &[IpNet]) -> IpAddr {
     let info = request.extensions().get::<ConnectInfo<SocketAddr>>();
     let peer = info.map_or(IpAddr::from([0, 0, 0, 0]), |ConnectInfo(address)| address.ip());
     behind(peer.to_canonical(), request.headers(), proxies)
 }
 
 /// The address behind `peer`. An entry that is no address ends the list: the proxy before it is then the client.
-fn behind(peer: IpAddr, headers: &HeaderMap, proxies: &[Network]) -> IpAddr {
+fn behind(peer: IpAddr, headers: &HeaderMap, proxies: &[IpNet]) -> IpAddr {
     let mut client = peer;
     let lines: Vec<&[u8]> = headers.get_all(FORWARDED).iter().map(HeaderValue::as_bytes).collect();
     let mut entries = lines.iter().rev().flat_map(|line| line.rsplit(|&byte| byte == b','));
@@ -49,13 +47,13 @@ fn address(entry: &str) -> Option<IpAddr> {
 mod tests {
     use super::*;
 
-    fn networks(texts: &[&str]) -> Vec<Network> {
+    fn networks(texts: &[&str]) -> Vec<IpNet> {
         texts.iter().map(|text| text.parse().expect("a network")).collect()
     }
 
     #[test]
     fn only_trusted_proxies_are_believed() {
-        let proxies = networks(&["10.0.0.0/8", "127.0.0.1"]);
+        let proxies = networks(&["10.0.0.0/8", "127.0.0.1/32"]);
         let client = |peer: &str, lines: &[&'static str]| {
             let mut headers = HeaderMap::new();
             for line in lines {

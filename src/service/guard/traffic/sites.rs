@@ -22,17 +22,14 @@ use tesserae_mesh::error::{Error, Kind, Quoted, Result};
 use crate::guard::problem::Failure;
 use crate::settings::AccessSettings;
 
-/// Which pages may reach the service.
 #[derive(Debug)]
 pub(crate) struct Sites {
     has_tokens: bool,
     accepts_names: bool,
-    /// Origins of `--cors-origins`.
     listed: Vec<String>,
 }
 
 impl Sites {
-    /// As the settings say.
     pub fn new(settings: &AccessSettings) -> Self {
         Self {
             has_tokens: settings.tokens.is_some(),

@@ -35,7 +35,7 @@ pub(crate) struct UploadForm {
     /// The mesh: OBJ, GLB, glTF, PLY, STL or OFF, recognised by media type, file name or content.
     #[schema(value_type = Binary)]
     mesh: Binary,
-    /// What to do; the same names as in the query. A parameter may stand in both with the same value only.
+    /// What to do; the same names as in the query. A parameter stands in one of the two.
     parameters: Option<Parameters>,
     /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
     #[schema(value_type = Option<Vec<Binary>>)]
@@ -112,7 +112,9 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let rules = Rules::new(shared.settings.max_upload_bytes, traffic.constants.body_timeout, uploads);
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
-        shared.admission.check(&tenant).await?;
+        if let Err(error) = shared.store.check_room(&tenant.name, shared.most_waiting(&tenant)).await {
+            return Err(shared.full(error, &tenant).await);
+        }
         // before the disk: an upload over the limit says nothing about the disk
         if bytes > rules.limit {
             return Err(rules.too_large(bytes).into());
@@ -155,19 +157,12 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
 async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
     let tenant = caller.tenant()?;
     let Upload { mut folder, mut spec, digests, .. } = upload;
-    let is_known = match &key {
-        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
-        None => false,
-    };
-    let _place = match is_known {
-        true => None,
-        false => Some(shared.admission.place(tenant).await?),
-    };
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
     let upload = folder.settle().await?;
     spec.is_small = !upload.is_empty();
-    match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
+    let most_waiting = shared.most_waiting(tenant);
+    match shared.store.create(NewJob { id, spec, idempotency, upload, most_waiting }).await {
         Ok(Created::New(job)) => {
             folder.keep();
             audit::record(Action::Accepted(job.spec.bytes), &caller, id);
@@ -183,7 +178,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             if shared.store.is_shared() && error.is_of_storage() {
                 folder.keep();
             }
-            Err(shared.admission.full(error).await)
+            Err(shared.full(error, tenant).await)
         }
     }
 }

@@ -66,7 +66,7 @@ pub(crate) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answ
     if !(1..=MAX_PAGE).contains(&limit) {
         return Err(Error::parameter(format_args!("limit must be 1 to {MAX_PAGE}, not {limit}")).into());
     }
-    let query = ListQuery { tenant: Some(caller.tenant()?.name.clone()), state, cursor, limit };
+    let query = ListQuery { tenant: caller.tenant()?.name.clone(), state, cursor, limit };
     let page = shared.store.list(&query).await?;
     let link = page.next.as_ref().and_then(|next| next_page(&query, next));
     let jobs = page.jobs.into_iter().map(|job| JobView::new(&shared, job)).collect();

@@ -2,15 +2,13 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::sync::atomic::Ordering;
-
 use axum::extract::State as Extract;
 use axum::http::header;
 use axum::response::IntoResponse;
 
 use crate::guard::problem::{Answer, Problematic};
 use crate::http::state::App;
-use crate::metrics::{self, Room, Snapshot};
+use crate::metrics;
 
 /// Metrics
 ///
@@ -23,22 +21,9 @@ use crate::metrics::{self, Room, Snapshot};
     ),
 )]
 pub(crate) async fn metrics(Extract(shared): App) -> Answer {
-    let oldest = shared.store.oldest_queued().await?;
-    let room = Room {
-        disk_free: shared.files.free_bytes(),
-        oldest_queued: oldest.map(|time| time.elapsed().unwrap_or_default()),
-    };
-    let now = Snapshot {
-        jobs: shared.store.counts().await?,
-        streams: shared.traffic.open_streams(),
-        upload_bytes_in_flight: shared.traffic.uploads.held(),
-        store: shared.store.statistics(),
-        file_errors: shared.files.failures(),
-        stuck_jobs: shared.files.stuck.load(Ordering::Relaxed),
-        unknown_jobs: shared.files.unknown(),
-        results_damaged: shared.files.damages(),
-        room,
-    };
-    let text = shared.metrics.text(now, &shared.health)?;
+    let families = &shared.metrics.families;
+    families.streams.set(shared.traffic.open_streams().cast_signed());
+    families.upload_bytes_in_flight.set(shared.traffic.uploads.held().cast_signed());
+    let text = shared.metrics.text(&shared.store, &shared.files, &shared.health).await?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
 }

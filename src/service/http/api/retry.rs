@@ -46,15 +46,15 @@ pub(crate) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         Err(error) if error.kind == Kind::NotFound => return Err(upload_is_gone().into()),
         Err(error) => return Err(error.into()),
     }
-    let _place = shared.admission.place(caller.tenant()?).await?;
-    match shared.store.retry(id).await {
+    let tenant = caller.tenant()?;
+    match shared.store.retry(id, shared.most_waiting(tenant)).await {
         Ok(Retried::Queued(job)) => {
             audit::record(Action::Retried, &caller, id);
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))
         }
         Ok(Retried::NotFailed(state)) => Err(not_failed(state).into()),
         Ok(Retried::Unknown) => Err(no_such_job(id).into()),
-        Err(error) => Err(shared.admission.full(error).await),
+        Err(error) => Err(shared.full(error, tenant).await),
     }
 }
 

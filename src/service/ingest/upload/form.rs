@@ -13,7 +13,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job;
 use tesserae_mesh::mesh::Format;
 
-use super::{Destination, Saved, Upload, agreed, kept_name, referred};
+use super::{Destination, Saved, Upload, agreed, kept_name, referred, spec_of};
 use crate::files;
 use crate::ingest::intake::Content;
 use crate::ingest::request::{MAX_PARAMETERS_BYTES, Wanted};
@@ -175,31 +175,16 @@ impl Form {
                 self.buffers[0]
             )));
         }
-        let (priority, kept) = (self.wanted.priority(), self.wanted.kept());
-        let (parameters, webhook) = self.wanted.finish(self.seeds.is_some())?;
-        if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.weights.is_some()) {
+        let (listed_seeds, has_weights) = (self.seeds.is_some(), self.weights.is_some());
+        let spec = spec_of(self.wanted, format, saved.bytes, listed_seeds)?;
+        if let Some(name) = spec.parameters.weight_attribute.as_ref().filter(|_| has_weights) {
             return Err(Error::parameter(format_args!(
                 "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
             )));
         }
         let files = [Some(&saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
         let digests: Vec<_> = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
-        let spec = Spec {
-            tenant: String::new(),
-            trace_parent: None,
-            webhook,
-            parameters,
-            file_name,
-            format,
-            bytes: saved.bytes,
-            buffers: self.buffers,
-            listed_seeds: self.seeds.is_some(),
-            has_weights: self.weights.is_some(),
-            is_small: false,
-            priority,
-            kept,
-            referred,
-        };
+        let spec = Spec { file_name, buffers: self.buffers, has_weights, referred, ..spec };
         Ok(Upload { folder: self.into.folder, spec, digests })
     }
 }

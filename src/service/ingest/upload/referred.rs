@@ -54,7 +54,7 @@ pub(super) async fn without_body(
         }
     }
     let format = mesh.saved.format(wanted.format, mesh.file_name.as_deref())?;
-    let mut spec = spec_of(wanted, format, mesh.saved.bytes)?;
+    let mut spec = spec_of(wanted, format, mesh.saved.bytes, false)?;
     spec.file_name = mesh.file_name;
     spec.referred = Some(mesh.referred);
     Ok(Upload { folder: into.folder, spec, digests: Vec::new() })

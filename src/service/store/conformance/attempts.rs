@@ -68,7 +68,8 @@ pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &Store) {
 pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &Store) {
     let id = create(store).await.id;
     let count = || {
-        let Statistics { attempts_failed, given_up, .. } = store.statistics();
+        let statistics = store.statistics();
+        let (attempts_failed, given_up) = (statistics.attempts_failed, statistics.given_up);
         (attempts_failed, given_up)
     };
     // one that has not begun counts for nothing
@@ -141,7 +142,7 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
     assert_eq!(end, Ok(State::Failed));
     // and numbers of jobs are not used again
     let next = create(again).await;
-    let page = again.list(&ListQuery { limit: 1, ..ListQuery::default() }).await.expect("listed");
+    let page = again.list(&first(1)).await.expect("listed");
     assert_eq!(page.jobs[0].id, next.id);
 }
 
@@ -164,10 +165,10 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     let webhook = Some("https://a.example/".to_owned());
     let spec = Spec { is_small: true, webhook, ..spec("x") };
     let id = JobId::random();
-    let new = NewJob { id, spec, idempotency: None, upload: vec![mesh.clone()] };
+    let new = NewJob { id, spec, idempotency: None, upload: vec![mesh.clone()], most_waiting: None };
     assert!(matches!(store.create(new).await, Ok(Created::New(_))));
-    assert_eq!(store.retry(id).await, Ok(Retried::NotFailed(State::Queued)));
-    assert_eq!(store.retry(JobId::random()).await, Ok(Retried::Unknown));
+    assert_eq!(store.retry(id, None).await, Ok(Retried::NotFailed(State::Queued)));
+    assert_eq!(store.retry(JobId::random(), None).await, Ok(Retried::Unknown));
     let give_up = async || {
         for attempt in 1..=3 {
             let (ticket, _) = claim(store).await;
@@ -187,10 +188,10 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
 
     // a full queue takes it no more than a new one
     let others = [create(store).await.id, create(store).await.id];
-    assert_eq!(store.retry(id).await.expect_err("full").kind, Kind::QueueFull);
+    assert_eq!(store.retry(id, None).await.expect_err("full").kind, Kind::QueueFull);
     assert!(get(store, id).await.keeps_upload());
     store.cancel(others[0]).await.expect("asked");
-    let Ok(Retried::Queued(job)) = store.retry(id).await else { panic!("it has failed") };
+    let Ok(Retried::Queued(job)) = store.retry(id, None).await else { panic!("it has failed") };
     assert_eq!((job.state, job.problem.clone(), job.ended_at), (State::Queued, None, None));
     assert_eq!(job.queue_position, Some(1), "where it was");
     assert_eq!(*job, get(store, id).await);
@@ -200,7 +201,7 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     give_up().await;
     let earlier = store.notice(id).await.expect("readable").expect("untold");
     assert_eq!(earlier.end, 2);
-    let Ok(Retried::Queued(_)) = store.retry(id).await else { panic!("it has failed again") };
+    let Ok(Retried::Queued(_)) = store.retry(id, None).await else { panic!("it has failed again") };
     assert_eq!(store.untold().await, Ok(vec![id]));
     let (ticket, _) = claim(store).await;
     assert_eq!(ticket.attempt, 7);
@@ -212,7 +213,7 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     assert_eq!(store.blob(id, "mesh").await, Ok(None), "it is of no use any more");
     let seqs: Vec<_> = events(store, id, 0, 99).await.into_iter().map(|event| event.seq).collect();
     assert_eq!(seqs, (1..=seqs.len() as u64).collect::<Vec<_>>());
-    assert_eq!(store.retry(id).await, Ok(Retried::NotFailed(State::Succeeded)));
+    assert_eq!(store.retry(id, None).await, Ok(Retried::NotFailed(State::Succeeded)));
 }
 
 /// A job that kills the process whenever it has begun, and its neighbours.

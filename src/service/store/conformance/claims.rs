@@ -34,7 +34,7 @@ pub async fn claim_all(stores: &[Arc<Store>], limit: usize, jobs: usize) {
             let request = Claiming { limit, newcomers: 0, lease: LEASE, worker, shares: Arc::default() };
             loop {
                 let started = Instant::now();
-                let taken = store.claim_as(request.clone()).await.expect("claimable");
+                let taken = store.claim_as(request.clone()).await.expect("claimable").0;
                 claiming += started.elapsed();
                 if taken.is_empty() {
                     return (claimed, claiming);

@@ -11,7 +11,7 @@ async fn add_for(store: &Store, tenant: &str, priority: i8) -> JobId {
 async fn claim_with(store: &Store, limit: usize, newcomers: usize, shares: &[(&str, Share)]) -> Vec<(Ticket, Job)> {
     let shares: Shares = shares.iter().map(|(tenant, share)| ((*tenant).to_owned(), *share)).collect();
     let claiming = Claiming { limit, newcomers, lease: LEASE, worker: "w".into(), shares: Arc::new(shares) };
-    store.claim_as(claiming).await.expect("claimable")
+    store.claim_as(claiming).await.expect("claimable").0
 }
 
 fn tenants(claimed: &[(Ticket, Job)]) -> Vec<&str> {

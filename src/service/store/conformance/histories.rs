@@ -9,8 +9,8 @@ use tempfile::TempDir;
 use super::sqlite::NAME;
 use super::*;
 use crate::ops::faults::Faults;
-use crate::queue::history::{self, New, Step, Stored, play};
-use crate::queue::model::{Altered, Model, claiming};
+use crate::queue::tests::history::{self, New, Step, Stored, play};
+use crate::queue::tests::model::{Altered, Model, claiming};
 use crate::queue::{self, Change};
 
 /// How many histories a store goes through.
@@ -63,7 +63,7 @@ impl<C: Crashes> Stored for Workers<C> {
 
     async fn claim(&mut self, worker: usize, limit: usize, newcomers: usize) -> Vec<(usize, u32)> {
         let claiming = claiming(worker, limit, newcomers, 3);
-        let claimed = self.subject.stores()[worker].claim_as(claiming).await.expect("claimable");
+        let claimed = self.subject.stores()[worker].claim_as(claiming).await.expect("claimable").0;
         let job = |(ticket, _): (Ticket, Job)| {
             let index = self.jobs.iter().position(|(id, ..)| *id == ticket.job).expect("created here");
             self.jobs[index] = (ticket.job, worker, ticket.attempt);
@@ -80,7 +80,7 @@ impl<C: Crashes> Stored for Workers<C> {
             Change::Release { attempt, release } => store.release(ticket(attempt), release).await.is_ok(),
             Change::End { attempt, .. } => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
             Change::Cancel => store.cancel(id).await.expect("asked").is_some(),
-            Change::Retry => matches!(store.retry(id).await, Ok(Retried::Queued(_))),
+            Change::Retry => matches!(store.retry(id, None).await, Ok(Retried::Queued(_))),
             Change::LeaseOver => {
                 let lost = store.heartbeat(&[ticket(attempt)], Duration::ZERO).await.expect("writable");
                 lost.is_empty() && store.reclaim().await == Ok(vec![ticket(attempt)])

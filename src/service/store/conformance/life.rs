@@ -29,12 +29,14 @@ pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
 
 pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {
     create(store).await;
-    store.check_room().await.expect("room for one more");
+    store.check_room("a", None).await.expect("room for one more");
     create(store).await;
-    assert_eq!(store.check_room().await.expect_err("full").kind, Kind::QueueFull);
+    assert_eq!(store.check_room("a", None).await.expect_err("full").kind, Kind::QueueFull);
     let id = JobId::random();
-    let refused =
-        store.create(NewJob { id, spec: spec("x"), idempotency: None, upload: Vec::new() }).await.expect_err("full");
+    let refused = store
+        .create(NewJob { id, spec: spec("x"), idempotency: None, upload: Vec::new(), most_waiting: None })
+        .await
+        .expect_err("full");
     assert_eq!(refused.kind, Kind::QueueFull);
     assert_eq!(store.get(id).await.expect("readable"), None);
     claim(store).await;
@@ -150,7 +152,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     let result = [blob("report", b"{}".to_vec()), blob("mesh", vec![7; 70_000])];
     let add = async || {
         let spec = Spec { is_small: true, ..spec("x") };
-        let new = NewJob { id: JobId::random(), spec, idempotency: None, upload: upload.to_vec() };
+        let new = NewJob { id: JobId::random(), spec, idempotency: None, upload: upload.to_vec(), most_waiting: None };
         let id = new.id;
         assert!(matches!(store.create(new).await, Ok(Created::New(_))));
         id
@@ -200,4 +202,20 @@ pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &Store) {
     let ticket = Ticket { job: id, attempt: 1 };
     let finished = store.finish(ticket, End::Cancelled).await;
     assert_eq!(finished.expect_err("unknown").kind, Kind::NotFound);
+}
+
+pub(super) async fn a_tenant_has_no_more_waiting_jobs_than_it_may(store: &Store) {
+    let new = |tenant: &str| {
+        let spec = Spec { tenant: tenant.to_owned(), ..spec("x") };
+        NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new(), most_waiting: Some(2) }
+    };
+    let at_once = futures_util::future::join_all((0..4).map(|_| store.create(new("a")))).await;
+    let refused = at_once.iter().filter_map(|created| created.as_ref().err());
+    assert!(refused.clone().all(|error| error.kind == Kind::QueueFull && error.message.contains("of this tenant")));
+    // services that share a database count at once
+    assert!(store.is_shared() || refused.count() == 2);
+    assert_eq!(store.create(new("a")).await.expect_err("full").kind, Kind::QueueFull);
+    assert_eq!(store.check_room("a", Some(2)).await.expect_err("full").kind, Kind::QueueFull);
+    store.check_room("a", None).await.expect("the queue has room");
+    store.create(new("b")).await.expect("another tenant's");
 }

@@ -7,7 +7,7 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
     for _ in 0..7 {
         newest_first.insert(0, create(store).await.id);
     }
-    let mut query = ListQuery { limit: 3, ..ListQuery::default() };
+    let mut query = first(3);
     let mut seen = Vec::new();
     loop {
         let page = store.list(&query).await.expect("listed");
@@ -21,14 +21,10 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
     assert_eq!(seen, newest_first);
 
     let (_, running) = claim(store).await;
-    let only =
-        store.list(&ListQuery { state: Some(State::Running), limit: 1, ..ListQuery::default() }).await.expect("listed");
+    let only = store.list(&ListQuery { state: Some(State::Running), ..first(1) }).await.expect("listed");
     assert_eq!(only.jobs, [running]);
     assert_eq!(only.next, None);
-    let queued = store
-        .list(&ListQuery { state: Some(State::Queued), limit: 100, ..ListQuery::default() })
-        .await
-        .expect("listed");
+    let queued = store.list(&ListQuery { state: Some(State::Queued), ..first(100) }).await.expect("listed");
     assert_eq!(queued.jobs.len(), 9);
     assert_eq!(queued.jobs[8].queue_position, Some(1));
     assert_eq!(queued.jobs[0].queue_position, Some(9));
@@ -45,16 +41,16 @@ pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &Store) {
     }
     let (_, running) = claim(store).await;
     assert_eq!(running.spec.tenant, "mine");
-    assert_eq!(store.waiting_of("mine").await.expect("counted"), 2);
-    assert_eq!(store.waiting_of("unknown").await.expect("counted"), 0);
-    let list = |state, cursor, limit| ListQuery { tenant: Some("mine".to_owned()), state, cursor, limit };
+    assert_eq!(store.waiting("mine").await.expect("counted").1, 2);
+    assert_eq!(store.waiting("unknown").await.expect("counted").1, 0);
+    let list = |state, cursor, limit| ListQuery { tenant: "mine".to_owned(), state, cursor, limit };
     let first = store.list(&list(None, None, 2)).await.expect("listed");
     let rest = store.list(&list(None, first.next, 2)).await.expect("listed");
     assert_eq!(first.jobs.iter().chain(&rest.jobs).map(|job| job.id).collect::<Vec<_>>(), mine);
     assert_eq!(rest.next, None, "what others have is no next page");
     let queued = store.list(&list(Some(State::Queued), None, 9)).await.expect("listed");
     assert_eq!(queued.jobs.iter().map(|job| job.id).collect::<Vec<_>>(), mine[..2]);
-    let unknown = ListQuery { tenant: Some("unknown".to_owned()), limit: 9, ..ListQuery::default() };
+    let unknown = ListQuery { tenant: "unknown".to_owned(), limit: 9, ..ListQuery::default() };
     assert_eq!(store.list(&unknown).await.expect("listed"), Page::default());
 }
 
@@ -70,8 +66,8 @@ pub(super) async fn the_oldest_job_that_waits_is_known(store: &Store) {
 }
 
 pub(super) async fn a_foreign_cursor_is_refused(store: &Store) {
-    for cursor in ["", "7", "%%", "AAAA", "ü"] {
-        let query = ListQuery { cursor: Some(cursor.to_owned()), limit: 5, ..ListQuery::default() };
+    for cursor in ["", "7", "%%", "AAAA", "ü", "-", "7-x", "x-00000000-0000-4000-8000-000000000000"] {
+        let query = ListQuery { cursor: Some(cursor.to_owned()), ..first(5) };
         let refused = store.list(&query).await.expect_err(cursor);
         assert_eq!(refused.kind, Kind::InvalidParameter, "{cursor}");
     }

@@ -13,7 +13,7 @@ use tesserae_mesh::report::Phase;
 use super::terms::Page;
 use super::{
     Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice,
-    Progress, Release, Retried, Rules, SmallBlob, Spec, State, Statistics, Store, Summary, Ticket, What,
+    Progress, Release, Retried, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
 };
 use crate::store::kept::Kept;
 
@@ -51,6 +51,7 @@ pub(crate) async fn run(subject: &dyn Subject) {
     life::a_new_job_is_as_it_was_created(make(9).await.as_ref()).await;
     life::jobs_are_claimed_in_order_and_once(make(9).await.as_ref()).await;
     life::a_full_queue_refuses_until_a_job_starts(make(2).await.as_ref()).await;
+    life::a_tenant_has_no_more_waiting_jobs_than_it_may(make(9).await.as_ref()).await;
     life::events_are_numbered_and_read_from_anywhere(make(9).await.as_ref()).await;
     life::every_end_is_told(make(9).await.as_ref()).await;
     life::a_ticket_that_is_over_writes_nothing(make(9).await.as_ref()).await;
@@ -91,9 +92,17 @@ const RULES: Rules = Rules { max_queued: 9, max_attempts: 3, crash_pause: Durati
 /// Long enough that no lease ends by itself.
 const LEASE: Duration = Duration::from_secs(3600);
 
+/// The tenant of jobs whose tenant is of no matter.
+const TENANT: &str = "größe & co";
+
+/// The first jobs of a list.
+fn first(limit: usize) -> ListQuery {
+    ListQuery { tenant: TENANT.to_owned(), limit, ..ListQuery::default() }
+}
+
 fn spec(name: &str) -> Spec {
     Spec {
-        tenant: "größe & co".to_owned(),
+        tenant: TENANT.to_owned(),
         trace_parent: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned()),
         webhook: None,
         parameters: Parameters { clusters: Some(7), seed: u64::MAX, ..Parameters::default() },
@@ -115,7 +124,11 @@ async fn create(store: &Store) -> Job {
 }
 
 async fn add(store: &Store, id: JobId, spec: Spec) -> Job {
-    match store.create(NewJob { id, spec, idempotency: None, upload: Vec::new() }).await.expect("created") {
+    match store
+        .create(NewJob { id, spec, idempotency: None, upload: Vec::new(), most_waiting: None })
+        .await
+        .expect("created")
+    {
         Created::New(job) => job,
         Created::Known(job) => panic!("no key was given: {job:?}"),
     }
@@ -142,5 +155,6 @@ fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
         spec: Spec { tenant: tenant.to_owned(), ..spec("x") },
         idempotency: Some(Idempotency { key: key.to_owned(), request: request.to_owned() }),
         upload: Vec::new(),
+        most_waiting: None,
     }
 }

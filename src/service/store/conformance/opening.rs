@@ -8,6 +8,7 @@ use super::super::tests::{RULES, new_job};
 use super::sqlite::{NAME, in_a_folder, open};
 use super::*;
 use crate::ops::faults::Faults;
+use crate::store::LOCAL_TENANT;
 
 #[tokio::test]
 async fn a_file_of_somebody_elses_is_refused_in_one_line() {
@@ -67,7 +68,7 @@ async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_ag
     let store = open(&path).await;
     let failures = store.statistics().failures;
     damage(&path);
-    let query = ListQuery { limit: 1000, ..ListQuery::default() };
+    let query = ListQuery { tenant: LOCAL_TENANT.to_owned(), limit: 1000, ..ListQuery::default() };
     let error = store.list(&query).await.expect_err("damaged");
     assert_eq!(error.kind, Kind::Unavailable, "{error}");
     assert!(!error.message.contains("jobs.sqlite3"), "the remedy is for the operator: {error}");

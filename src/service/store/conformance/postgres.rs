@@ -192,7 +192,7 @@ async fn one_service_cleans_up_and_each_notice_is_delivered_by_one() {
     assert_eq!(one.untold().await, Ok(vec![id]));
     one.close().await;
     let third = open(&url, RULES).await;
-    assert_eq!(third.may_clean_up().await, Ok(true), "a service that stops leaves its duties");
+    assert_eq!(third.may_clean_up().await, Ok(true), "a service that stops leaves the cleaning up to others");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -141,7 +141,7 @@ async fn a_command_that_fails_takes_no_other_with_it() {
                 match number % 10 {
                     // it breaks the transaction that it is in
                     0 => {
-                        let sql = "INSERT INTO secrets (id, cursors, name) VALUES (1, x'00', '')";
+                        let sql = "INSERT INTO identity (id, name) VALUES (1, '')";
                         store.change("test", move |change| change.rows.write(sql, Vec::new())).await.is_ok()
                     }
                     _ => store.create(new_job()).await.is_ok(),

@@ -1,11 +1,10 @@
 //! Workers: what is known about them.
 
 use super::*;
-use crate::store::{Presence, Worker};
+use crate::store::Worker;
 
 async fn announced(store: &Store) -> Worker {
-    let presence = Presence { name: "w".into(), version: "1.2.3", device: "a device".into() };
-    store.announce(&presence).await.expect("announced");
+    store.announce("w", "a device").await.expect("announced");
     let mut workers = store.workers().await.expect("readable");
     assert_eq!(workers.len(), 1, "{workers:?}");
     workers.remove(0)
@@ -14,7 +13,10 @@ async fn announced(store: &Store) -> Worker {
 pub(super) async fn a_worker_is_known_with_its_jobs(store: &Store) {
     assert_eq!(store.workers().await, Ok(vec![]), "it was not announced");
     let worker = announced(store).await;
-    assert_eq!((&*worker.name, &*worker.version, worker.device.as_deref()), ("w", "1.2.3", Some("a device")));
+    assert_eq!(
+        (&*worker.name, &*worker.version, worker.device.as_deref()),
+        ("w", env!("CARGO_PKG_VERSION"), Some("a device"))
+    );
     assert!(worker.jobs.is_empty());
     for _ in 0..2 {
         create(store).await;

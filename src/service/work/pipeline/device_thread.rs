@@ -12,7 +12,7 @@
 //! no part otherwise.
 //!
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
-//! [short](Beside) one beside a long one. The others take [turns](Line), shared fairly among tenants.
+//! [short](SmallMeshes::beside) one beside a long one. The others take [turns](Line).
 
 use std::fmt;
 use std::sync::Arc;
@@ -29,11 +29,10 @@ use tesserae_mesh::job::{Clustered, Outcome, instead_of_gpu};
 use tesserae_mesh::report::DeviceKind;
 use tokio::sync::oneshot;
 
-use super::beside::Beside;
 use super::bounds::{caught, pool, within};
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
-use super::turns::{Line, Place, Visit};
+use super::turns::Line;
 use crate::metrics::Metrics;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
@@ -59,13 +58,12 @@ pub(crate) struct DeviceThread {
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
     /// The meshes that wait for the thread.
-    line: Arc<Line>,
+    line: Line,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
-    beside: Option<Beside>,
+    beside: Option<SmallMeshes>,
     timeout: Duration,
 }
 
-/// A thread that was started.
 #[derive(Clone)]
 struct Thread {
     tasks: mpsc::Sender<Submitted>,
@@ -73,7 +71,6 @@ struct Thread {
     life: Arc<AtomicU64>,
 }
 
-/// What all threads share.
 struct Shared {
     reopen: Option<Reopen>,
     faults: Faults,
@@ -108,10 +105,11 @@ impl DeviceThread {
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
-        let beside = Beside::start(device.as_ref())?;
+        let takes_several = device.info().kind == DeviceKind::Cpu && device.another().is_some();
+        let beside = takes_several.then(SmallMeshes::beside).transpose()?;
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
-        Ok(Self { shared, like, thread, line: Arc::default(), beside, timeout })
+        Ok(Self { shared, like, thread, line: Line::default(), beside, timeout })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
@@ -125,12 +123,15 @@ impl DeviceThread {
             return within(limit, thread.run(work)).await;
         }
         let turn = match &self.beside {
-            None => self.line.turn(task.visit.clone()).await,
-            Some(beside) => match self.line.place(task.visit.clone()).await {
-                Place::Turn(turn) => turn,
-                Place::Beside => {
-                    let (metrics, faults) = (Arc::clone(&self.shared.metrics), self.shared.faults.clone());
-                    return beside.run(task, metrics, faults, limit).await;
+            None => self.line.turn(task.cost).await,
+            Some(beside) => match self.line.turn_unless_short(task.cost).await {
+                Some(turn) => turn,
+                None => {
+                    let gone = || Error::new(Kind::Internal, "the device for short meshes is gone");
+                    let (device, threads) = (self.another().ok_or_else(gone)?, beside.thread().await?);
+                    let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
+                    let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
+                    return within(limit, threads.run(work)).await;
                 }
             },
         };
@@ -151,7 +152,7 @@ impl DeviceThread {
     pub(super) async fn is_there(&self) {
         while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
             tokio::time::sleep(REOPEN).await;
-            let _turn = self.line.turn(Visit::of_nobody()).await;
+            let _turn = self.line.turn(0).await;
             let _ = self.submit(None).await;
         }
     }
@@ -308,7 +309,7 @@ impl Devices {
             }
             (Err(error), cpu) if error.kind == Kind::DeviceWrong => {
                 tracing::error!(%error, "the cpu runs the job again");
-                self.shared.metrics.device_wrong();
+                self.shared.metrics.families.device_wrong.inc();
                 self.shared.lost(&error.message);
                 if self.shared.reopen.is_some() {
                     self.device = None;

@@ -21,9 +21,8 @@ const PARTS: u32 = 3;
 /// Time until a prolongation that failed is tried again: other services may take the jobs once it can succeed.
 const AGAIN: Duration = Duration::from_secs(1);
 
-/// The leases of this process.
 #[derive(Debug, Default)]
-pub(super) struct Leases {
+pub(crate) struct Leases {
     held: Mutex<HashMap<Ticket, CancellationToken>>,
 }
 
@@ -85,9 +84,8 @@ impl Leases {
     }
 }
 
-/// A lease that is prolonged.
 #[derive(Debug)]
-pub(super) struct Lease {
+pub(crate) struct Lease {
     leases: Arc<Leases>,
     ticket: Ticket,
     lost: CancellationToken,

@@ -26,7 +26,6 @@ const BYTES_A_FACE_OF_HIERARCHY: u64 = 650;
 /// Bytes that the faces of a small mesh take at the most in a flat clustering.
 const SMALL: u64 = SMALL_FACES as u64 * BYTES_A_FACE;
 
-/// The budget.
 #[derive(Debug, Clone)]
 pub(crate) struct Memory {
     total: u64,
@@ -165,37 +164,6 @@ mod tests {
         memory.read(LARGE).await.expect("the turn is free");
         drop(second);
         assert_eq!(memory.left.available_permits() as u64, 10 * LARGE / UNIT);
-    }
-
-    #[tokio::test]
-    async fn small_files_with_many_faces_wait_like_others_and_hold_nothing_meanwhile() {
-        let memory = Memory::new(Some(10 * LARGE));
-        let faces = 6 * LARGE / BYTES_A_FACE;
-        let small = memory.read(1).await.expect("it fits").build_small(SMALL_FACES as u64, false);
-        drop(small.expect("at once"));
-        let small = memory.read(1).await.expect("it fits").build_small(faces, false).expect_err("it is not small");
-        let large = memory.read(9 * LARGE).await.expect("it fits beside it");
-        let mut small = Box::pin(small.build(faces, false));
-        assert!(small.as_mut().now_or_never().is_none(), "it is not its turn");
-        let large = large.build(LARGE / BYTES_A_FACE, false).now_or_never().expect("nobody holds it").expect("it fits");
-        assert!(small.as_mut().now_or_never().is_none(), "the other has it");
-        drop(large);
-        drop(small.await.expect("it fits now"));
-        assert_eq!(memory.left.available_permits() as u64, 10 * LARGE / UNIT);
-    }
-
-    #[tokio::test]
-    async fn what_will_never_fit_is_refused_with_the_numbers() {
-        for units in [10, 100] {
-            let memory = Memory::new(Some(units * UNIT));
-            let error = memory.read((units + 1) * UNIT).await.expect_err("too much");
-            assert_eq!(error.kind, Kind::TooLarge);
-            assert!(error.message.contains(&(units * UNIT).to_string()), "{error}");
-            let error = memory.read(0).await.expect("it fits").build(1 << 40, false).await.expect_err("too much");
-            assert!(error.message.contains(&(1u64 << 40).to_string()), "{error}");
-            assert_eq!(memory.left.available_permits() as u64, units);
-            memory.read(units * UNIT).await.expect("the turn is free");
-        }
     }
 
     #[test]

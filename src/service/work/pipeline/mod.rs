@@ -12,7 +12,6 @@
 //!
 //! `parts` holds the state, `stages` the work on one job, `run` the loop around them.
 
-mod beside;
 mod bounds;
 pub(crate) mod device_thread;
 mod leases;
@@ -26,8 +25,8 @@ mod small;
 mod stages;
 mod task;
 mod turns;
-mod virtual_times;
 
 pub(crate) use self::memory::Memory;
-pub(crate) use self::parts::{Costs, Parts, Pipeline};
+pub(crate) use self::parts::Pipeline;
 pub(crate) use self::patience::PATIENCE;
+pub(crate) use self::small::SmallMeshes;

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use tesserae_mesh::error::Result;
 use tesserae_mesh::mesh::Limits;
 use tokio::sync::{Semaphore, watch};
 
@@ -19,94 +18,29 @@ use crate::queue::Shares;
 use crate::store::Store;
 use crate::store::live::Live;
 
-/// What a pipeline is made of.
 #[derive(Debug)]
-pub(crate) struct Parts {
-    /// The jobs.
+pub(crate) struct Pipeline {
     pub store: Arc<Store>,
-    /// Their files.
     pub files: Arc<Files>,
-    /// Whether these two work.
     pub storage: Arc<Storage>,
-    /// What clusters.
     pub device: DeviceThread,
-    /// What is counted.
-    pub metrics: Arc<Metrics>,
-    /// Running jobs that are watched.
-    pub live: Arc<Live>,
-    /// What tenants may use.
-    pub shares: watch::Receiver<Arc<Shares>>,
-    /// Name of this process for clients.
-    pub worker: Arc<str>,
-    /// Failures on purpose.
-    pub faults: Faults,
-}
-
-/// What jobs may cost.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Costs {
     /// What a mesh may cost.
     pub limits: Limits,
-    /// Meshes in memory at a time.
-    pub slots: usize,
-    /// Bytes of memory for all meshes; most of what there is when none.
-    pub memory: Option<u64>,
     /// Time that the device may take for a job.
     pub time: Option<Duration>,
     /// Time after which a job fails that cannot read or write its files.
     pub patience: Duration,
-}
-
-/// What works on jobs.
-#[derive(Debug)]
-pub(crate) struct Pipeline {
-    pub(super) store: Arc<Store>,
-    pub(super) files: Arc<Files>,
-    pub(super) storage: Arc<Storage>,
-    pub(super) device: DeviceThread,
-    pub(super) limits: Limits,
-    pub(super) time: Option<Duration>,
-    pub(super) patience: Duration,
-    pub(super) slots: Arc<Semaphore>,
+    /// For each mesh in memory.
+    pub slots: Arc<Semaphore>,
     /// The one slot for a tenant without a running job.
-    pub(super) newcomer: Arc<Semaphore>,
-    pub(super) shares: watch::Receiver<Arc<Shares>>,
-    pub(super) worker: Arc<str>,
-    pub(super) faults: Faults,
-    pub(super) memory: Memory,
-    pub(super) small: SmallMeshes,
-    pub(super) leases: Arc<Leases>,
-    pub(super) metrics: Arc<Metrics>,
-    pub(super) live: Arc<Live>,
-}
-
-impl Pipeline {
-    /// A pipeline of these parts.
-    pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
-        let Parts { store, files, storage, device, metrics, live, shares, worker, faults } = parts;
-        Ok(Self {
-            store,
-            files,
-            storage,
-            device,
-            limits: costs.limits,
-            time: costs.time,
-            patience: costs.patience,
-            slots: Arc::new(Semaphore::new(costs.slots)),
-            newcomer: Arc::new(Semaphore::new(1)),
-            shares,
-            worker,
-            faults,
-            memory: Memory::new(costs.memory),
-            small: SmallMeshes::start()?,
-            leases: Arc::new(Leases::default()),
-            metrics,
-            live,
-        })
-    }
-
-    /// The memory for meshes, which other work on meshes takes from too.
-    pub fn memory(&self) -> Memory {
-        self.memory.clone()
-    }
+    pub newcomer: Arc<Semaphore>,
+    pub shares: watch::Receiver<Arc<Shares>>,
+    /// Name of this process for clients.
+    pub worker: Arc<str>,
+    pub faults: Faults,
+    pub memory: Memory,
+    pub small: SmallMeshes,
+    pub leases: Arc<Leases>,
+    pub metrics: Arc<Metrics>,
+    pub live: Arc<Live>,
 }

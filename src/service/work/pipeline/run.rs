@@ -29,11 +29,9 @@ const EARLY: Duration = Duration::from_millis(1);
 /// The outcome of an attempt.
 #[derive(Debug)]
 enum Verdict {
-    /// The job has ended.
     Ended(Ending),
     /// It is to be tried again.
     Released(Release),
-    /// The lease was lost.
     Lost,
 }
 
@@ -115,8 +113,8 @@ impl Pipeline {
             };
             // Not broken off in the middle: what it takes would stay taken.
             let again = match self.store.claim_as(claiming).await {
-                Ok(claimed) if claimed.is_empty() => self.store.next_start().map(|wait| wait.max(EARLY)),
-                Ok(claimed) => {
+                Ok((claimed, wait)) if claimed.is_empty() => wait.map(|wait| wait.max(EARLY)),
+                Ok((claimed, _)) => {
                     let with_slot = |(ticket, job)| Some((slots.pop().or_else(|| newcomer.take())?, ticket, job));
                     return Some(claimed.into_iter().filter_map(with_slot).collect());
                 }

@@ -1,7 +1,7 @@
 //! Small meshes: one thread works on each, several meshes at a time.
 //!
 //! Threads that share a small mesh lose more time on synchronisation than they gain: 5,000 faces take one thread about
-//! as long as two (measured), so two meshes at a time are done twice as fast. Each pool has one thread; parallel code
+//! as long as two (measured), so two at a time are done twice as fast. Their pools have one thread each; parallel code
 //! runs sequentially there. [`Device::another`] says whether a device takes several meshes at a time.
 //!
 //! [`Device::another`]: tesserae_mesh::device::Device::another
@@ -10,11 +10,11 @@ use std::sync::Arc;
 use std::thread::available_parallelism;
 
 use parking_lot::Mutex;
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-use super::bounds::caught;
+use super::bounds::{caught, pool};
 
 /// Faces of the largest small mesh.
 pub(super) const SMALL_FACES: usize = 8192;
@@ -22,9 +22,9 @@ pub(super) const SMALL_FACES: usize = 8192;
 /// Bytes of the largest files that are taken for a small mesh before its faces are known.
 pub(super) const SMALL_BYTES: u64 = 1 << 20;
 
-/// Threads that work on a mesh each.
+/// Pools of threads that work on a mesh each.
 #[derive(Debug, Clone)]
-pub(super) struct SmallMeshes {
+pub(crate) struct SmallMeshes {
     threads: Arc<Threads>,
     places: Arc<Semaphore>,
 }
@@ -36,9 +36,9 @@ struct Threads {
     idle: Mutex<Vec<usize>>,
 }
 
-/// A thread, taken until this is dropped or what it runs has ended.
+/// A pool, taken until this is dropped or what it runs has ended.
 #[derive(Debug)]
-pub(super) struct Thread {
+pub(crate) struct Thread {
     threads: Arc<Threads>,
     index: usize,
     _place: OwnedSemaphorePermit,
@@ -47,13 +47,18 @@ pub(super) struct Thread {
 impl SmallMeshes {
     /// As many threads as there are processors, but two at least, so that no mesh waits for the reading of another.
     pub fn start() -> Result<Self> {
-        let count = available_parallelism().map_or(2, |count| count.get().max(2));
-        let pool = |index| {
-            let builder = ThreadPoolBuilder::new().num_threads(1).thread_name(move |_| format!("small-{index}"));
-            builder.build().map_err(|error| {
-                Error::new(Kind::Io, format_args!("a thread for small meshes cannot be started: {error}"))
-            })
-        };
+        Self::pools(available_parallelism().map_or(2, |count| count.get().max(2)), 1, "small")
+    }
+
+    /// As many threads as there are processors for one mesh at a time: a short one, beside a long one that the device
+    /// is at. The system shares the processors between both: a short mesh takes at most about twice its own time, and a
+    /// long one is held up by no more than that.
+    pub fn beside() -> Result<Self> {
+        Self::pools(1, 0, "beside")
+    }
+
+    fn pools(count: usize, threads: usize, name: &'static str) -> Result<Self> {
+        let pool = |index| pool(threads, move |thread| format!("{name}-{index}-{thread}"));
         let pools = (0..count).map(pool).collect::<Result<_>>()?;
         let threads = Threads { pools, idle: Mutex::new((0..count).collect()) };
         Ok(Self { threads: Arc::new(threads), places: Arc::new(Semaphore::new(count)) })

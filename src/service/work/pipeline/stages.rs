@@ -23,7 +23,6 @@ use super::patience::Patience;
 use super::rows::{Inbox, Log};
 use super::slot::Slot;
 use super::task::Task;
-use super::turns::Visit;
 use crate::blobs::Blob;
 use crate::files::{self, BlobWriter, BlockingWriter, settle};
 use crate::files::{job_blobs, kept_mesh};
@@ -58,11 +57,7 @@ impl Pipeline {
         let task = Task {
             prepared: Arc::new(prepared),
             cancel: cancel.clone(),
-            visit: Visit {
-                tenant: job.spec.tenant.as_str().into(),
-                share: self.shares.borrow().of(&job.spec.tenant),
-                cost,
-            },
+            cost,
             is_retry: ticket.attempt > 1,
             on_row,
             span: tracing::info_span!("cluster"),

@@ -9,7 +9,6 @@ use tesserae_mesh::job::{self, Clustered, Outcome, Prepared};
 use super::bounds::caught;
 use super::rows::OnRow;
 use super::slot::Slot;
-use super::turns::Visit;
 
 use crate::metrics::Metrics;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -20,8 +19,8 @@ pub(super) struct Task {
     pub prepared: Arc<Prepared>,
     /// Requests a stop. Every look at it counts as a sign of life of the device's thread.
     pub cancel: Cancel,
-    /// Its place in the line before the device.
-    pub visit: Visit,
+    /// About how much work it is, to tell short meshes from long ones; not 0.
+    pub cost: u64,
     /// Whether an earlier attempt at this mesh failed, maybe with the device.
     pub is_retry: bool,
     /// Receives every row of the report.

@@ -5,15 +5,14 @@
 //! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
 //! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
 //! twice: receivers recognise it by its `webhook-id`, the id of the job, with `.2` behind it for the second end of a
-//! job that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays another
-//! one's.
+//! job that was retried, and so on. Each host has its own places for deliveries, so that no host delays another one's.
 
-mod schedule;
 mod target;
 
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -22,10 +21,9 @@ use reqwest::{StatusCode, Url};
 use serde::Serialize;
 use sha2::Sha256;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tokio::task::JoinSet;
+use tokio::task::{AbortHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
 
-use self::schedule::{GIVEN_UP_AFTER, Outcome, Schedule};
 use self::target::Targets;
 use crate::guard::problem::Problem;
 use crate::metrics::Metrics;
@@ -36,6 +34,21 @@ use crate::work::urls;
 
 /// Time for one delivery.
 const PATIENCE: Duration = Duration::from_secs(15);
+
+/// Pauses after the first attempts that failed; then
+const PAUSES: [Duration; 5] = [
+    Duration::from_secs(5),
+    Duration::from_secs(30),
+    Duration::from_secs(120),
+    Duration::from_secs(600),
+    Duration::from_secs(1800),
+];
+
+/// this one again and again.
+const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
+
+/// Time after the end of a job after which its webhook is given up.
+const GIVEN_UP_AFTER: Duration = Duration::from_secs(24 * 3600);
 
 /// How long the store is left alone after it failed.
 const BREATHER: Duration = Duration::from_secs(5);
@@ -62,7 +75,6 @@ impl std::fmt::Debug for Sender {
     }
 }
 
-/// The body of a delivery.
 #[derive(Debug, Serialize)]
 struct Message<'a> {
     #[serde(rename = "type")]
@@ -81,7 +93,6 @@ struct Data<'a> {
 }
 
 impl Webhooks {
-    /// What the settings say.
     pub fn new(settings: &WebhookSettings) -> Result<Self> {
         let targets = Targets::new(&settings.webhook_hosts);
         if settings.webhook_secret.is_some() && settings.webhook_hosts.is_empty() {
@@ -131,7 +142,6 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
     })
 }
 
-/// Delivers notices.
 #[derive(Debug)]
 pub(crate) struct Teller {
     store: Arc<Store>,
@@ -144,15 +154,14 @@ impl Teller {
         Self { store, webhooks, metrics }
     }
 
-    /// Delivers ends until `stop`.
+    /// Delivers ends until `stop`: a task for each that is not settled.
     pub async fn run(self, stop: CancellationToken) {
         let this = Arc::new(self);
-        let mut schedule = Schedule::default();
         let mut endings = this.store.endings();
-        let mut under_way: JoinSet<(JobId, Outcome, Option<SystemTime>)> = JoinSet::new();
+        let (mut tasks, mut by_job) = (JoinSet::new(), HashMap::<JobId, AbortHandle>::new());
         while !stop.is_cancelled() {
             endings.borrow_and_update();
-            let untold = match this.untold(&mut schedule).await {
+            let untold = match this.store.untold().await {
                 Ok(untold) => untold,
                 Err(error) => {
                     tracing::error!(%error, "it cannot be read which ends are to be told");
@@ -160,121 +169,79 @@ impl Teller {
                     continue;
                 }
             };
-            this.metrics.webhooks_pending(untold.len());
-            let due = schedule.due(&untold, Instant::now(), SystemTime::now());
-            for id in due.begin {
-                let this = Arc::clone(&this);
-                under_way.spawn(async move {
-                    let (outcome, ended_at) = this.attempt(id).await;
-                    (id, outcome, ended_at)
+            this.metrics.families.webhooks_pending.set(untold.len() as i64);
+            // another service may have taken over some
+            let ours: HashSet<JobId> = untold.iter().copied().collect();
+            by_job.iter().filter(|(id, _)| !ours.contains(id)).for_each(|(_, task)| task.abort());
+            by_job.retain(|id, task| ours.contains(id) && !task.is_finished());
+            for id in untold {
+                by_job.entry(id).or_insert_with(|| {
+                    let this = Arc::clone(&this);
+                    tasks.spawn(async move { this.deliver(id).await })
                 });
             }
-            if !due.give_up.is_empty() {
-                let mut is_stored = true;
-                for (id, ended_at) in due.give_up {
-                    match this.settle(id, Outcome::GivenUp, Some(ended_at)).await {
-                        true => schedule.forget(id),
-                        false => is_stored = false,
-                    }
-                }
-                if !is_stored {
-                    let _ = stop.run_until_cancelled(tokio::time::sleep(BREATHER)).await;
-                }
-                continue;
-            }
-            let pause = async {
-                match due.next {
-                    Some(due) => tokio::time::sleep_until(due.into()).await,
-                    None => std::future::pending().await,
-                }
-            };
             tokio::select! {
                 () = stop.cancelled() => break,
                 changed = endings.changed() => if changed.is_err() { break },
-                Some(done) = under_way.join_next() => {
-                    let Ok((id, outcome, ended_at)) = done else {
-                        // a defect, which was logged: everything is tried again
-                        under_way.shutdown().await;
-                        schedule.reset();
-                        continue;
-                    };
-                    let is_stored = this.settle(id, outcome, ended_at).await;
-                    schedule.done(id, outcome, Instant::now());
-                    if is_stored && outcome.is_last() {
-                        // a retried job may have ended again meanwhile: that end begins anew
-                        schedule.forget(id);
-                    }
-                }
-                () = pause => {}
+                // a retried job may have ended again meanwhile
+                Some(_) = tasks.join_next() => {}
             }
         }
     }
 
-    /// Ends that are not settled, in the order of the ends; new ones are added to the schedule.
-    async fn untold(&self, schedule: &mut Schedule) -> Result<Vec<JobId>> {
-        let untold = self.store.untold().await?;
-        schedule.keep_only(&untold);
-        for id in &untold {
-            if !schedule.knows(*id)
-                && let Some(notice) = self.store.notice(*id).await?
-            {
-                schedule.add(*id, host(&notice.webhook), notice.ended_at, Instant::now());
-            }
+    /// Delivers the end of a job until it is settled.
+    async fn deliver(&self, id: JobId) {
+        let mut pauses = PAUSES.into_iter();
+        // boxed: most tasks wait
+        while !Box::pin(self.attempt(id)).await {
+            tokio::time::sleep(pauses.next().unwrap_or(LONGEST_PAUSE)).await;
         }
-        Ok(untold)
     }
 
-    /// Counts an outcome and stores it, unless the job has ended again since `ended_at`. False when it cannot be
-    /// stored: the end is delivered again after a pause then.
-    async fn settle(&self, id: JobId, outcome: Outcome, ended_at: Option<SystemTime>) -> bool {
-        self.metrics.told(match outcome {
-            Outcome::Delivered => "delivered",
-            Outcome::Refused | Outcome::Unanswered => "failed",
-            Outcome::GivenUp => "given_up",
-        });
-        if outcome.is_last()
-            && let Some(ended_at) = ended_at
-            && let Err(error) = self.store.settle_webhook(id, ended_at).await
-        {
-            tracing::error!(%error, job = %id, "it cannot be stored that an end was told");
-            return false;
-        }
-        true
-    }
-
-    /// Delivers the end of a job once; the outcome, and when the job ended. None when there is nothing to deliver.
-    async fn attempt(&self, id: JobId) -> (Outcome, Option<SystemTime>) {
+    /// Delivers the end of a job once; whether that settled it.
+    async fn attempt(&self, id: JobId) -> bool {
         let notice = match self.store.notice(id).await {
             Ok(Some(notice)) => notice,
-            Ok(None) => return (Outcome::GivenUp, None),
-            // nothing is known about the receiver: as if it had answered
-            Err(_) => return (Outcome::Refused, None),
-        };
-        let ended_at = Some(notice.ended_at);
-        let (outcome, why) = match self.send(&notice).await {
-            Ok(status) if status.is_success() => return (Outcome::Delivered, ended_at),
-            Ok(StatusCode::GONE) => return (Outcome::GivenUp, ended_at),
-            Ok(status) => (Outcome::Refused, format!("the receiver answered {status}")),
-            Err(error) => (Outcome::Unanswered, error.message),
+            Ok(None) => return true,
+            Err(error) => {
+                tracing::warn!(%error, job = %id, "it cannot be read what is to be told");
+                return false;
+            }
         };
         let age = notice.ended_at.elapsed().unwrap_or_default();
-        tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
-        (if age > GIVEN_UP_AFTER { Outcome::GivenUp } else { outcome }, ended_at)
+        let failed = match self.send(&notice).await {
+            Ok(status) if status.is_success() => None,
+            Ok(status) => Some((status == StatusCode::GONE, format!("the receiver answered {status}"))),
+            Err(error) => Some((false, error.message)),
+        };
+        let outcome = match failed {
+            None => "delivered",
+            Some((is_gone, why)) => {
+                tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
+                if is_gone || age > GIVEN_UP_AFTER { "given_up" } else { "failed" }
+            }
+        };
+        self.metrics.told(outcome);
+        if outcome == "failed" {
+            return false;
+        }
+        let settled = self.store.settle_webhook(id, notice.ended_at).await;
+        let settled = settled.inspect_err(|error| {
+            tracing::error!(%error, job = %id, "it cannot be stored that an end was told: it will be told again");
+        });
+        settled.is_ok()
     }
 
     /// Sends a notice, if that is allowed now: the list of hosts may be another than when the job was accepted, and may
     /// be the same again later.
     async fn send(&self, notice: &Notice) -> Result<StatusCode> {
-        let url = self.webhooks.targets.check(&notice.webhook)?;
+        let (url, places) = self.webhooks.targets.check(&notice.webhook)?;
         let sender = self.webhooks.sender.as_ref();
         let sender = sender.ok_or_else(|| Error::new(Kind::Unavailable, "there is no secret to sign it with"))?;
+        // they are never closed
+        let _place = places.acquire().await.ok();
         sender.send(url, notice).await
     }
-}
-
-/// Scheme, host and port of a URL; empty for what is none.
-fn host(url: &str) -> String {
-    Url::parse(url).map(|url| url.origin().ascii_serialization()).unwrap_or_default()
 }
 
 /// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.

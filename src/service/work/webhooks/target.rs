@@ -1,33 +1,38 @@
 //! Where webhooks may go: to hosts that the operator listed, and by no name into the operator's network.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 
 use reqwest::Url;
 use reqwest::dns::{Addrs, Name, Resolve, Resolving};
 use tesserae_mesh::error::{Error, Result};
+use tokio::sync::Semaphore;
 
 use crate::settings::WebhookHost;
+
+/// Deliveries at a time to one host.
+const PER_HOST: usize = 8;
 
 /// Longest URL of a webhook, in bytes.
 const MAX_BYTES: usize = 2048;
 
-/// The hosts that webhooks may go to.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Targets {
-    hosts: Arc<HashSet<WebhookHost>>,
+    /// Each with its places.
+    hosts: Arc<HashMap<WebhookHost, Semaphore>>,
     addresses: Arc<HashSet<IpAddr>>,
 }
 
 impl Targets {
     pub fn new(hosts: &[WebhookHost]) -> Self {
         let addresses = hosts.iter().filter_map(WebhookHost::address).collect();
-        Self { hosts: Arc::new(hosts.iter().cloned().collect()), addresses: Arc::new(addresses) }
+        let places = |host: &WebhookHost| (host.clone(), Semaphore::new(PER_HOST));
+        Self { hosts: Arc::new(hosts.iter().map(places).collect()), addresses: Arc::new(addresses) }
     }
 
-    /// The URL, if webhooks may go there.
-    pub fn check(&self, text: &str) -> Result<Url> {
+    /// The URL, if webhooks may go there, and the places of its host.
+    pub fn check(&self, text: &str) -> Result<(Url, &Semaphore)> {
         if text.len() > MAX_BYTES {
             return Err(Error::parameter(format_args!(
                 "webhook must have at most {MAX_BYTES} bytes, not {}",
@@ -39,13 +44,13 @@ impl Targets {
         let host = WebhookHost::of(&url).ok_or_else(|| {
             Error::parameter(format_args!("webhook must be an https URL without user and password, not {text:?}"))
         })?;
-        if !self.hosts.contains(&host) {
-            return Err(Error::parameter(format_args!(
+        match self.hosts.get(&host) {
+            Some(places) => Ok((url, places)),
+            None => Err(Error::parameter(format_args!(
                 "webhooks go only to hosts that the operator allows (the service's --webhook-hosts), not to {}://{}:{}",
                 host.scheme, host.host, host.port
-            )));
+            ))),
         }
-        Ok(url)
     }
 
     /// Whether a name may lead to that address.

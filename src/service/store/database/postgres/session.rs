@@ -42,7 +42,7 @@ const LOCK_BRIEFLY: &str =
 
 /// The change that waits for the disk: both commits are in one log, so this one is on the disk only if that of the
 /// claim is.
-const SECURE: &str = "UPDATE workers SET claims = claims + 1 WHERE id = $1";
+const SECURE: &str = "UPDATE workers SET seen_at = seen_at WHERE id = $1";
 
 /// Where a session is in its transaction.
 #[derive(Debug, Clone, Copy, PartialEq)]

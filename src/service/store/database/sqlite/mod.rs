@@ -5,7 +5,7 @@
 //! crash of the process, of the system, and of the power. In a temporary folder no commit waits for the disk.
 //!
 //! A prepared statement takes some microseconds, less than the way to another thread and back. So the writer's thread
-//! runs changes, and a task reads a few rows itself; long reads run on a thread for blocking work.
+//! runs changes, and a task reads rows itself.
 
 mod check;
 mod opening;
@@ -31,7 +31,7 @@ use crate::ops::faults::Faults;
 /// A file with the tables of the store.
 #[derive(Debug)]
 pub struct Sqlite {
-    readers: Arc<Readers>,
+    readers: Readers,
     writer: Writer,
     damage: Arc<Damage>,
     place: Arc<Place>,
@@ -51,7 +51,7 @@ impl Sqlite {
         let damage = Arc::clone(&readers.damage);
         let writer = Writer::start(connection, Arc::clone(&place), listeners, Arc::clone(&damage), faults);
         let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
-        Ok(Self { readers: Arc::new(readers), writer, damage, place })
+        Ok(Self { readers, writer, damage, place })
     }
 
     /// Makes a change; returns when it is on the disk, and what follows from it is done.
@@ -62,17 +62,9 @@ impl Sqlite {
         self.writer.carry_out(command).await
     }
 
-    /// Reads a few rows that an index finds.
+    /// Reads rows.
     pub async fn read<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
         self.readers.read(|session| work(session)).await
-    }
-
-    /// Reads what may be many rows.
-    pub async fn read_much<T: Send + 'static>(
-        &self,
-        work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
-    ) -> Result<T> {
-        self.readers.read_much(|session| work(session)).await
     }
 
     /// Whether the process outlasts the file.

@@ -8,10 +8,10 @@ use std::time::Duration;
 use proptest::prelude::*;
 use tesserae_mesh::error::{Error, Kind};
 
-use super::{Change, Event, Release, Rules, State};
+use super::super::{Change, Event, Release, Rules, State};
 
-/// Pauses and [times alone](super::crash::alone) of a few crashes end within an [`HOUR`], and none within the time that
-/// a database takes for a history.
+/// Pauses and [times alone](super::super::crash::alone) of a few crashes end within an [`HOUR`], and none within the
+/// time that a database takes for a history.
 pub const RULES: Rules = Rules { max_queued: 1000, max_attempts: 3, crash_pause: Duration::from_secs(1200) };
 
 /// Seconds.

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use super::history::{New, RULES, Stored, TENANTS};
-use super::{
+use super::super::{
     Change, Claiming, Event, Picks, Share, Shares, Standing, State, Suspect, Tenant, View, Waiting, claim, crashed,
 };
+use super::history::{New, RULES, Stored, TENANTS};
 
 /// What a worker may claim: no lease ends by itself.
 pub fn claiming(worker: usize, limit: usize, newcomers: usize, weight: u32) -> Claiming {
