@@ -1,8 +1,12 @@
 //! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start.
+//!
+//! A temporary folder has a lock, too: a free lock marks the folder of a process that was killed, which a later process
+//! removes.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use tempfile::TempDir;
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -73,15 +77,28 @@ impl Root {
         Ok(Self::Kept { path, lock })
     }
 
-    /// Makes a temporary folder in `among`. That of a process that is killed stays.
+    /// Makes a temporary folder in `among`, and removes those there whose process was killed.
     pub fn temporary(among: &Path) -> Result<Self> {
+        static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+        // a folder of this process has a lock before another of its threads sweeps
+        let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let cannot = |error| cannot_make(among, error);
         let mut builder = tempfile::Builder::new();
         builder.prefix(PREFIX);
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         let folder = builder.tempdir_in(among).map_err(cannot)?;
-        let lock = private::options().open(folder.path().join(LOCK)).map_err(cannot)?;
+        // Locked before it has its name, so an unlocked `lock` file means that its process has ended.
+        let (new, name) = (folder.path().join("lock.new"), folder.path().join(LOCK));
+        let lock_it = || {
+            let mut lock = private::options().open(&new)?;
+            lock.lock()?;
+            note_holder(&mut lock)?;
+            std::fs::rename(&new, &name)?;
+            io::Result::Ok(lock)
+        };
+        let lock = lock_it().map_err(cannot)?;
+        sweep_temporary(among, folder.path());
         Ok(Self::Temporary { folder, lock })
     }
 
@@ -109,6 +126,36 @@ impl Root {
 fn note_holder(lock: &mut File) -> io::Result<()> {
     lock.set_len(0)?;
     lock.write_all(format!("{}\n", std::process::id()).as_bytes())
+}
+
+/// Removes temporary folders of processes that were killed: those with a lock that is free. Another user's folders
+/// stay.
+fn sweep_temporary(among: &Path, own: &Path) {
+    for entry in std::fs::read_dir(among).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let is_one = entry.file_name().to_str().is_some_and(|name| name.starts_with(PREFIX)) && path != own;
+        if !is_one || !is_folder_of_same_owner(&path, own) {
+            continue;
+        }
+        if File::options().write(true).open(path.join(LOCK)).is_ok_and(|lock| lock.try_lock().is_ok()) {
+            match std::fs::remove_dir_all(&path) {
+                Ok(()) => tracing::info!(folder = %path.display(), "removed the temporary folder of a killed process"),
+                Err(error) => tracing::warn!(folder = %path.display(), %error, "a folder cannot be removed"),
+            }
+        }
+    }
+}
+
+#[cfg(unix)]
+fn is_folder_of_same_owner(path: &Path, own: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    let (Ok(theirs), Ok(ours)) = (path.symlink_metadata(), own.symlink_metadata()) else { return false };
+    theirs.is_dir() && theirs.uid() == ours.uid()
+}
+
+#[cfg(not(unix))]
+fn is_folder_of_same_owner(path: &Path, _: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|found| found.is_dir())
 }
 
 #[cfg(unix)]
