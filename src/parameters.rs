@@ -1,5 +1,6 @@
 //! The parameters of a job: defined once, for the command line, the query string and the JSON part.
 
+mod check;
 mod levels;
 mod neighbours;
 mod subdivide;
@@ -174,99 +175,6 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Checks what can be checked without the mesh. `listed` says whether seeds come as a list.
-    pub fn check(&self, listed: bool) -> Result<()> {
-        self.check_values()?;
-        if self.seeds == Seeds::Listed && !listed {
-            return Err(Error::parameter("seeds are said to be listed, but no list came with the request"));
-        }
-        let (goes_with, contradictions) = if self.algorithm.is_hierarchical() {
-            ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
-        } else {
-            if !listed {
-                self.flat_clusters()?;
-            }
-            ("hierarchies (pml, ml, hr)", self.hierarchical_only())
-        };
-        if let Some((name, _)) = contradictions.into_iter().find(|(_, given)| *given) {
-            return Err(self.contradiction(name, goes_with));
-        }
-        if self.algorithm.is_hierarchical() { self.check_hierarchy() } else { self.check_subdivide(listed) }
-    }
-
-    /// Checks each value by itself: what nothing that may still come can make right.
-    pub fn check_values(&self) -> Result<()> {
-        let zero = |name: Name| Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
-        if self.clusters == Some(0) {
-            return zero(Name::CLUSTERS);
-        }
-        if self.optimize_iterations == Some(0) {
-            return Err(Error::parameter(format_args!(
-                "{} must be at least 1 ({} leaves them out), not 0",
-                Name::OPTIMIZE_ITERATIONS,
-                Name::OPTIMIZE.with("none")
-            )));
-        }
-        if self.switch_to_ml_at == Some(0) {
-            return zero(Name::SWITCH_TO_ML_AT);
-        }
-        if let Some(exponent) = self.curvature_exponent.filter(|exponent| !(0.0..=10.0).contains(exponent)) {
-            return Err(Error::parameter(format_args!(
-                "{} must be from 0 to 10, not {exponent}",
-                Name::CURVATURE_EXPONENT
-            )));
-        }
-        if let Some(name) = self.weight_attribute.as_ref().filter(|name| name.len() < 2 || !name.starts_with('_')) {
-            return Err(Error::parameter(format_args!(
-                "{} must begin with an underscore, as the names of such attributes do, not {name:?}",
-                Name::WEIGHT_ATTRIBUTE
-            )));
-        }
-        if self.quality != Quality::Default && !matches!(self.algorithm, Algorithm::Bb | Algorithm::Pml) {
-            return Err(self.contradiction(Name::QUALITY, "bb and pml"));
-        }
-        match self.collapse_fraction {
-            // no number is not above 0 either
-            Some(percent) if !(percent > 0.0 && percent <= 50.0) => Err(Error::parameter(format_args!(
-                "{} must be above 0 and at most 50 percent, not {percent}",
-                Name::COLLAPSE_FRACTION
-            ))),
-            _ => Ok(()),
-        }
-    }
-
-    /// Refuses what means nothing to a mesh.
-    pub fn check_mesh(&self) -> Result<()> {
-        if let Some(graph) = &self.graph {
-            return Err(Error::parameter(format_args!(
-                "{} goes with points, not with a mesh, whose faces are neighbours by their edges: {graph}",
-                Name::GRAPH
-            )));
-        }
-        match self.compactness {
-            Some(compactness) => Err(Error::parameter(format_args!(
-                "{} goes with images, not with a mesh: {compactness}",
-                Name::COMPACTNESS
-            ))),
-            None => Ok(()),
-        }
-    }
-
-    /// Refuses what means nothing to points.
-    pub fn check_points(&self) -> Result<()> {
-        let of_meshes = [
-            (Name::CURVATURE_EXPONENT, self.curvature_exponent.is_some()),
-            (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
-            (Name::SUBDIVIDE, self.subdivide.is_some()),
-        ];
-        match of_meshes.into_iter().find(|&(_, is_given)| is_given) {
-            Some((name, _)) => {
-                Err(Error::parameter(format_args!("{name} goes with meshes, not with points: leave it out")))
-            }
-            None => Ok(()),
-        }
-    }
-
     /// The number of clusters of a flat clustering.
     pub fn flat_clusters(&self) -> Result<u64> {
         let missing =
@@ -282,83 +190,6 @@ impl Parameters {
     /// The numbers of clusters to stop at on the way.
     pub fn levels(&self) -> &[u64] {
         self.levels.as_ref().map_or(&[], |levels| &levels.0)
-    }
-
-    /// Parameters of flat clusterings only, and whether each was given.
-    fn flat_only(&self, listed: bool) -> Vec<(Name, bool)> {
-        vec![
-            (Name::SEEDS, listed || self.seeds != Seeds::Coarse),
-            (Name::SEED, self.seed != 0),
-            (Name::MAX_ITERATIONS, self.max_iterations.is_some()),
-            (Name::SNAPSHOTS, self.snapshots.is_some()),
-            (Name::SUBDIVIDE, self.subdivide.is_some()),
-        ]
-    }
-
-    /// Parameters of hierarchies only, and whether each was given.
-    fn hierarchical_only(&self) -> Vec<(Name, bool)> {
-        vec![
-            (Name::OPTIMIZE, self.optimize != Optimize::On),
-            (Name::OPTIMIZE_ITERATIONS, self.optimize_iterations.is_some()),
-            (Name::SWITCH_TO_ML_AT, self.switch_to_ml_at.is_some()),
-            (Name::COLLAPSE_FRACTION, self.collapse_fraction.is_some()),
-            (Name::TIES, self.ties != Ties::Hash),
-            (Name::PAIRS, self.pairs != Pairs::CheaperHalf),
-            (Name::LEVELS, !self.levels().is_empty()),
-        ]
-    }
-
-    /// Refuses what is said about single faces or vertices if these are divided.
-    fn check_subdivide(&self, listed: bool) -> Result<()> {
-        let others = [
-            (Name::SEEDS, listed),
-            (Name::SNAPSHOTS, self.snapshots.is_some()),
-            (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
-        ];
-        match others.into_iter().find(|&(_, is_given)| is_given && self.subdivide.is_some()) {
-            Some((name, _)) => Err(Error::parameter(format_args!(
-                "{} divides the faces that {name} is about: leave one of them out",
-                Name::SUBDIVIDE
-            ))),
-            None => Ok(()),
-        }
-    }
-
-    /// Checks the parameters of a hierarchy.
-    fn check_hierarchy(&self) -> Result<()> {
-        if self.optimize_iterations.is_some() && !self.optimizes() {
-            let name = Name::OPTIMIZE_ITERATIONS;
-            return Err(match self.algorithm {
-                Algorithm::Hr => Error::parameter(format_args!(
-                    "{name} does not go with the algorithm hr, which does not optimise; take ml"
-                )),
-                _ => Error::parameter(format_args!("{name} does not go with {}", Name::OPTIMIZE.with("none"))),
-            });
-        }
-        if self.pairs != Pairs::CheaperHalf && self.algorithm != Algorithm::Pml {
-            return Err(self.contradiction(Name::PAIRS, "pml"));
-        }
-        if self.switch_to_ml_at.is_some() && self.algorithm != Algorithm::Pml {
-            return Err(self.contradiction(Name::SWITCH_TO_ML_AT, "pml"));
-        }
-        if self.collapse_fraction.is_some() && self.algorithm == Algorithm::Pml && self.switch_to_ml_at.is_none() {
-            return Err(
-                self.contradiction(Name::COLLAPSE_FRACTION, &format!("ml, hr and pml with {}", Name::SWITCH_TO_ML_AT))
-            );
-        }
-        match (self.clusters, self.levels().iter().min()) {
-            (Some(clusters), Some(&level)) if level < clusters => Err(Error::parameter(format_args!(
-                "{} must not be below {}, {clusters}: {level}",
-                Name::LEVELS,
-                Name::CLUSTERS
-            ))),
-            _ => Ok(()),
-        }
-    }
-
-    /// The error for a parameter that the algorithm does not have.
-    fn contradiction(&self, name: Name, goes_with: &str) -> Error {
-        Error::parameter(format_args!("{name} goes with {goes_with}, not with the algorithm {}", self.algorithm.name()))
     }
 }
 

@@ -16,7 +16,8 @@ use crate::export::npz::{self, Array};
 /// The graph of neighbouring clusters.
 pub static GRAPH: Artifact = Artifact {
     name: "graph",
-    about: "Which clusters are neighbours, and the length of the curves between them; of points, the number of neighbours across.",
+    about: "Which clusters are neighbours, and the length of the curves between them; of points, the pairs of \
+            neighbours.",
     needs: &[Need::Labels, Need::Mesh],
     forms: &[
         Form {

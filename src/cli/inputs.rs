@@ -35,7 +35,7 @@ pub struct OneMesh {
 /// Which meshes are read.
 #[derive(Debug, clap::Args)]
 pub struct Meshes {
-    #[arg(value_name = "INPUT", id = "input", required = true, num_args = 1.., help = format!("{}; or points with neighbours: .npy, .npz, .png or .jpg", help("The mesh, or several")),
+    #[arg(value_name = "INPUT", id = "input", required = true, num_args = 1.., help = help_of_points(),
           help_heading = heading::INPUT, display_order = 0)]
     inputs: Vec<PathBuf>,
 
@@ -72,6 +72,11 @@ impl LimitFlags {
     pub fn limits(&self) -> Limits {
         Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces, max_faces_per_byte: None }
     }
+}
+
+/// What is said about meshes or points.
+fn help_of_points() -> String {
+    format!("{}; or points with neighbours: .npy, .npz, .png or .jpg", help("The mesh, or several"))
 }
 
 /// What is said about a mesh.

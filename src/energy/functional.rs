@@ -21,7 +21,8 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     /// What stands for a cluster when a face is compared with it.
     type Proxy: Copy + Debug + PartialEq + Send + Sync;
     /// The sums over the faces of a cluster.
-    type Sums: Sums<Item = Self::Item, Point = Self::Point, Proxy = Self::Proxy, End = Self::End, Position = Self::Position>;
+    type Sums: Sums<Item = Self::Item, Point = Self::Point, Proxy = Self::Proxy>
+        + Sums<End = Self::End, Position = Self::Position>;
     /// The sums in 128 bits, as their definition reads: for the plain device.
     type WideSums: WideSums<Item = Self::Item, Sums = Self::Sums, End = Self::End>;
     /// What a merge cost reads of a cluster.

@@ -14,8 +14,11 @@ pub mod shared;
 
 pub use self::functional::{Bounds, Functional, LatticeEnergy, Merged, RoughEnd, Side, Sums, WideSums};
 
+/// The energy of points with D coordinates.
+pub type OfPoints<const D: usize> = cvd::Cvd<D>;
+
 /// The energy of meshes, whose points have three coordinates.
-pub type Energy = cvd::Cvd<3>;
+pub type Energy = OfPoints<3>;
 
 /// The sums over the faces of a cluster of a mesh.
 pub type ClusterSums = <Energy as Functional>::Sums;

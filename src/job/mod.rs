@@ -118,8 +118,8 @@ pub trait Viewer: fmt::Debug + Send + Sync {
 /// What a job gives.
 #[derive(Debug)]
 pub struct Outcome {
-    /// One label a face or item, in upload order, [`FREE`](crate::device::FREE) of an item that a mask leaves out; none for a whole hierarchy,
-    /// which has labels at every number of clusters.
+    /// One label a face or item, in upload order, [`FREE`](crate::device::FREE) of an item that a mask leaves out; none
+    /// for a whole hierarchy, which has labels at every number of clusters.
     pub labels: Option<Vec<u32>>,
     /// The hierarchy, of hierarchical algorithms.
     pub hierarchy: Option<Stored>,

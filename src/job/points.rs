@@ -10,8 +10,7 @@ use crate::data::{
     self, ClusterEdge, Format, Graph, Laid, Members, PointCluster, PointSet, PointTable, image, lay, npz,
 };
 use crate::device::FREE;
-use crate::energy::Functional;
-use crate::energy::cvd::Cvd;
+use crate::energy::{Functional, OfPoints};
 use crate::error::Error;
 use crate::mesh::Limits;
 use crate::parameters::{Name, Neighbours, Parameters};
@@ -189,16 +188,17 @@ struct About {
 }
 
 impl About {
-    fn items<const D: usize>(&mut self, laid: Laid<D>, moves: Moves) -> Items<Cvd<D>>
+    fn items<const D: usize>(&mut self, laid: Laid<D>, moves: Moves) -> Items<OfPoints<D>>
     where
-        Cvd<D>: Functional<Point = [i32; D], Position = [f64; D]>,
+        OfPoints<D>: Functional<Point = [i32; D], Position = [f64; D]>,
     {
         let Laid { points, weights, neighbour_offsets, neighbours, components, .. } = laid;
         self.edges = laid.edges;
         self.components = laid.components_found;
         self.exponent = laid.exponent;
         self.warnings = laid.warnings;
-        let graph: DualGraph<Cvd<D>> = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
+        let graph: DualGraph<OfPoints<D>> =
+            DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
         let mut centre = [0.0; D];
         centre[..laid.centre.len()].copy_from_slice(&laid.centre);
         let units = Units { centre, exponent: laid.exponent, weight_exponent: -laid.weight_exponent, density: 1.0 };
@@ -206,9 +206,9 @@ impl About {
     }
 }
 
-impl<const D: usize> Planned<Cvd<D>>
+impl<const D: usize> Planned<OfPoints<D>>
 where
-    Cvd<D>: Functional<Position = [f64; D]>,
+    OfPoints<D>: Functional<Position = [f64; D]>,
 {
     /// Position, weight and label of each internal item, in source units, positions about the centre.
     fn source<'a>(
@@ -246,7 +246,7 @@ where
             let centres = items.units.centre;
             row.mean.iter_mut().zip(centres).for_each(|(sum, centre)| *sum = *sum / row.weight + centre);
         }
-        Cvd::<D>::source_terms(source, clusters).for_each(|(label, term)| rows[label as usize].energy += term);
+        OfPoints::<D>::source_terms(source, clusters).for_each(|(label, term)| rows[label as usize].energy += term);
         for (component, of_component) in (0..).zip(&items.components) {
             of_component.range().for_each(|item| rows[labels[item] as usize].component = component);
         }
@@ -275,7 +275,7 @@ impl Points {
     pub(super) fn energy(&self, label: impl Fn(usize) -> u32 + Copy, clusters: usize) -> f64 {
         macro_rules! energy {
             ($planned:expr, $d:literal) => {
-                Cvd::<$d>::source_energy($planned.source(self, label), clusters)
+                OfPoints::<$d>::source_energy($planned.source(self, label), clusters)
             };
         }
         match &self.planned {

@@ -7,8 +7,7 @@ use super::{Clustered, Clustering, Plan, Prepared, Refusal, flat, hierarchical};
 use crate::data::{Members, PointSet};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
-use crate::energy::Functional;
-use crate::energy::cvd::Cvd;
+use crate::energy::{Functional, OfPoints};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceKind, Row};
 use crate::surface::{Items, Surface};
@@ -38,11 +37,11 @@ pub struct Points {
 #[allow(missing_docs, reason = "each variant is the width of its name")]
 #[allow(clippy::large_enum_variant, reason = "there is one a job")]
 pub enum Width {
-    D3(Planned<Cvd<3>>),
-    D8(Planned<Cvd<8>>),
-    D16(Planned<Cvd<16>>),
-    D32(Planned<Cvd<32>>),
-    D64(Planned<Cvd<64>>),
+    D3(Planned<OfPoints<3>>),
+    D8(Planned<OfPoints<8>>),
+    D16(Planned<OfPoints<16>>),
+    D32(Planned<OfPoints<32>>),
+    D64(Planned<OfPoints<64>>),
 }
 
 /// Items, and how to go about them.

@@ -62,8 +62,8 @@ impl<E: Functional> Items<E> {
         self.upload_face.len() + self.loose.len()
     }
 
-    /// The internal face that each face of the upload is: the inverse of `upload_face`. [`NO_FACE`](super::order::NO_FACE) of
-    /// a loose one.
+    /// The internal face that each face of the upload is: the inverse of `upload_face`.
+    /// [`NO_FACE`](super::order::NO_FACE) of a loose one.
     pub fn internal_faces(&self) -> Vec<u32> {
         order::inverse(&self.upload_face, self.upload_faces())
     }
