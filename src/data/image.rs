@@ -4,12 +4,16 @@
 //! Colours are those of CIELAB under D65, computed from sRGB as `rgb2lab` of scikit-image does, in f64 with the powers
 //! and roots of `libm`: the same on every machine.
 
+use std::fmt::Display;
 use std::io::Cursor;
 
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use rayon::prelude::*;
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::{Graph, PointSet, Values};
+use super::{Format, Graph, PointSet, Values};
 use crate::error::{Error, Result};
 
 /// Compactness where none is named, as in scikit-image.
@@ -88,32 +92,65 @@ impl Samples {
 
 /// Reads a PNG or JPEG file of at most so many pixels. A decoder takes no more than `max_bytes` bytes.
 pub fn decode(bytes: &[u8], max_pixels: u64, max_bytes: u64) -> Result<Image> {
-    let broken = |error| Error::parameter(format_args!("the image cannot be read: {error}"));
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|error| broken(error.into()))?;
-    let mut decoder = reader.into_decoder().map_err(broken)?;
-    let (width, height) = decoder.dimensions();
-    if u64::from(width) * u64::from(height) > max_pixels {
-        return Err(Error::too_large(format_args!(
-            "the image has more pixels than allowed, {max_pixels}: {width} × {height}"
-        )));
-    }
-    let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(max_bytes);
-    // of the image itself; the decoder counts what it takes beside it
-    limits.reserve(decoder.total_bytes()).map_err(broken)?;
-    decoder.set_limits(limits).map_err(broken)?;
-    let (channels, samples) = match DynamicImage::from_decoder(decoder).map_err(broken)? {
-        DynamicImage::ImageLuma8(image) => (1, Samples::U8(image.into_raw())),
-        DynamicImage::ImageLumaA8(image) => (2, Samples::U8(image.into_raw())),
-        DynamicImage::ImageRgb8(image) => (3, Samples::U8(image.into_raw())),
-        DynamicImage::ImageRgba8(image) => (4, Samples::U8(image.into_raw())),
-        DynamicImage::ImageLuma16(image) => (1, Samples::U16(image.into_raw())),
-        DynamicImage::ImageLumaA16(image) => (2, Samples::U16(image.into_raw())),
-        DynamicImage::ImageRgb16(image) => (3, Samples::U16(image.into_raw())),
-        DynamicImage::ImageRgba16(image) => (4, Samples::U16(image.into_raw())),
-        other => (4, Samples::U8(other.into_rgba8().into_raw())),
+    let check = |width: usize, height: usize, bytes_of_all: Option<usize>| {
+        if width as u64 * height as u64 > max_pixels {
+            return Err(Error::too_large(format_args!(
+                "the image has more pixels than allowed, {max_pixels}: {width} × {height}"
+            )));
+        }
+        match bytes_of_all.filter(|&bytes| bytes as u64 <= max_bytes) {
+            Some(bytes) => Ok(bytes),
+            None => Err(Error::too_large(format_args!(
+                "the pixels of the image take more bytes than allowed, {max_bytes}: {width} × {height}"
+            ))),
+        }
     };
-    Ok(Image { width: width as usize, height: height as usize, channels, samples })
+    match Format::of(bytes) {
+        Some(Format::Png) => decode_png(bytes, max_bytes, check),
+        Some(Format::Jpeg) => decode_jpeg(bytes, check),
+        _ => Err(Error::parameter("the image cannot be read: it is neither PNG nor JPEG")),
+    }
+}
+
+/// The error of a decoder.
+fn broken(error: impl Display) -> Error {
+    Error::parameter(format_args!("the image cannot be read: {error}"))
+}
+
+fn decode_png(
+    bytes: &[u8],
+    max_bytes: u64,
+    check: impl Fn(usize, usize, Option<usize>) -> Result<usize>,
+) -> Result<Image> {
+    let limits = png::Limits { bytes: usize::try_from(max_bytes).unwrap_or(usize::MAX) };
+    let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
+    // palettes become colours, transparent colours alpha, and fewer than 8 bits 8
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().map_err(broken)?;
+    let (width, height) = (reader.info().width as usize, reader.info().height as usize);
+    let mut samples = vec![0; check(width, height, reader.output_buffer_size())?];
+    reader.next_frame(&mut samples).map_err(broken)?;
+    let (colour, depth) = reader.output_color_type();
+    let channels = colour.samples();
+    let samples = match depth {
+        png::BitDepth::Sixteen => {
+            Samples::U16(samples.as_chunks().0.iter().map(|bytes| u16::from_be_bytes(*bytes)).collect())
+        }
+        _ => Samples::U8(samples),
+    };
+    Ok(Image { width, height, channels, samples })
+}
+
+fn decode_jpeg(bytes: &[u8], check: impl Fn(usize, usize, Option<usize>) -> Result<usize>) -> Result<Image> {
+    let mut decoder = JpegDecoder::new(ZCursor::new(bytes));
+    decoder.decode_headers().map_err(broken)?;
+    let is_grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
+    let (colours, channels) = if is_grey { (ColorSpace::Luma, 1) } else { (ColorSpace::RGB, 3) };
+    decoder.set_options(DecoderOptions::default().set_use_unsafe(false).jpeg_set_out_colorspace(colours));
+    let (width, height) = decoder.dimensions().ok_or_else(|| broken("it has no size"))?;
+    let mut samples = vec![0; check(width, height, decoder.output_buffer_size())?];
+    decoder.decode_into(&mut samples).map_err(broken)?;
+    Ok(Image { width, height, channels, samples: Samples::U8(samples) })
 }
 
 /// The pixels of an image as points in a grid: (L, a, b) / `compactness`, of a grey image L alone, and then column and
