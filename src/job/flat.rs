@@ -22,7 +22,7 @@ use crate::energy::{Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::parameters::{Name, Seeds};
 use crate::report::{DeviceKind, Iteration, Row};
-use crate::surface::Items;
+use crate::surface::{Items, Moves};
 
 /// A job, and its items.
 #[derive(Clone, Copy)]
@@ -48,7 +48,7 @@ pub(super) fn run_coarse<E: Functional>(
     let mut clustering = run.phases(device, |steps, keep, record| {
         flat::boundary_based(items, &start.labels, coarse.spec.options(), steps, cancel, keep, record)
     })?;
-    if let Some(effort) = coarse.relocation_after(clustering.ending) {
+    if let Some(effort) = coarse.relocation_after(items.moves, clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
         let cheaper = &mut labels_of_cheaper(items, coarse.spec, cancel);
         let relocation = Relocation { graph: items, effort, cancel };
@@ -66,10 +66,12 @@ pub(super) fn run_coarse<E: Functional>(
 }
 
 impl<E: Functional> Coarse<E> {
-    /// Which moves of whole clusters follow the phases, if any: none where the caller's limit ended them.
-    fn relocation_after(&self, ending: Ending) -> Option<relocation::Effort> {
+    /// Which moves of whole clusters follow the phases, if any: none where the caller's limit ended them, and none with
+    /// quality fast where items move connectedly. There swaps pay on any image, and take five times as long as the rest.
+    fn relocation_after(&self, moves: Moves, ending: Ending) -> Option<relocation::Effort> {
         let is_cut_short = ending == Ending::IterationLimit && self.spec.max_iterations.is_some();
-        self.spec.relocation().filter(|_| !is_cut_short)
+        let is_quick = moves == Moves::Connected && self.spec.quality == Quality::Fast;
+        self.spec.relocation().filter(|_| !is_cut_short && !is_quick)
     }
 
     /// The labels of the phases of quality `fast`.
@@ -85,7 +87,7 @@ impl<E: Functional> Coarse<E> {
         let options = self.spec.options();
         let run = flat::boundary_based(items, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
         drop(steps);
-        match self.relocation_after(run.ending) {
+        match self.relocation_after(items.moves, run.ending) {
             Some(effort) => {
                 let relocation = Relocation { graph: items, effort, cancel };
                 let cheaper = &mut labels_of_cheaper(items, self.spec, cancel);
@@ -102,14 +104,23 @@ impl<E: Functional> Coarse<E> {
 enum Cheaper {
     Default,
     Parallel,
+    Sequential,
     Acvd,
 }
 
-/// The jobs whose results a job of this quality mixes in.
-fn cheaper_than(spec: CoarseSpec) -> &'static [Cheaper] {
+/// Up to this number of items, points are also merged one pair after the other.
+const FEW_ITEMS: usize = 10_000;
+
+/// The jobs whose results a job of this quality mixes in. Clusters of few items are as good as their start, so that
+/// small sets of points have all of them.
+fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> &'static [Cheaper] {
     const ALL: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd];
+    const OF_FEW: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd, Cheaper::Sequential];
+    let are_few = items.moves == Moves::Connected && items.faces() <= FEW_ITEMS;
     match spec.quality {
+        Quality::Best if are_few => OF_FEW,
         Quality::Best => ALL,
+        Quality::Default if are_few => &OF_FEW[1..],
         Quality::Default if spec.clusters <= relocation::FEW_CLUSTERS as u64 => &[Cheaper::Acvd],
         Quality::Default | Quality::Fast => &[],
     }
@@ -121,7 +132,7 @@ fn labels_of_cheaper<E: Functional>(
     spec: CoarseSpec,
     cancel: &Cancel,
 ) -> impl Iterator<Item = Result<Vec<u32>>> {
-    cheaper_than(spec).iter().map(move |&job| labels_of(job, items, spec, cancel))
+    cheaper_than(items, spec).iter().map(move |&job| labels_of(job, items, spec, cancel))
 }
 
 /// What a job ends with. It runs on the cpu, whatever the device: labels are the same.
@@ -134,6 +145,10 @@ fn labels_of<E: Functional>(job: Cheaper, items: &Items<E>, spec: CoarseSpec, ca
         }
         Cheaper::Parallel => {
             let options = spec.as_hierarchy();
+            hierarchical(items, &options, &mut device, cancel, &mut |_| {}, &mut |_| {})?.labels
+        }
+        Cheaper::Sequential => {
+            let options = spec.as_sequential_hierarchy();
             hierarchical(items, &options, &mut device, cancel, &mut |_| {}, &mut |_| {})?.labels
         }
         Cheaper::Acvd => {

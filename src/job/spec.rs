@@ -83,10 +83,16 @@ impl CoarseSpec {
 
     /// A parallel hierarchy that ends with as many clusters.
     pub fn as_hierarchy(&self) -> hierarchy::Options {
-        hierarchical(
-            &Parameters { algorithm: Algorithm::Pml, clusters: Some(self.clusters), ..Parameters::default() },
-            0,
-        )
+        hierarchical(&self.of(Algorithm::Pml), 0)
+    }
+
+    /// One of the cheapest merges, one after the other.
+    pub fn as_sequential_hierarchy(&self) -> hierarchy::Options {
+        hierarchical(&self.of(Algorithm::Hr), u64::MAX)
+    }
+
+    fn of(&self, algorithm: Algorithm) -> Parameters {
+        Parameters { algorithm, clusters: Some(self.clusters), ..Parameters::default() }
     }
 }
 

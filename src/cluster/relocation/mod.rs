@@ -69,7 +69,7 @@ use super::run::Phase;
 use crate::device::{Cancel, Device, Ending};
 use crate::energy::{Functional, LatticeEnergy};
 use crate::error::Result;
-use crate::surface::DualGraph;
+use crate::surface::{DualGraph, Moves};
 
 /// Which steps are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -158,7 +158,11 @@ impl<'a, E: Functional> Relocation<'a, E> {
             self.mix_in_start(&mut best, fast, on_change)?;
         }
         for labels in cheaper {
-            self.mix_in(&mut best, State::new(self.graph, labels?), on_change)?;
+            match self.graph.moves {
+                Moves::Free => self.mix_in(&mut best, State::new(self.graph, labels?), on_change)?,
+                // merges alone have not settled
+                Moves::Connected => self.mix_in_start(&mut best, labels?, on_change)?,
+            }
         }
         if tries_more {
             self.relax_and_breathe(&mut best, on_change)?;
@@ -191,7 +195,10 @@ impl<'a, E: Functional> Relocation<'a, E> {
     /// Whether bounds show that no swap pays, and nothing else is worth it.
     fn no_swap_can_pay(&self, labels: &[u32]) -> bool {
         let clusters = labels.iter().max().map_or(0, |&last| last as usize + 1);
-        !self.tries_more(clusters, false) && !gate::may_pay(self.graph, labels, clusters)
+        // items that are no positions leave swaps that pay
+        self.graph.moves == Moves::Free
+            && !self.tries_more(clusters, false)
+            && !gate::may_pay(self.graph, labels, clusters)
     }
 
     /// Whether trials and breaths are worth it.
