@@ -234,7 +234,7 @@ def test_every_result_is_one_short_line(sample: Sample) -> None:
     for line in map(repr, lines):
         assert len(line) < 100 and "\n" not in line and "array" not in line
     assert re.fullmatch(r"Clustering\(2002 faces, 25 clusters, energy [0-9.e+-]+\)", repr(cut))
-    assert re.fullmatch(r"Cut\(2002 faces, 25 clusters, (exact|merged), energy [0-9.e+-]+\)", repr(lines[2]))
+    assert re.fullmatch(r"Cut\(2002 labels, 25 clusters, (exact|merged), energy [0-9.e+-]+\)", repr(lines[2]))
     assert re.fullmatch(r"Remesh\([0-9]+ points, [0-9]+ triangles, 25 clusters\)", repr(cut.remesh()))
 
 
