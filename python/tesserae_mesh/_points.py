@@ -179,6 +179,9 @@ def superpixels(
 def _job(
     k: Optional[int], seeds: Any, device: str, adapter: Optional[str], parameters: dict[str, Any]
 ) -> _native.Job:
+    unknown = set(parameters).difference(_native.parameters())
+    if unknown:
+        raise TypeError(f"there is no parameter of that name: {min(unknown)}")
     if k is not None:
         if "clusters" in parameters:
             raise Error("invalid-parameter", f"the number of clusters is given twice: {k} and {parameters['clusters']}")
@@ -293,7 +296,7 @@ def _samples(pixels: NDArray[Any], mask: Optional[NDArray[np.bool_]]) -> NDArray
     if kind in ("u1", "u2"):
         return _converted(pixels, kind, "image")
     if pixels.dtype.kind == "b":
-        return np.where(pixels, np.uint8(255), np.uint8(0))
+        return np.array([0, 255], dtype=np.uint8)[pixels.astype(np.intp)]
     if pixels.dtype.kind != "f":
         raise Error(
             "invalid-parameter",
