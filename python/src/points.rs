@@ -96,7 +96,6 @@ impl Pixels<'_> {
 /// the edges, else the job's parameters say. `on_row` is called in this thread.
 #[pyfunction]
 #[pyo3(signature = (coordinates, weights, mask, edges, job, on_row))]
-#[expect(clippy::too_many_arguments, reason = "these are the arguments of the function in Python")]
 pub fn cluster_points<'py>(
     py: Python<'py>,
     coordinates: Coordinates<'py>,

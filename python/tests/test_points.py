@@ -176,7 +176,7 @@ def test_every_form_of_the_same_edges_has_the_same_labels() -> None:
     x = points(400, 2)
     edges = kneighbors_graph(x, 7)
     both = edges + edges.T
-    expected = cluster_points(x, 20, graph=7).labels
+    expected = cluster_points(x, 20, graph=7)
     with_zeros = both.copy()
     extra = scipy.sparse.csr_matrix(([1.0], ([0], [399])), shape=(400, 400))
     with_zeros = with_zeros + extra
@@ -197,8 +197,12 @@ def test_every_form_of_the_same_edges_has_the_same_labels() -> None:
         (edges.indptr.astype(np.int64), edges.indices.astype(np.int64)),
         (edges.indptr.tolist(), edges.indices.astype(np.uint16)),
     ]
+    entries = with_zeros.nnz
     for graph in forms:
-        assert np.array_equal(cluster_points(x, 20, graph=graph).labels, expected)
+        clustering = cluster_points(x, 20, graph=graph)
+        assert np.array_equal(clustering.labels, expected.labels)
+        assert clustering.report["input"]["edges"] == expected.report["input"]["edges"]
+    assert with_zeros.nnz == entries
 
 
 def test_masked_items_have_no_cluster() -> None:
@@ -359,6 +363,7 @@ def test_images_of_other_types_are_converted_as_scikit_image_does() -> None:
     for kind in ["f4", "f8"]:
         given = (image / 255).astype(kind)
         assert np.array_equal(superpixels(given, 20), superpixels(img_as_uint(given), 20)), kind
+        assert np.array_equal(tesserae_mesh._points._samples(given, None), img_as_uint(given))
     # img_as_uint overflows with these
     half = (image / 255).astype("f2")
     assert np.array_equal(superpixels(half, 20), superpixels(half.astype("f4"), 20))
