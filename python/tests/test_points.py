@@ -363,7 +363,8 @@ def test_images_of_other_types_are_converted_as_scikit_image_does() -> None:
     for kind in ["f4", "f8"]:
         given = (image / 255).astype(kind)
         assert np.array_equal(superpixels(given, 20), superpixels(img_as_uint(given), 20)), kind
-        assert np.array_equal(tesserae_mesh._points._samples(given, None), img_as_uint(given))
+        between = np.random.default_rng(0).random((9, 9, 3)).astype(kind)
+        assert np.array_equal(tesserae_mesh._points._samples(between, None), img_as_uint(between))
     # img_as_uint overflows with these
     half = (image / 255).astype("f2")
     assert np.array_equal(superpixels(half, 20), superpixels(half.astype("f4"), 20))
