@@ -1,4 +1,4 @@
-//! A clustering of arrays or of a file.
+//! Parameters; a clustering of a mesh in arrays or in a file.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,12 +8,13 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use serde_json::{Map, Value};
 use tesserae_mesh::artifacts::{Artifact, MESH};
+use tesserae_mesh::data::{Csr, Graph, PointSet, USUAL_NEIGHBOURS};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::device::select::DeviceChoice;
 use tesserae_mesh::error::wrong_json;
-use tesserae_mesh::job::{self, DeviceFor, InMemory, Prepared, Request, milliseconds};
+use tesserae_mesh::job::{self, DeviceFor, InMemory, PointsInMemory, Prepared, Request, milliseconds};
 use tesserae_mesh::mesh::{Beside, Faces, Format, Limits, MeshView};
-use tesserae_mesh::parameters::Parameters;
+use tesserae_mesh::parameters::{Neighbours, Parameters};
 use tesserae_mesh::surface::Wanted;
 use tesserae_mesh::surface::points::OfPoints;
 use tesserae_mesh::{Error, Result};
@@ -23,7 +24,7 @@ use crate::background::{self, Reporter};
 use crate::error::{raised, unreadable};
 use crate::outcome::Outcome;
 
-/// What to do with a mesh.
+/// What to do with a mesh or points.
 #[pyclass(frozen, from_py_object, module = "tesserae_mesh._native")]
 #[derive(Clone)]
 pub struct Job {
@@ -99,10 +100,44 @@ impl Job {
         Ok(Outcome::of(outcome))
     }
 
+    /// Number of clusters; 0 where the parameters name none.
+    pub fn clusters(&self) -> u64 {
+        self.parameters.clusters.unwrap_or(0)
+    }
+
+    /// What makes points neighbours: these edges, else what the parameters name.
+    pub fn graph(&self, edges: Option<Csr>) -> Graph {
+        let named = || self.parameters.graph.as_ref().and_then(Neighbours::graph);
+        edges.map(Graph::Rows).or_else(named).unwrap_or(Graph::Knn(USUAL_NEIGHBOURS))
+    }
+
+    /// Clusters points with neighbours.
+    pub fn cluster_points(
+        &self,
+        set: PointSet,
+        begin: Instant,
+        cancel: &Cancel,
+        reporter: &Reporter,
+    ) -> Result<Outcome> {
+        let prepared = job::prepare_points_in_memory(PointsInMemory {
+            set,
+            format: None,
+            // the caller has them in memory
+            max_items: u64::MAX,
+            parameters: &self.parameters,
+            seeds: self.seeds.as_deref(),
+            started: begin,
+        });
+        let prepared = prepared.map_err(|refusal| refusal.error)?;
+        let outcome = self.run(&prepared, begin, cancel, reporter)?;
+        reporter.keep(prepared);
+        Ok(Outcome::of(outcome))
+    }
+
     /// Clusters the points of triangles: one label a point, -1 where no triangle uses it, and the number of clusters.
     ///
     /// There are no more clusters than positions of points, and components are joined where there are more of them.
-    fn cluster_points(
+    fn cluster_vertices(
         &self,
         points: &Points,
         triangles: &Faces,
@@ -185,7 +220,7 @@ pub fn cluster(
 /// Clusters the points of triangles: labels, and how many clusters there are.
 #[pyfunction]
 #[pyo3(signature = (points, triangles, weights, job))]
-pub fn cluster_points<'py>(
+pub fn cluster_vertices<'py>(
     py: Python<'py>,
     points: &Bound<'py, PyAny>,
     triangles: &Bound<'py, PyAny>,
@@ -197,7 +232,7 @@ pub fn cluster_points<'py>(
     let weights = weights.map(|weights| weights.as_array().to_vec());
     let (labels, clusters) = background::run(
         py,
-        move |cancel, reporter| job.cluster_points(&points, &triangles, weights.as_deref(), cancel, reporter),
+        move |cancel, reporter| job.cluster_vertices(&points, &triangles, weights.as_deref(), cancel, reporter),
         None,
     )?;
     Ok((PyArray1::from_vec(py, labels), clusters))

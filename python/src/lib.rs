@@ -7,7 +7,8 @@
 //! |---|---|
 //! | `arrays` | arrays of Python as slices and numbers |
 //! | `background` | work on a pool of threads, while Python runs; Ctrl-C; processes that fork |
-//! | `job` | parameters; a clustering of arrays or of a file |
+//! | `job` | parameters; a clustering of a mesh in arrays or in a file |
+//! | `points` | a clustering of points with neighbours, or of an image |
 //! | `outcome` | what a clustering gives |
 //! | `geometry` | a mesh for outputs that are made of one |
 //! | `picture` | a picture of a mesh, for notebooks |
@@ -21,6 +22,7 @@ mod geometry;
 mod job;
 mod outcome;
 mod picture;
+mod points;
 mod tree;
 
 use std::ffi::OsString;
@@ -42,7 +44,9 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<tree::Tree>()?;
     module.add_function(wrap_pyfunction!(job::cluster, module)?)?;
     module.add_function(wrap_pyfunction!(job::cluster_file, module)?)?;
-    module.add_function(wrap_pyfunction!(job::cluster_points, module)?)?;
+    module.add_function(wrap_pyfunction!(job::cluster_vertices, module)?)?;
+    module.add_function(wrap_pyfunction!(points::cluster_points, module)?)?;
+    module.add_function(wrap_pyfunction!(points::superpixels, module)?)?;
     module.add_function(wrap_pyfunction!(arrays::unpad, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(forms, module)?)?;

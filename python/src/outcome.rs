@@ -21,6 +21,7 @@ use crate::tree::{Tree, written};
 #[pyclass(frozen, module = "tesserae_mesh._native")]
 pub struct Outcome {
     labels: Option<Arc<Vec<u32>>>,
+    shape: Option<Arc<Vec<usize>>>,
     stored: Option<Arc<Stored>>,
     snapshots: Arc<Record>,
     report: Arc<Report>,
@@ -32,6 +33,7 @@ impl Outcome {
     pub fn of(outcome: tesserae_mesh::job::Outcome) -> Self {
         Self {
             labels: outcome.labels.map(Arc::new),
+            shape: outcome.shape.map(Arc::new),
             stored: outcome.hierarchy.map(Arc::new),
             snapshots: Arc::new(outcome.snapshots),
             report: Arc::new(outcome.report),
@@ -63,7 +65,7 @@ impl Outcome {
         self.report.input.items()
     }
 
-    /// One label a face; none for a whole hierarchy.
+    /// One label a face or item, 2³² − 1 of an item that a mask leaves out; none for a whole hierarchy.
     fn labels<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<u32>>> {
         self.labels.as_deref().map(|labels| PyArray1::from_slice(py, labels))
     }
@@ -111,7 +113,7 @@ impl Outcome {
         let choices =
             Choices { placement: raised(py, placement_named(placement))?, ply_vertex_colours, force, is_plain: false };
         let cut = cut.map(|(labels, clusters)| Ok::<_, PyErr>((arrays::labels(&labels)?, clusters))).transpose()?;
-        let (labels, stored) = (self.labels.clone(), self.stored.clone());
+        let (labels, shape, stored) = (self.labels.clone(), self.shape.clone(), self.stored.clone());
         let (snapshots, report) = (Arc::clone(&self.snapshots), Arc::clone(&self.report));
         let bytes = run_quietly(py, move || {
             let content = Content {
@@ -119,6 +121,7 @@ impl Outcome {
                     Some((labels, clusters)) => Some(Labels::new(*clusters, labels)),
                     None => labels.as_deref().map(|labels| Labels::new(report.clusters, labels)),
                 },
+                shape: shape.as_ref().map(|shape| &shape[..]),
                 snapshots: cut.is_none().then_some(&*snapshots),
                 hierarchy: stored.as_deref(),
                 report: cut.is_none().then_some(&*report),

@@ -1,12 +1,15 @@
-"""Clusters the faces of polygon meshes, fast and reproducibly.
+"""Clusters the faces of polygon meshes, and points with neighbours, fast and reproducibly.
 
 >>> import tesserae_mesh
 >>> clustering = tesserae_mesh.cluster(points, faces, clusters=1000)  # doctest: +SKIP
 >>> clustering.labels                                                 # doctest: +SKIP
 array([  0,   0, 731, ...], dtype=uint32)
 
-Labels depend on the mesh and the parameters only: not on threads, machine or device. They equal those of the command
-line (``python -m tesserae_mesh cluster``) for the same mesh and parameters.
+`cluster_points` clusters rows of coordinates over a graph, `superpixels` the pixels of an image, and
+`tesserae_mesh.sklearn` has an estimator.
+
+Labels depend on the input and the parameters only: not on threads, machine or device. They equal those of the command
+line (``python -m tesserae_mesh cluster``) for the same input and parameters.
 
 Nothing but the standard library is imported until a name of this module is first used, so that ``import
 tesserae_mesh`` and the command line start at once.
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
     from tesserae_mesh._hierarchy import Hierarchy as Hierarchy
     from tesserae_mesh._mesh import Mesh as Mesh
     from tesserae_mesh._native import __version__ as __version__
+    from tesserae_mesh._points import cluster_points as cluster_points
+    from tesserae_mesh._points import superpixels as superpixels
     from tesserae_mesh._rows import Iteration as Iteration
     from tesserae_mesh._rows import Level as Level
     from tesserae_mesh.client import AsyncClient as AsyncClient
@@ -45,7 +50,9 @@ _MODULES = {
     "Remesh": "_clustering",
     "__version__": "_native",
     "cluster": "_cluster",
+    "cluster_points": "_points",
     "outputs": "_clustering",
+    "superpixels": "_points",
 }
 
 __all__ = [
@@ -61,7 +68,9 @@ __all__ = [
     "Remesh",
     "__version__",
     "cluster",
+    "cluster_points",
     "outputs",
+    "superpixels",
 ]
 
 

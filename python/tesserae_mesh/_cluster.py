@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
-import json
 import os
-from typing import TYPE_CHECKING, Any, Literal, Optional, Union, cast
+from typing import TYPE_CHECKING, Any, Literal, Optional, Union
 
 import numpy as np
 
 from tesserae_mesh import _native
+from tesserae_mesh._arguments import as_json, as_npy
 from tesserae_mesh._clustering import Clustering
 from tesserae_mesh._errors import Error, count, count_if_given
 from tesserae_mesh._mesh import Mesh
@@ -175,11 +174,11 @@ def cluster(
             raise Error("invalid-parameter", f"the number of clusters is given twice: {number} and {clusters}")
         clusters, faces = number, None
     file = os.fspath(points) if faces is None and isinstance(points, (str, os.PathLike)) else None
-    listed = None if isinstance(seeds, str) else _npy(seeds, "seeds", "iu")
+    listed = None if isinstance(seeds, str) else as_npy(seeds, "seeds", "iu")
     if clusters is _CLUSTERS and (algorithm in ("pml", "ml", "hr") or listed is not None):
         clusters = None
     job = _native.Job(
-        _json(
+        as_json(
             algorithm=algorithm,
             clusters=clusters,
             quality=quality,
@@ -201,7 +200,7 @@ def cluster(
             levels=levels,
         ),
         listed,
-        None if weights is None else _npy(weights, "weights", "fiu"),
+        None if weights is None else as_npy(weights, "weights", "fiu"),
         str(device),
         None if adapter is None else str(adapter),
         count_if_given(max_faces, "max_faces"),
@@ -219,7 +218,7 @@ def cluster(
     return Clustering(outcome, mesh)
 
 
-def cluster_points(
+def cluster_vertices(
     mesh: Mesh, clusters: int, weights: Optional[NDArray[np.float64]], **parameters: Any
 ) -> tuple[NDArray[np.int32], int]:
     """Cluster the points of triangles, for `tesserae_mesh.pyacvd`: one label a point, and the number of clusters.
@@ -227,40 +226,9 @@ def cluster_points(
     Points that no triangle uses have the label -1, those at one position the same. There are no more clusters than
     positions, and separate parts are joined where they are nearest if they are more than the clusters.
     """
-    job = _native.Job(_json(clusters=clusters, **parameters), None, None, "cpu", None, None, None, None)
-    return _native.cluster_points(mesh.points, mesh.connectivity, weights, job)
+    job = _native.Job(as_json(clusters=clusters, **parameters), None, None, "cpu", None, None, None, None)
+    return _native.cluster_vertices(mesh.points, mesh.connectivity, weights, job)
 
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-
-
-def _json(**parameters: Any) -> str:
-    """The parameters that were given as JSON, whose reader checks them."""
-    given = {name: value for name, value in parameters.items() if value is not None}
-    try:
-        return json.dumps(given, allow_nan=False, default=_plain)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise Error("invalid-parameter", f"a parameter is of a wrong type: {error}") from error
-
-
-def _plain(value: Any) -> Any:
-    """A number or array of NumPy as Python's own."""
-    if isinstance(value, (np.generic, np.ndarray)):
-        return cast(Any, value).tolist()
-    if isinstance(value, range):
-        return list(value)
-    raise TypeError(f"{value!r:.80}")
-
-
-def _npy(values: ArrayLike, what: str, kinds: str) -> bytes:
-    """A list of numbers as a file of NumPy's, which the library reads."""
-    try:
-        array = np.asarray(values)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise Error("invalid-parameter", f"{what} make no array: {error}") from error
-    if array.ndim != 1 or array.dtype.kind not in kinds:
-        raise Error("invalid-parameter", f"{what} must be numbers in one dimension, not {array.dtype} {array.shape}")
-    with io.BytesIO() as file:
-        np.save(file, array.astype("<f8" if "f" in kinds else "<i8", copy=False))
-        return file.getvalue()

@@ -1,4 +1,4 @@
-"""What `tesserae_mesh.cluster` returns."""
+"""What `tesserae_mesh.cluster` and `tesserae_mesh.cluster_points` return."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from tesserae_mesh import _native
 from tesserae_mesh._errors import Error
 from tesserae_mesh._hierarchy import Cut, Hierarchy
+from tesserae_mesh._items import Items
 from tesserae_mesh._mesh import Mesh
 from tesserae_mesh._picture import with_picture
 
@@ -98,27 +99,37 @@ class Remesh(NamedTuple):
 
 
 class Clustering:
-    """The clusters of a mesh.
+    """The clusters of a mesh, or of points with neighbours.
 
-    Not made by hand: `tesserae_mesh.cluster` returns one.
+    Not made by hand: `tesserae_mesh.cluster` and `tesserae_mesh.cluster_points` return one. That of points has no
+    `mesh` and what is made of one: `remesh`, `plot` and some outputs.
 
     Attributes
     ----------
     labels : ndarray of uint32, shape (F,)
         The cluster of each face, 0 to ``clusters - 1``, numbered by the first face that carries them; those of listed
-        seeds have the numbers of the seeds.
+        seeds have the numbers of the seeds. Of points: int32, in the shape of the items, -1 where a mask
+        leaves one out.
     clusters : int
         Number of clusters.
     energy : float
         Sum over faces of area x squared distance between the face's centroid and its cluster's (centroidal Voronoi
-        diagram): area x length**2, in units of the mesh. NaN where it overflows.
+        diagram): area x length**2, in units of the mesh. Of points: weight x squared distance between the item and
+        the mean of its cluster. NaN where it overflows.
     hexagon_ratio : float or None
         Energy over that of a flat tiling by regular hexagons; None where that is no measure, as with weights.
     """
 
-    def __init__(self, outcome: _native.Outcome, mesh: Optional[Mesh], cut: Optional[Cut] = None) -> None:
+    def __init__(
+        self,
+        outcome: _native.Outcome,
+        mesh: Optional[Mesh],
+        cut: Optional[Cut] = None,
+        items: Optional[Items] = None,
+    ) -> None:
         self._outcome = outcome
         self._mesh = mesh
+        self._items = items
         self._cut = cut
         self.clusters: int = outcome.clusters if cut is None else cut.clusters
         energy = outcome.energy if cut is None else cut.energy
@@ -126,12 +137,15 @@ class Clustering:
         self.hexagon_ratio: Optional[float] = outcome.hexagon_ratio if cut is None else None
 
     @cached_property
-    def _labels(self) -> Optional[NDArray[np.uint32]]:
-        return self._outcome.labels() if self._cut is None else self._cut.labels
+    def _labels(self) -> Optional[NDArray[Any]]:
+        if self._cut is not None:
+            return self._cut.labels
+        labels = self._outcome.labels()
+        return labels if labels is None or self._items is None else self._items.placed(labels)
 
     @property
-    def labels(self) -> NDArray[np.uint32]:
-        """The cluster of each face.
+    def labels(self) -> NDArray[Any]:
+        """The cluster of each face or item.
 
         Raises
         ------
@@ -145,7 +159,13 @@ class Clustering:
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The mesh: the arrays that were given, or those that were read from the file."""
+        """The mesh: the arrays that were given, or those that were read from the file.
+
+        Raises
+        ------
+        tesserae_mesh.Error
+            The clustering is one of points (``"conflict"``).
+        """
         if self._mesh is not None:
             return self._mesh
         geometry = self._geometry
@@ -176,14 +196,18 @@ class Clustering:
         return np.array(table, dtype=ITERATION)
 
     @cached_property
-    def snapshots(self) -> dict[int, NDArray[np.uint32]]:
+    def snapshots(self) -> dict[int, NDArray[Any]]:
         """The labels at the iterations that `snapshots` asked for."""
-        return dict(self._outcome.snapshots())
+        snapshots = dict(self._outcome.snapshots())
+        if self._items is None:
+            return snapshots
+        return {iteration: self._items.placed(labels) for iteration, labels in snapshots.items()}
 
     @cached_property
     def sizes(self) -> NDArray[np.int64]:
-        """Number of faces of each cluster."""
-        return np.bincount(self.labels, minlength=self.clusters).astype(np.int64, copy=False)
+        """Number of faces or items of each cluster."""
+        labels = self.labels if self._items is None else self.labels[self.labels >= 0]
+        return np.bincount(labels, minlength=self.clusters).astype(np.int64, copy=False)
 
     @cached_property
     def table(self) -> list[dict[str, Any]]:
@@ -193,7 +217,9 @@ class Clustering:
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:
-        """Mean of the centroids of each cluster's faces, weighted by area: shape (clusters, 3)."""
+        """Mean of each cluster, shape (clusters, d): of its faces' centroids, weighted by area, or of its items."""
+        if self._items is not None:
+            return self._items.means(self.labels, self.clusters)
         missing = [float("nan")] * 3
         rows = [row["centroid"] or missing for row in self.table]
         return np.reshape(np.array(rows, dtype=np.float64), (-1, 3))
@@ -210,17 +236,17 @@ class Clustering:
         tree = self._outcome.tree()
         if tree is None:
             raise Error("conflict", 'a flat clustering has no hierarchy; take algorithm="pml", "ml" or "hr"')
-        return Hierarchy(tree)
+        return Hierarchy(tree, self._items)
 
     def cut(self, clusters: int) -> Clustering:
-        """Return the clustering of the same mesh at another number of clusters, taken from the hierarchy.
+        """Return the clustering of the same mesh or points at another number of clusters, taken from the hierarchy.
 
         Raises
         ------
         tesserae_mesh.Error
             The clustering is flat (``"conflict"``), or its hierarchy has no such cut (``"invalid-parameter"``).
         """
-        return Clustering(self._outcome, self._mesh, self.hierarchy.cut(clusters))
+        return Clustering(self._outcome, self._mesh, self.hierarchy.cut(clusters), self._items)
 
     def remesh(self, placement: Placement = "fit") -> Remesh:
         """Make a triangle mesh with a vertex a cluster.
@@ -261,11 +287,14 @@ class Clustering:
         tesserae_mesh.Error
             There is no such output, or not of this clustering (``"not-found"``, ``"conflict"``).
         """
-        cut = None if self._cut is None else (self._cut.labels, self._cut.clusters)
-        return self._outcome.encode(form, self._geometry, cut, placement, ply_vertex_colours, force)
+        cut = None if self._cut is None else (self._cut.labels.reshape(-1).view(np.uint32), self._cut.clusters)
+        geometry = self._geometry if self._items is None else None
+        return self._outcome.encode(form, geometry, cut, placement, ply_vertex_colours, force)
 
     @cached_property
     def _geometry(self) -> _native.Geometry:
+        if self._items is not None:
+            raise Error("conflict", "points have no mesh, of which this is made: cluster() takes meshes")
         if self._mesh is not None:
             return _native.Geometry(self._mesh.points, self._mesh.connectivity, self._mesh.offsets)
         geometry = self._outcome.geometry()
@@ -296,9 +325,12 @@ class Clustering:
         return mesh.plot(scalars=_native.colours(self.clusters)[self.labels], rgb=True, **options)
 
     def __repr__(self) -> str:
-        return f"Clustering({self._outcome.faces} faces, {self.clusters} clusters, energy {self.energy:.6g})"
+        what = "faces" if self._items is None else "items"
+        return f"Clustering({self._outcome.faces} {what}, {self.clusters} clusters, energy {self.energy:.6g})"
 
     def _repr_html_(self) -> str:
+        if self._items is not None:
+            return f"<pre>{self!r}</pre>"
         if self._labels is not None:
             return with_picture(repr(self), self._geometry, self._labels)
         cut = self.hierarchy.cut(max(self.clusters, min(SHOWN_OF_A_HIERARCHY, self._outcome.faces)))

@@ -11,6 +11,7 @@ import numpy as np
 
 from tesserae_mesh import _native
 from tesserae_mesh._errors import count, count_if_given, file_error
+from tesserae_mesh._items import Items
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,8 +23,8 @@ LEVEL = np.dtype([("round", "u4"), ("clusters", "u4"), ("energy", "f8"), ("merge
 class Cut(NamedTuple):
     """A clustering taken from a hierarchy."""
 
-    labels: NDArray[np.uint32]
-    """One label a face, numbered by the first face that carries them."""
+    labels: NDArray[Any]
+    """One label a face or item, as in `Clustering.labels`, numbered by the first that carries them."""
     clusters: int
     """Number of clusters."""
     energy: float
@@ -36,7 +37,7 @@ class Cut(NamedTuple):
     """Merges of the next round on top, the cheapest ones; 0 of an exact cut."""
 
     def __repr__(self) -> str:
-        return f"Cut({self.labels.shape[0]} faces, {self.clusters} clusters, {self.kind}, energy {self.energy:.6g})"
+        return f"Cut({self.labels.size} labels, {self.clusters} clusters, {self.kind}, energy {self.energy:.6g})"
 
 
 class Hierarchy:
@@ -45,12 +46,14 @@ class Hierarchy:
     `Clustering.hierarchy` is one; `Hierarchy.load` reads one from a file.
     """
 
-    __slots__ = ("_tree",)
+    __slots__ = ("_items", "_tree")
 
     _tree: _native.Tree
+    _items: Optional[Items]
 
-    def __init__(self, tree: _native.Tree) -> None:
+    def __init__(self, tree: _native.Tree, items: Optional[Items] = None) -> None:
         self._tree = tree
+        self._items = items
 
     @classmethod
     def load(cls, source: Union[str, os.PathLike[str], bytes], *, max_faces: Optional[int] = None) -> Hierarchy:
@@ -109,7 +112,7 @@ class Hierarchy:
 
     @property
     def faces(self) -> int:
-        """Number of faces: the number of clusters before the first round."""
+        """Number of faces, or of items that take part: the number of clusters before the first round."""
         return self._tree.faces
 
     @property
@@ -148,7 +151,8 @@ class Hierarchy:
         """
         wanted = count(clusters, "clusters")
         labels, energy, rounds, merges = self._tree.cut(wanted)
-        return Cut(labels, wanted, energy, "merged" if merges else "exact", rounds, merges)
+        placed = labels if self._items is None else self._items.placed(labels)
+        return Cut(placed, wanted, energy, "merged" if merges else "exact", rounds, merges)
 
     def linkage(self) -> NDArray[np.float64]:
         """Return scipy's linkage matrix: a row a merge, with two clusters, their distance, their number of faces.
@@ -161,4 +165,4 @@ class Hierarchy:
         return self._tree.linkage()
 
     def __repr__(self) -> str:
-        return f"Hierarchy({self.faces} faces, {self.roots} roots)"
+        return f"Hierarchy({self.faces} {'faces' if self._items is None else 'items'}, {self.roots} roots)"

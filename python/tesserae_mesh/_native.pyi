@@ -9,6 +9,10 @@ __version__: str
 
 _Points = Union[NDArray[np.float32], NDArray[np.float64]]
 _Integers = Union[NDArray[np.int32], NDArray[np.int64], NDArray[np.uint32], NDArray[np.uint64]]
+_Coordinates = Union[
+    NDArray[np.float32], NDArray[np.float64], NDArray[np.uint8], NDArray[np.uint16], NDArray[np.int32]
+]
+_Edges = Union[tuple[NDArray[np.int32], NDArray[np.int32]], tuple[NDArray[np.int64], NDArray[np.int64]]]
 _IterationRow = tuple[int, str, Optional[int], Optional[float], int, int]
 _LevelRow = tuple[int, int, Optional[float], int, int]
 _OnRow = Callable[[bool, Union[_IterationRow, _LevelRow]], object]
@@ -20,9 +24,24 @@ def cluster(
     job: Job,
     on_row: Optional[_OnRow],
 ) -> Outcome: ...
-def cluster_points(
+def cluster_vertices(
     points: _Points, triangles: _Integers, weights: Optional[NDArray[np.float64]], job: Job
 ) -> tuple[NDArray[np.int32], int]: ...
+def cluster_points(
+    coordinates: _Coordinates,
+    weights: Optional[NDArray[np.float64]],
+    mask: Optional[NDArray[np.bool_]],
+    edges: Optional[_Edges],
+    job: Job,
+    on_row: Optional[_OnRow],
+) -> Outcome: ...
+def superpixels(
+    pixels: Union[NDArray[np.uint8], NDArray[np.uint16]],
+    mask: Optional[NDArray[np.bool_]],
+    compactness: float,
+    job: Job,
+    on_row: Optional[_OnRow],
+) -> Outcome: ...
 def cluster_file(path: str, format: Optional[str], job: Job, on_row: Optional[_OnRow]) -> Outcome: ...
 def unpad(padded: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]: ...
 def forms() -> list[tuple[str, str]]: ...

@@ -106,9 +106,56 @@ def strange_options(random: Generator, faces: int, points: int) -> dict[str, Any
     return options
 
 
+def strange_graph(random: Generator, items: int) -> Any:
+    """Neighbours of items, some of which are wrong."""
+    choice = int(random.integers(6))
+    if choice < 2:
+        return [None, "grid", "grid:full", "knn:3", "knn:0", "none"][int(random.integers(6))]
+    if choice == 2:
+        return random.choice([-1, 0, 1, 3, 64, 65])
+    indptr = np.linspace(0, 3 * items, items + 1).astype("i8")
+    indices = random.integers(items, size=3 * items)
+    if choice == 3:
+        return indptr.astype("i4"), indices.astype("i4")
+    if choice == 4:
+        indices[random.integers(indices.size)] = random.choice([-1, 0, items, 1 << 40])
+    elif random.random() < 0.5:
+        indptr[random.integers(indptr.size)] = random.choice([-1, 0, 3 * items, 1 << 40])
+    return indptr, indices[: random.choice([0, 3 * items - 1, 3 * items], p=[0.1, 0.1, 0.8])]
+
+
+def once_points(random: Generator) -> bool:
+    """Cluster points with neighbours; whether there was an answer."""
+    points, _ = grid(random)
+    given: Any = strange_points(random, points) if random.random() < 0.5 else points
+    graph = strange_graph(random, len(points)) if random.random() < 0.7 else None
+    if isinstance(graph, str) and isinstance(given, np.ndarray) and given.shape[:1] == (len(points),):
+        given = given.reshape(int(np.sqrt(len(points))), -1, *given.shape[1:]) if "grid" in graph else given
+    options = strange_options(random, len(points), len(points))
+    options.pop("weights", None)
+    k = options.pop("clusters")
+    shape = np.shape(given)[:-1] if isinstance(given, np.ndarray) else (len(points),)
+    for name in ("weights", "mask"):
+        if random.random() < 0.3:
+            options[name] = random.random(shape) if name == "weights" else random.random(shape) < 0.8
+    try:
+        clustering = tesserae_mesh.cluster_points(given, k, graph=graph, **options)
+        labels = clustering.labels
+    except tesserae_mesh.Error as error:
+        assert error.kind != "internal", error
+        return False
+    assert labels.dtype == np.int32 and labels.shape == np.shape(given)[:-1]
+    taken = options.get("mask", np.full(labels.shape, True))
+    assert np.array_equal(labels < 0, ~taken)
+    assert np.array_equal(np.unique(labels[taken]), np.arange(clustering.clusters))
+    return True
+
+
 def once(seed: int) -> bool:
     """Cluster one input; whether there was an answer."""
     random = np.random.default_rng(seed)
+    if seed % 3 == 0:
+        return once_points(random)
     points, faces = grid(random)
     given_points: Any = strange_points(random, points) if random.random() < 0.5 else points
     given_faces: Any = strange_faces(random, faces) if random.random() < 0.5 else faces

@@ -97,7 +97,7 @@ def test_every_output_is_that_of_the_command_line(sample: Sample, tmp_path: Path
     path = sample("knot", 800)
     points, faces = read_obj(path)
     clustering = tesserae_mesh.cluster(points, faces, algorithm="hr", clusters=20)
-    flags = {"clusters": "--clusters-table", "linkage": "--linkage"}
+    flags = {"clusters": "--clusters-table", "graph": "--clusters-graph"}
     left_out = {"snapshots.npy", "snapshots.json", "report.json", "linkage.npy"}
     for form, about in _native.forms():
         assert about
@@ -125,13 +125,15 @@ def test_every_parameter_of_the_command_line_is_a_documented_keyword() -> None:
     help_of_command = command("cluster", "--help").stdout
     flags = {flag.replace("-", "_") for flag in re.findall(r"--([a-z][a-z-]+)", help_of_command)}
     outputs = {form.split(".")[0].replace("-", "_") for form, _ in _native.forms()}
-    of_outputs = {"clusters_table", "placement", "ply_vertex_colours", "force", "min_clusters", "max_clusters"}
+    of_outputs = {"clusters_graph", "clusters_table", "placement", "ply_vertex_colours", "force"}
+    of_outputs |= {"min_clusters", "max_clusters"}
     # a mesh in memory is divided by what made it
     of_files = {"subdivide"}
     of_the_command = {"help", "version", "output", "quiet"}
     missing = flags - outputs - of_outputs - of_files - of_the_command - set(keywords)
     assert not missing
-    assert set(_native.parameters()) - of_files <= set(keywords)
+    of_points = {"graph"}
+    assert set(_native.parameters()) - of_files - of_points <= set(keywords)
     assert keywords["clusters"].default == 1000
     described = tesserae_mesh.cluster.__doc__ or ""
     for name in keywords:
@@ -234,7 +236,7 @@ def test_every_result_is_one_short_line(sample: Sample) -> None:
     for line in map(repr, lines):
         assert len(line) < 100 and "\n" not in line and "array" not in line
     assert re.fullmatch(r"Clustering\(2002 faces, 25 clusters, energy [0-9.e+-]+\)", repr(cut))
-    assert re.fullmatch(r"Cut\(2002 faces, 25 clusters, (exact|merged), energy [0-9.e+-]+\)", repr(lines[2]))
+    assert re.fullmatch(r"Cut\(2002 labels, 25 clusters, (exact|merged), energy [0-9.e+-]+\)", repr(lines[2]))
     assert re.fullmatch(r"Remesh\([0-9]+ points, [0-9]+ triangles, 25 clusters\)", repr(cut.remesh()))
 
 

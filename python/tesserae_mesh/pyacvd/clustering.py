@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Optional, cast
 import numpy as np
 import pyvista
 
-from tesserae_mesh._cluster import cluster_points
+from tesserae_mesh._cluster import cluster_vertices
 from tesserae_mesh._mesh import Mesh
 from tesserae_mesh._triangles import nearest_in_triangles, normals, quartered
 
@@ -103,7 +103,7 @@ class Clustering:
     ) -> NDArray[np.int32]:
         # as they are stored: points in single precision are not copied
         mesh = Mesh(np.asarray(self.mesh.points), _triangles(self.mesh))
-        self.clusters, self.nclus = cluster_points(
+        self.clusters, self.nclus = cluster_vertices(
             mesh,
             nclus,
             self._weights,
