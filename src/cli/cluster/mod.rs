@@ -26,6 +26,7 @@ Examples:
   tesserae cluster horse.obj -k 2000 -o horse.glb
   tesserae cluster *.obj -k 500,2000 -o out/
   tesserae cluster horse.obj --algorithm pml --hierarchy horse.tsr
+  tesserae cluster photo.png -k 250 -o superpixels.npy
 
 --help lists all options.",
     after_long_help = "\
