@@ -180,7 +180,7 @@ fn searches_find_the_faces_that_hold_a_cluster_together() {
     for sample in [Sample::Strip, Sample::Parts, Sample::Plane] {
         let surface = uneven(sample, 300);
         let labels = start(&surface, 20);
-        let mut connection = Connection::new(surface.faces(), crate::surface::Moves::Free);
+        let mut connection = Connection::new(surface.faces(), Moves::Free);
         for face in 0..surface.faces() as u32 {
             let label = labels[face as usize];
             if labels.iter().filter(|&&other| other == label).count() == 1 {
@@ -205,14 +205,14 @@ fn ring(faces: u32) -> DualGraph {
         neighbour_offsets: (0..=faces).map(|face| 2 * face).collect(),
         neighbours: (0..faces).flat_map(|face| [(face + 1) % faces, (face + faces - 1) % faces]).collect(),
         components: vec![Component { first_face: 0, faces, weight: u64::from(faces), energy_shift: 0 }],
-        moves: crate::surface::Moves::Free,
+        moves: Moves::Free,
     }
 }
 
 #[test]
 fn after_many_steps_a_face_that_is_refused_is_held_until_a_face_beside_it_moves() {
     let ring = ring(100);
-    let mut connection = Connection::new(100, crate::surface::Moves::Free);
+    let mut connection = Connection::new(100, Moves::Free);
     let has_gap = |near| near != 0;
     for _ in 0..1000 {
         assert!(!connection.stays_without(&ring, 50, has_gap), "0 is a gap, so that 50 holds two arcs together");
@@ -230,7 +230,7 @@ fn after_many_steps_a_face_that_is_refused_is_held_until_a_face_beside_it_moves(
 #[test]
 fn searches_end_at_a_bound_in_proportion_to_the_faces() {
     let ring = ring(400);
-    let mut connection = Connection::new(400, crate::surface::Moves::Free);
+    let mut connection = Connection::new(400, Moves::Free);
     let unite = (0..10_000).take_while(|_| connection.stays_without(&ring, 7, |_| true)).count();
     // a search looks at two dual edges a face
     assert!((500..=520).contains(&unite), "{unite}");
