@@ -149,6 +149,7 @@ impl Wanted {
             self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
+        self.parameters.check_mesh()?;
         self.kept.check(&self.parameters)?;
         Ok((self.parameters, self.webhook))
     }
