@@ -170,6 +170,8 @@ def test_masked_items_have_no_cluster() -> None:
         assert np.array_equal(clustering.labels < 0, ~mask) and clustering.labels.min() == -1
         assert_connected(clustering.labels, edges, 17)
         assert np.array_equal(clustering.snapshots[0] < 0, ~mask)
+        written = np.load(io.BytesIO(clustering.output("snapshots.npy")))
+        assert np.array_equal(written[0].view(np.int32).reshape(30, 40), clustering.snapshots[0])
         assert clustering.sizes.sum() == mask.sum() and not np.isnan(clustering.centroids).any()
         assert np.isclose(clustering.energy, energy(image[mask], clustering.labels[mask]))
     whole = cluster_points(image, graph="grid", mask=mask, algorithm="pml", bridge_components=True)
