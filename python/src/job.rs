@@ -8,6 +8,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use serde_json::{Map, Value};
 use tesserae_mesh::artifacts::{Artifact, MESH};
+use tesserae_mesh::data::image::{self, Image, USUAL_COMPACTNESS};
 use tesserae_mesh::data::{Csr, Graph, PointSet, USUAL_NEIGHBOURS};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::device::select::DeviceChoice;
@@ -100,11 +101,6 @@ impl Job {
         Ok(Outcome::of(outcome))
     }
 
-    /// Number of clusters; 0 where the parameters name none.
-    pub fn clusters(&self) -> u64 {
-        self.parameters.clusters.unwrap_or(0)
-    }
-
     /// What makes points neighbours: these edges, else what the parameters name.
     pub fn graph(&self, edges: Option<Csr>) -> Graph {
         let named = || self.parameters.graph.as_ref().and_then(Neighbours::graph);
@@ -130,8 +126,21 @@ impl Job {
         });
         let prepared = prepared.map_err(|refusal| refusal.error)?;
         let outcome = self.run(&prepared, begin, cancel, reporter)?;
-        reporter.keep(prepared);
-        Ok(Outcome::of(outcome))
+        Ok(Outcome::of_points(outcome, prepared))
+    }
+
+    /// Clusters the pixels of an image.
+    pub fn superpixels(
+        &self,
+        image: &Image,
+        mask: Option<&[bool]>,
+        begin: Instant,
+        cancel: &Cancel,
+        reporter: &Reporter,
+    ) -> Result<Outcome> {
+        let clusters = self.parameters.clusters.unwrap_or(0);
+        let compactness = self.parameters.compactness.unwrap_or(USUAL_COMPACTNESS);
+        self.cluster_points(image::superpixels(image, mask, clusters, compactness)?, begin, cancel, reporter)
     }
 
     /// Clusters the points of triangles: one label a point, -1 where no triangle uses it, and the number of clusters.

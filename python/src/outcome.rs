@@ -8,6 +8,7 @@ use pyo3::types::PyBytes;
 use tesserae_mesh::artifacts::{ALL, Artifact, Choices, Content, Form, Labels, Need};
 use tesserae_mesh::cluster::record::Record;
 use tesserae_mesh::hierarchy::stored::Stored;
+use tesserae_mesh::job::Prepared;
 use tesserae_mesh::report::Report;
 use tesserae_mesh::{Error, Kind, Result};
 
@@ -21,7 +22,8 @@ use crate::tree::{Tree, written};
 #[pyclass(frozen, module = "tesserae_mesh._native")]
 pub struct Outcome {
     labels: Option<Arc<Vec<u32>>>,
-    shape: Option<Arc<Vec<usize>>>,
+    /// Of points: what was clustered, for tables of clusters.
+    points: Option<Arc<Prepared>>,
     stored: Option<Arc<Stored>>,
     snapshots: Arc<Record>,
     report: Arc<Report>,
@@ -33,12 +35,17 @@ impl Outcome {
     pub fn of(outcome: tesserae_mesh::job::Outcome) -> Self {
         Self {
             labels: outcome.labels.map(Arc::new),
-            shape: outcome.shape.map(Arc::new),
+            points: None,
             stored: outcome.hierarchy.map(Arc::new),
             snapshots: Arc::new(outcome.snapshots),
             report: Arc::new(outcome.report),
             geometry: outcome.mesh.map(|mesh| Geometry { mesh }),
         }
+    }
+
+    /// The results of a job on points.
+    pub fn of_points(outcome: tesserae_mesh::job::Outcome, prepared: Prepared) -> Self {
+        Self { points: Some(Arc::new(prepared)), ..Self::of(outcome) }
     }
 }
 
@@ -113,15 +120,25 @@ impl Outcome {
         let choices =
             Choices { placement: raised(py, placement_named(placement))?, ply_vertex_colours, force, is_plain: false };
         let cut = cut.map(|(labels, clusters)| Ok::<_, PyErr>((arrays::labels(&labels)?, clusters))).transpose()?;
-        let (labels, shape, stored) = (self.labels.clone(), self.shape.clone(), self.stored.clone());
+        let (labels, points, stored) = (self.labels.clone(), self.points.clone(), self.stored.clone());
         let (snapshots, report) = (Arc::clone(&self.snapshots), Arc::clone(&self.report));
         let bytes = run_quietly(py, move || {
+            let labels = match &cut {
+                Some((labels, clusters)) => Some(Labels::new(*clusters, labels)),
+                None => labels.as_deref().map(|labels| Labels::new(report.clusters, labels)),
+            };
+            let points = points.as_ref().and_then(|prepared| prepared.subject.points());
+            let is_made_of_table = artifact.needs(Need::Mesh) && artifact.is_of_points;
+            let table = match (points, labels) {
+                (Some(points), Some(Labels { labels, clusters, .. })) if is_made_of_table => {
+                    Some(points.table(labels, clusters))
+                }
+                _ => None,
+            };
             let content = Content {
-                labels: match &cut {
-                    Some((labels, clusters)) => Some(Labels::new(*clusters, labels)),
-                    None => labels.as_deref().map(|labels| Labels::new(report.clusters, labels)),
-                },
-                shape: shape.as_ref().map(|shape| &shape[..]),
+                labels,
+                points: table.as_ref(),
+                shape: points.map(|points| &points.set.shape[..]),
                 snapshots: cut.is_none().then_some(&*snapshots),
                 hierarchy: stored.as_deref(),
                 report: cut.is_none().then_some(&*report),
@@ -154,7 +171,7 @@ fn check(artifact: &Artifact, form: &Form, content: &Content<'_>) -> Result<()> 
         Need::Hierarchy => content.hierarchy.is_none().then_some("a hierarchy: take the algorithm pml, ml or hr"),
         Need::Snapshots => content.snapshots.is_none().then_some("the run's own labels, which a cut has not"),
         Need::Report => content.report.is_none().then_some("the run's own report, which a cut has not"),
-        Need::Mesh => content.mesh.is_none().then_some("the mesh"),
+        Need::Mesh => (content.mesh.is_none() && content.points.is_none()).then_some("the mesh"),
         // a mesh that is clustered here is never divided
         Need::Faces => None,
     });

@@ -9,7 +9,7 @@ use numpy::ndarray::{ArrayView, Dimension};
 use numpy::{PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use tesserae_mesh::Result;
-use tesserae_mesh::data::image::{self, Image, Samples};
+use tesserae_mesh::data::image::{Image, Samples};
 use tesserae_mesh::data::{Csr, PointSet, Values};
 
 use crate::background;
@@ -120,22 +120,18 @@ pub fn cluster_points<'py>(
 
 /// Clusters the pixels of an image; `mask` has an entry a pixel. `on_row` is called in this thread.
 #[pyfunction]
-#[pyo3(signature = (pixels, mask, compactness, job, on_row))]
+#[pyo3(signature = (pixels, mask, job, on_row))]
 pub fn superpixels<'py>(
     py: Python<'py>,
     pixels: Pixels<'py>,
     mask: Option<PyReadonlyArray1<'py, bool>>,
-    compactness: f64,
     job: Job,
     on_row: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Outcome> {
     let begin = Instant::now();
     let image = pixels.image(py);
     let mask: Option<Vec<bool>> = mask.map(|mask| copied(py, mask.as_array()));
-    let work = move |cancel: &_, reporter: &_| {
-        let set = image::superpixels(&image, mask.as_deref(), job.clusters(), compactness)?;
-        job.cluster_points(set, begin, cancel, reporter)
-    };
+    let work = move |cancel: &_, reporter: &_| job.superpixels(&image, mask.as_deref(), begin, cancel, reporter);
     background::run(py, work, on_row)
 }
 

@@ -211,7 +211,8 @@ class Clustering:
 
     @cached_property
     def table(self) -> list[dict[str, Any]]:
-        """A row a cluster: size, area, place, shape, neighbours, energy, as ``--clusters-table`` writes it."""
+        """A row a cluster, as ``--clusters-table`` writes it: size, area, place, shape, neighbours, energy; of points
+        items, weight, energy, neighbours, component, mean."""
         rows: list[dict[str, Any]] = json.loads(self.output("clusters.json"))["clusters"]
         return rows
 
@@ -219,7 +220,7 @@ class Clustering:
     def centroids(self) -> NDArray[np.float64]:
         """Mean of each cluster, shape (clusters, d): of its faces' centroids, weighted by area, or of its items."""
         if self._items is not None:
-            return self._items.means(self.labels, self.clusters)
+            return np.array([row["mean"] for row in self.table], dtype=np.float64)
         missing = [float("nan")] * 3
         rows = [row["centroid"] or missing for row in self.table]
         return np.reshape(np.array(rows, dtype=np.float64), (-1, 3))

@@ -38,7 +38,6 @@ def cluster_points(
 def superpixels(
     pixels: Union[NDArray[np.uint8], NDArray[np.uint16]],
     mask: Optional[NDArray[np.bool_]],
-    compactness: float,
     job: Job,
     on_row: Optional[_OnRow],
 ) -> Outcome: ...

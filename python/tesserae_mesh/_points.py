@@ -101,10 +101,11 @@ def cluster_points(
             f"columns, not the shape {coordinates.shape}",
         )
     shape = coordinates.shape[:-1]
-    items = Items(coordinates, _weights(weights, shape), _mask(mask, shape, "items"))
-    job = _job(k, seeds, device, adapter, {**parameters, "graph": name})
+    of_items = _weights(weights, shape)
+    items = Items(shape, _mask(mask, shape, "items"))
+    job = _job(k, seeds, device, adapter, parameters, graph=name)
     with Rows(progress) as rows:
-        outcome = _native.cluster_points(coordinates, items.weights, items.mask, edges, job, rows.function)
+        outcome = _native.cluster_points(coordinates, of_items, items.mask, edges, job, rows.function)
     return Clustering(outcome, None, items=items)
 
 
@@ -164,12 +165,10 @@ def superpixels(
             "invalid-parameter",
             f"an image must have height x width, or these and 1 to 4 channels, not the shape {pixels.shape}",
         )
-    if "graph" in parameters:
-        raise Error("invalid-parameter", "graph goes with points: pixels are neighbours where they share a side")
     taken = _mask(mask, pixels.shape[:2], "pixels")
-    job = _job(count(n, "n"), "coarse", device, adapter, parameters)
+    job = _job(count(n, "n"), "coarse", device, adapter, parameters, compactness=compactness)
     with Rows(progress) as rows:
-        outcome = _native.superpixels(_samples(pixels, taken), taken, float(compactness), job, rows.function)
+        outcome = _native.superpixels(_samples(pixels, taken), taken, job, rows.function)
     labels = outcome.labels()
     if labels is None:
         raise Error("conflict", "a whole hierarchy has labels at every number of clusters: give n")
@@ -177,9 +176,9 @@ def superpixels(
 
 
 def _job(
-    k: Optional[int], seeds: Any, device: str, adapter: Optional[str], parameters: dict[str, Any]
+    k: Optional[int], seeds: Any, device: str, adapter: Optional[str], parameters: dict[str, Any], **own: Any
 ) -> _native.Job:
-    unknown = set(parameters).difference(_native.parameters())
+    unknown = set(parameters).difference(_native.parameters()).union({"graph", "compactness"}.intersection(parameters))
     if unknown:
         raise TypeError(f"there is no parameter of that name: {min(unknown)}")
     if k is not None:
@@ -188,7 +187,7 @@ def _job(
         parameters = {**parameters, "clusters": count(k, "k")}
     is_listed = not isinstance(seeds, str)
     return _native.Job(
-        as_json(seeds="listed" if is_listed else seeds, **parameters),
+        as_json(seeds="listed" if is_listed else seeds, **parameters, **own),
         as_npy(seeds, "seeds", "iu") if is_listed else None,
         None,
         str(device),

@@ -97,6 +97,8 @@ class GraphKMeans(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         if sample_weight is not None:
             weights = _check_sample_weight(sample_weight, X, dtype=np.float64, ensure_non_negative=True)
             mask = None if weights.all() else weights > 0
+        for of_tree in ("children_", "distances_"):
+            self.__dict__.pop(of_tree, None)
         is_tree = self.algorithm == "hr"
         clustering = cluster_points(
             X,

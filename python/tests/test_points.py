@@ -1,26 +1,20 @@
-"""Points with neighbours: labels, masks, graphs, trees, images, errors."""
+"""Points with neighbours: labels, masks, graphs, trees, errors."""
 
 from __future__ import annotations
 
 import doctest
-import hashlib
 import io
 import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Optional
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.sparse
-from conftest import command
+from items import assert_connected, by_command, energy, grid_edges, sha256
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
-from skimage.color import rgb2gray, rgb2lab
-from skimage.data import astronaut
-from skimage.segmentation import mark_boundaries, slic
-from skimage.util import img_as_float, img_as_uint
 from sklearn.cluster import AgglomerativeClustering
 from sklearn.neighbors import kneighbors_graph
 
@@ -32,53 +26,6 @@ from tesserae_mesh import cluster_points, superpixels
 def points(n: int, d: int, seed: int = 0) -> NDArray[np.float64]:
     """Random points without ties, in one component by their 8 nearest."""
     return np.random.default_rng(seed).random((n, d))
-
-
-def grid_edges(shape: tuple[int, ...]) -> scipy.sparse.csr_matrix:
-    """A grid without corners as a sparse matrix, each edge in one direction."""
-    numbers = np.arange(np.prod(shape)).reshape(shape)
-    pairs = [
-        (np.moveaxis(numbers, axis, 0)[:-1].ravel(), np.moveaxis(numbers, axis, 0)[1:].ravel())
-        for axis in range(len(shape))
-    ]
-    rows, columns = (np.concatenate(ends) for ends in zip(*pairs))
-    return scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(numbers.size, numbers.size))
-
-
-def assert_connected(labels: NDArray[Any], edges: Any, k: int) -> None:
-    """Each of the labels 0 to k - 1 is there and connected."""
-    flat = labels.reshape(-1)
-    assert np.array_equal(np.unique(flat[flat >= 0]), np.arange(k))
-    within = edges.tocoo()
-    same = (flat[within.row] == flat[within.col]) & (flat[within.row] >= 0)
-    inside = scipy.sparse.coo_matrix((np.ones(same.sum()), (within.row[same], within.col[same])), shape=edges.shape)
-    pieces = connected_components(inside, directed=False)[0] - (flat < 0).sum()
-    assert pieces == k
-
-
-def energy(x: NDArray[Any], labels: NDArray[Any], weights: Optional[NDArray[Any]] = None) -> float:
-    """The energy, computed independently."""
-    flat, rows = labels.reshape(-1), x.reshape(-1, x.shape[-1]).astype(np.float64)
-    weights = np.ones(len(rows)) if weights is None else weights.reshape(-1)
-    total = 0.0
-    for k in range(flat.max() + 1):
-        mine = flat == k
-        mean = np.average(rows[mine], axis=0, weights=weights[mine])
-        total += float((weights[mine] * ((rows[mine] - mean) ** 2).sum(axis=1)).sum())
-    return total
-
-
-def sha256(labels: NDArray[np.int32]) -> str:
-    return hashlib.sha256(labels.astype("<i4").tobytes()).hexdigest()
-
-
-def by_command(file: Path, *options: str) -> dict[str, Any]:
-    """The report of the command line."""
-    report = file.with_suffix(".report")
-    done = command("cluster", file, *options, "--report", report)
-    assert done.returncode == 0, done.stderr
-    value: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
-    return value
 
 
 def test_every_graph_gives_the_labels_of_the_command_line(tmp_path: Path) -> None:
@@ -132,7 +79,11 @@ def test_results_add_up() -> None:
     assert clustering.clusters == 12 and clustering.sizes.sum() == 500 and clustering.sizes.min() > 0
     assert np.isclose(clustering.energy, energy(x, labels, weights), rtol=1e-6)
     means = [np.average(x[labels == k], axis=0, weights=weights[labels == k]) for k in range(12)]
-    assert np.allclose(clustering.centroids, means, rtol=1e-14)
+    assert np.allclose(clustering.centroids, means, rtol=1e-13)
+    assert [row["items"] for row in clustering.table] == list(clustering.sizes)
+    assert np.isclose(sum(row["energy"] for row in clustering.table), clustering.energy)
+    pairs = json.loads(clustering.output("graph.json"))["edges"]
+    assert sum(row["neighbours"] for row in clustering.table) == 2 * len(pairs) > 0
     assert clustering.hexagon_ratio is None and clustering.report["input"]["dimensions"] == 3
     assert clustering.iterations["energy"][-1] <= clustering.iterations["energy"][0]
     assert {at: one.shape for at, one in clustering.snapshots.items()} == {0: (500,), 2: (500,)}
@@ -219,6 +170,8 @@ def test_masked_items_have_no_cluster() -> None:
         assert np.array_equal(clustering.labels < 0, ~mask) and clustering.labels.min() == -1
         assert_connected(clustering.labels, edges, 17)
         assert np.array_equal(clustering.snapshots[0] < 0, ~mask)
+        written = np.load(io.BytesIO(clustering.output("snapshots.npy")))
+        assert np.array_equal(written[0].view(np.int32).reshape(30, 40), clustering.snapshots[0])
         assert clustering.sizes.sum() == mask.sum() and not np.isnan(clustering.centroids).any()
         assert np.isclose(clustering.energy, energy(image[mask], clustering.labels[mask]))
     whole = cluster_points(image, graph="grid", mask=mask, algorithm="pml", bridge_components=True)
@@ -226,6 +179,8 @@ def test_masked_items_have_no_cluster() -> None:
     assert np.array_equal(cut.labels < 0, ~mask) and cut.sizes.sum() == mask.sum() and cut.sizes.size == 17
     assert np.array_equal(cut.labels, from_hierarchy.labels) and repr(from_hierarchy).startswith("Cut(1200 labels, 17 ")
     assert np.load(io.BytesIO(cut.output("labels.npy"))).shape == (30, 40)
+    means = [image[cut.labels == k].mean(axis=0) for k in range(17)]
+    assert np.allclose(cut.centroids, means) and [row["items"] for row in cut.table] == list(cut.sizes)
     assert repr(whole.hierarchy) == f"Hierarchy({mask.sum()} items, 1 roots)"
 
 
@@ -261,7 +216,7 @@ def test_trees_are_those_of_scikit_learn() -> None:
         assert np.isclose(ours.inertia_, energy(x, ours.labels_), rtol=1e-5)
         linkage = cluster_points(x, graph=graph, algorithm="hr").hierarchy.linkage()
         assert linkage.shape == (n - 1, 4) and np.allclose(linkage[-1, 2], theirs.distances_.max(), rtol=1e-5)
-    assert not hasattr(GraphKMeans(5).fit(x), "children_")
+    assert not hasattr(ours.set_params(algorithm="bb").fit(x), "children_")
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
@@ -322,87 +277,14 @@ def test_what_is_refused_says_so_in_a_line(wrong: dict[str, Any], words: str) ->
 
 
 def test_a_parameter_that_is_not_there_is_an_error_of_types() -> None:
-    for attempt in (lambda: cluster_points(np.eye(4), 2, compactness=3), lambda: superpixels(IMAGE, 2, cluster=3)):
-        with pytest.raises(TypeError, match="no parameter of that name: c"):
+    attempts: list[tuple[Callable[[], object], str]] = [
+        (lambda: cluster_points(np.eye(4), 2, cluster=3), "cluster"),
+        (lambda: cluster_points(np.eye(4), 2, compactness=3), "compactness"),
+        (lambda: superpixels(np.zeros((4, 5), dtype=np.uint8), 2, graph="grid"), "graph"),
+    ]
+    for attempt, name in attempts:
+        with pytest.raises(TypeError, match=f"no parameter of that name: {name}"):
             attempt()
-
-
-def test_superpixels_are_connected_and_exactly_as_many() -> None:
-    image = astronaut()[60:180, 160:310]
-    edges = grid_edges(image.shape[:2])
-    grey = np.rint(rgb2gray(image) * 255).astype(np.uint8)
-    alpha = np.full((*grey.shape, 1), 255, dtype=np.uint8)
-    alpha[:30, :40] = 0
-    for given in [image, grey, grey[:, :, None], np.dstack([grey, alpha]), np.dstack([image, alpha])]:
-        labels = superpixels(given, 50)
-        assert labels.shape == grey.shape and labels.dtype == np.int32
-        assert_connected(labels, edges, 50)
-        has_alpha = given.ndim == 3 and given.shape[2] in (2, 4)
-        assert np.array_equal(labels < 0, (alpha[:, :, 0] == 0) if has_alpha else np.zeros(grey.shape, dtype=bool))
-    marked = mark_boundaries(image, superpixels(image, 50))
-    assert marked.shape == image.shape and (marked != img_as_float(image)).any()
-    mask = alpha[:, :, 0] > 0
-    assert np.array_equal(superpixels(image, 50, mask=mask), superpixels(np.dstack([image, alpha]), 50))
-    assert not np.array_equal(superpixels(image, 50), superpixels(image, 50, 40))
-
-
-def test_superpixels_are_clusters_of_lab_and_place() -> None:
-    image = astronaut()[60:180, 160:310]
-    side = np.sqrt(image.shape[0] * image.shape[1] / 60)
-    row, column = np.indices(image.shape[:2])
-    lab = rgb2lab(image)
-    x = np.dstack([lab / 10, column / side, row / side]).astype(np.float32)
-    # both round colours, in different ways: a pixel in a thousand may be beside another's boundary
-    ours, theirs = superpixels(image, 60), cluster_points(x, 60, graph="grid").labels
-    assert np.isclose(energy(x, ours), energy(x, theirs), rtol=5e-3)
-    assert energy(x, ours) < energy(x, slic(image, 60, compactness=10, start_label=0))
-
-
-def test_images_of_other_types_are_converted_as_scikit_image_does() -> None:
-    image = astronaut()[60:120, 160:230]
-    for kind in ["f4", "f8"]:
-        given = (image / 255).astype(kind)
-        assert np.array_equal(superpixels(given, 20), superpixels(img_as_uint(given), 20)), kind
-        between = np.random.default_rng(0).random((9, 9, 3)).astype(kind)
-        assert np.array_equal(tesserae_mesh._points._samples(between, None), img_as_uint(between))
-    # img_as_uint overflows with these
-    half = (image / 255).astype("f2")
-    assert np.array_equal(superpixels(half, 20), superpixels(half.astype("f4"), 20))
-    bright = image[:, :, 0] > 100
-    assert np.array_equal(superpixels(bright, 20), superpixels(img_as_uint(bright), 20))
-    wide = image.astype(np.uint16) * 257
-    assert np.array_equal(superpixels(wide.astype(">u2")[:, ::-1], 20), superpixels(wide[:, ::-1].copy(), 20))
-    holes = image / 255
-    holes[3:9, 5:9] = np.nan
-    labels = superpixels(holes, 20, mask=~np.isnan(holes[:, :, 0]))
-    assert np.array_equal(labels < 0, np.isnan(holes[:, :, 0]))
-
-
-IMAGE = np.zeros((4, 5), dtype=np.uint8)
-REFUSED_IMAGES: list[tuple[dict[str, Any], str]] = [
-    ({"image": np.zeros(4, dtype=np.uint8)}, "height x width"),
-    ({"image": np.zeros((4, 5, 5), dtype=np.uint8)}, "1 to 4 channels"),
-    ({"image": np.zeros((0, 5), dtype=np.uint8)}, "no items"),
-    ({"image": IMAGE.astype(int)}, "not int64"),
-    ({"image": np.full((4, 5), 1.5)}, "row 0, column 0, channel 0 is 1.5"),
-    ({"image": np.full((4, 5), np.nan)}, "channel 0 is nan"),
-    ({"n": 0}, "at least 1"),
-    ({"n": 21}, "clusters must not be more"),
-    ({"n": "many"}, "n must be an integer"),
-    ({"compactness": 0}, "compactness must be from"),
-    ({"compactness": np.nan}, "compactness must be from"),
-    ({"mask": np.ones((5, 4), dtype=bool)}, "shape of the pixels"),
-    ({"mask": np.zeros((4, 5), dtype=bool)}, "leaves no item"),
-    ({"graph": "grid:full"}, "graph"),
-]
-
-
-@pytest.mark.parametrize(("wrong", "words"), REFUSED_IMAGES)
-def test_images_that_are_refused_say_so_in_a_line(wrong: dict[str, Any], words: str) -> None:
-    given: dict[str, Any] = {"image": IMAGE, "n": 3, **wrong}
-    with pytest.raises(tesserae_mesh.Error, match=words) as caught:
-        superpixels(**given)
-    assert caught.value.kind == "invalid-parameter" and "\n" not in str(caught.value)
 
 
 def test_the_documentation_of_points_is_right() -> None:

@@ -130,9 +130,9 @@ def test_every_parameter_of_the_command_line_is_a_documented_keyword() -> None:
     # a mesh in memory is divided by what made it
     of_files = {"subdivide"}
     of_the_command = {"help", "version", "output", "quiet"}
-    missing = flags - outputs - of_outputs - of_files - of_the_command - set(keywords)
+    of_points = {"graph", "compactness"}
+    missing = flags - outputs - of_outputs - of_files - of_points - of_the_command - set(keywords)
     assert not missing
-    of_points = {"graph"}
     assert set(_native.parameters()) - of_files - of_points <= set(keywords)
     assert keywords["clusters"].default == 1000
     described = tesserae_mesh.cluster.__doc__ or ""

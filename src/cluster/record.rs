@@ -127,6 +127,20 @@ impl Record {
             }
         }
     }
+
+    /// Makes the faces of all snapshots items of a longer list, in which others have the label `free`.
+    pub fn spread(&mut self, item_of_face: impl Fn(u32) -> u32, items: usize, free: u32) {
+        if self.first.len() == items || self.snapshots.is_empty() {
+            return;
+        }
+        let mut first = vec![free; items];
+        for (face, &label) in (0..).zip(&self.first) {
+            first[item_of_face(face) as usize] = label;
+        }
+        self.first = first;
+        let differences = self.snapshots.iter_mut().flat_map(|(_, differences)| differences);
+        differences.for_each(|(face, _)| *face = item_of_face(*face));
+    }
 }
 
 /// Adds the loose faces of the faces in a list of (face, label).

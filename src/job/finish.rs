@@ -9,8 +9,8 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::subject::with_items;
-use super::{Clustered, Outcome, Planned, Prepared, Subject, Width, finite, hierarchical, milliseconds};
-use crate::device::pieces;
+use super::{Clustered, Outcome, Planned, Points, Prepared, Subject, Width, finite, hierarchical, milliseconds};
+use crate::device::{FREE, pieces};
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::Stored;
@@ -50,6 +50,9 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         with_items!(&prepared.subject, |items, _plan| {
             snapshots.renumber(&items.upload_face, &items.loose, &number_of_cluster);
         });
+        if let Some(Points { members, .. }) = prepared.subject.points() {
+            snapshots.spread(|member| members.item(member), members.items(), FREE);
+        }
         let sha256 = labels_sha256(&labels);
         (Some(labels), Some(sha256))
     } else {
