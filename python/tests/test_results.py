@@ -225,7 +225,7 @@ def test_a_number_after_a_mesh_is_that_of_clusters(sample: Sample) -> None:
         tesserae_mesh.cluster(mesh, 30, 40)
     with pytest.raises(tesserae_mesh.Error, match="a mesh is points and faces, .*, not ndarray"):
         tesserae_mesh.cluster(mesh.points, 30)
-    with pytest.raises(tesserae_mesh.Error, match="must not be more than the mesh has faces"):
+    with pytest.raises(tesserae_mesh.Error, match="must not be more than there are faces"):
         tesserae_mesh.cluster(mesh, 3000)
 
 

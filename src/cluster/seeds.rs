@@ -167,7 +167,8 @@ pub(super) fn check_number<E: Functional>(items: &Items<E>, name: Name, number: 
     }
     if number > faces {
         return Err(Error::parameter(format_args!(
-            "{name} must not be more than the mesh has faces, {faces}{}: {number}",
+            "{name} must not be more than there are {}, {faces}{}: {number}",
+            items.noun,
             match items.loose.len() {
                 0 => String::new(),
                 loose => format!(" (without {loose} faces that have no area and share no edge with these)"),

@@ -62,7 +62,7 @@ impl Stored {
 /// Why a mesh in several pieces has no linkage matrix.
 pub fn no_single_root(components: u64) -> String {
     format!(
-        "a linkage matrix needs a tree with a single root, but the mesh has {components} connected components and the \
+        "a linkage matrix needs a tree with a single root, but there are {components} connected components and the \
          hierarchy as many roots; {} joins them",
         Name::BRIDGE_COMPONENTS
     )

@@ -67,7 +67,7 @@ pub(super) fn run_coarse<E: Functional>(
 
 impl<E: Functional> Coarse<E> {
     /// Which moves of whole clusters follow the phases, if any: none where the caller's limit ended them, and none with
-    /// quality fast where items move connectedly. There swaps pay on any image, and take five times as long as the rest.
+    /// quality fast where moves are connected: there swaps pay on any image, and take five times as long as the rest.
     fn relocation_after(&self, moves: Moves, ending: Ending) -> Option<relocation::Effort> {
         let is_cut_short = ending == Ending::IterationLimit && self.spec.max_iterations.is_some();
         let is_quick = moves == Moves::Connected && self.spec.quality == Quality::Fast;

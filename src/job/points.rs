@@ -202,7 +202,7 @@ impl About {
         let mut centre = [0.0; D];
         centre[..laid.centre.len()].copy_from_slice(&laid.centre);
         let units = Units { centre, exponent: laid.exponent, weight_exponent: -laid.weight_exponent, density: 1.0 };
-        Items::new(graph, laid.member, units)
+        Items { noun: "items", ..Items::new(graph, laid.member, units) }
     }
 }
 

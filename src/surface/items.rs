@@ -21,6 +21,8 @@ pub struct Items<E: Functional = Energy> {
     pub(crate) moment: i128,
     /// From the lattice to the source.
     pub units: Units<E>,
+    /// What messages call them.
+    pub noun: &'static str,
 }
 
 /// From the lattice to source units.
@@ -54,7 +56,7 @@ impl<E: Functional> Items<E> {
             moment << component.energy_shift
         };
         let moment = graph.components.iter().map(moment_of).sum();
-        Self { graph, upload_face, loose: Vec::new(), moment, units }
+        Self { graph, upload_face, loose: Vec::new(), moment, units, noun: "faces" }
     }
 
     /// Number of faces of the upload, loose ones included.

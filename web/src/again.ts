@@ -31,7 +31,7 @@ export function explain(job: Job): { words: string; repairs: Repair[] } {
       words: `The mesh needs ${missing}, which was not chosen.`,
       repairs: [{ text: `Add ${missing}`, change: missing }],
     };
-  const faces = /clusters must not be more than the mesh has faces, (\d+)/.exec(detail)?.[1];
+  const faces = /clusters must not be more than there are faces, (\d+)/.exec(detail)?.[1];
   if (faces) {
     const words = `The mesh has ${faces} faces, and there are at most as many clusters.`;
     return { words, repairs: [{ text: `Cluster with ${faces}`, change: { clusters: Number(faces) } }] };
