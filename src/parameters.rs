@@ -125,14 +125,15 @@ pub struct Parameters {
     #[arg(long, value_name = "NAME", help_heading = CLUSTERS, hide_short_help = true)]
     pub weight_attribute: Option<String>,
 
-    /// Points: what makes them neighbours, knn:Q (one is among the Q nearest of the other), grid (of 2 or 3 dimensions,
-    /// before that of the columns; grid:full with corners) or the edges of a sparse matrix, FILE.npz, as
-    /// scipy.sparse.save_npz writes it; when left out, the edges that come with the points, else knn:8
+    /// Points: what makes them neighbours; when left out, the edges that come with the points, else knn:8
+    ///
+    /// knn:Q: one is among the Q nearest of the other. grid: places in a grid of 2 or 3 dimensions, before that of the
+    /// columns; grid:full with corners. FILE.npz: the edges of a sparse matrix, as scipy.sparse.save_npz writes it.
     #[arg(long, value_name = "knn:Q|grid|grid:full|FILE.npz", help_heading = CLUSTERS)]
     #[schema(value_type = Option<String>, example = "knn:8")]
     pub graph: Option<Neighbours>,
 
-    /// Images: the weight of the place of a pixel beside its colour, as in SLIC; when left out, 10
+    /// Images: how much the place of a pixel counts beside its colour, as in SLIC: usually 10
     #[arg(long, value_name = "M", allow_negative_numbers = true, help_heading = CLUSTERS)]
     #[schema(minimum = 0.001, maximum = 1000000)]
     pub compactness: Option<f64>,
