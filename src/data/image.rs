@@ -92,6 +92,7 @@ impl Samples {
 
 /// Reads a PNG or JPEG file of at most so many pixels. A decoder takes no more than `max_bytes` bytes.
 pub fn decode(bytes: &[u8], max_pixels: u64, max_bytes: u64) -> Result<Image> {
+    let max_pixels = max_pixels.min(ANY_PIXELS.saturating_add(PIXELS_A_BYTE.saturating_mul(bytes.len() as u64)));
     let check = |width: usize, height: usize, bytes_of_all: Option<usize>| {
         if width as u64 * height as u64 > max_pixels {
             return Err(Error::too_large(format_args!(
@@ -112,6 +113,16 @@ pub fn decode(bytes: &[u8], max_pixels: u64, max_bytes: u64) -> Result<Image> {
     }
 }
 
+/// Pixels that a byte of a file may stand for, as many as images of one colour have,
+const PIXELS_A_BYTE: u64 = 1000;
+/// beyond these: small images may be very regular.
+const ANY_PIXELS: u64 = 1 << 20;
+
+/// The marker at the end of a JPEG file,
+const END_OF_JPEG: [u8; 2] = [0xff, 0xd9];
+/// which lies within so many bytes of it: some cameras write a little behind it.
+const JPEG_TAIL: usize = 1 << 12;
+
 /// The error of a decoder.
 fn broken(error: impl Display) -> Error {
     Error::parameter(format_args!("the image cannot be read: {error}"))
@@ -126,6 +137,8 @@ fn decode_png(
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
     // palettes become colours, transparent colours alpha, and fewer than 8 bits 8
     decoder.set_transformations(png::Transformations::EXPAND);
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(broken)?;
     let (width, height) = (reader.info().width as usize, reader.info().height as usize);
     let mut samples = vec![0; check(width, height, reader.output_buffer_size())?];
@@ -142,11 +155,19 @@ fn decode_png(
 }
 
 fn decode_jpeg(bytes: &[u8], check: impl Fn(usize, usize, Option<usize>) -> Result<usize>) -> Result<Image> {
-    let mut decoder = JpegDecoder::new(ZCursor::new(bytes));
+    // a decoder fills what is missing with grey
+    let tail = &bytes[bytes.len().saturating_sub(JPEG_TAIL)..];
+    if !tail.windows(2).any(|marker| marker == END_OF_JPEG) {
+        return Err(broken("it ends early"));
+    }
+    // as large as the format allows, and no less of it than its header says
+    let options = DecoderOptions::default().set_use_unsafe(false).set_strict_mode(true);
+    let options = options.set_max_width(u16::MAX.into()).set_max_height(u16::MAX.into());
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     decoder.decode_headers().map_err(broken)?;
     let is_grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
     let (colours, channels) = if is_grey { (ColorSpace::Luma, 1) } else { (ColorSpace::RGB, 3) };
-    decoder.set_options(DecoderOptions::default().set_use_unsafe(false).jpeg_set_out_colorspace(colours));
+    decoder.set_options(options.jpeg_set_out_colorspace(colours));
     let (width, height) = decoder.dimensions().ok_or_else(|| broken("it has no size"))?;
     let mut samples = vec![0; check(width, height, decoder.output_buffer_size())?];
     decoder.decode_into(&mut samples).map_err(broken)?;

@@ -15,6 +15,11 @@ use crate::error::{Error, Quoted, Result};
 /// What every archive begins with, except an empty one.
 pub const MAGIC: &[u8] = b"PK\x03\x04";
 
+/// Times as many bytes as an archive has that may come of it,
+const INFLATION: u64 = 100;
+/// beyond these: small arrays may be very regular.
+const ANY_INFLATION: u64 = 1 << 20;
+
 /// What [`COUNTS`] are, in words.
 const COUNTS_IN_WORDS: &str = "little-endian whole numbers of 4 or 8 bytes";
 /// Element types of a matrix.
@@ -100,6 +105,7 @@ impl<'a> Archive<'a> {
         let zip = ZipArchive::from_slice(bytes).map_err(|error| {
             Error::parameter(format_args!("the file is no .npz archive, as numpy.savez writes it: {}", lower(&error)))
         })?;
+        let limit = limit.min(ANY_INFLATION.saturating_add(INFLATION.saturating_mul(bytes.len() as u64)));
         Ok(Self { zip, bytes, limit, left: limit })
     }
 

@@ -108,15 +108,18 @@ enum Cheaper {
     Acvd,
 }
 
-/// Up to this number of items, points are also merged one pair after the other.
+/// Up to this number of items, points are also merged one pair after the other,
 const FEW_ITEMS: usize = 10_000;
+/// unless the squares of their numbers of neighbours sum up to more: merges look at all neighbours of a hub again.
+const FEW_PAIRS: usize = 1 << 24;
 
 /// The jobs whose results a job of this quality mixes in. Clusters of few items are as good as their start, so that
 /// small sets of points have all of them.
 fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> &'static [Cheaper] {
     const ALL: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd];
     const OF_FEW: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd, Cheaper::Sequential];
-    let are_few = items.moves == Moves::Connected && items.faces() <= FEW_ITEMS;
+    let pairs = || (0..items.faces() as u32).map(|item| items.neighbours_of(item).len().pow(2)).sum::<usize>();
+    let are_few = items.moves == Moves::Connected && items.faces() <= FEW_ITEMS && pairs() <= FEW_PAIRS;
     match spec.quality {
         Quality::Best if are_few => OF_FEW,
         Quality::Best => ALL,

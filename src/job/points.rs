@@ -210,7 +210,8 @@ impl<const D: usize> Planned<OfPoints<D>>
 where
     OfPoints<D>: Functional<Position = [f64; D]>,
 {
-    /// Position, weight and label of each internal item, in source units, positions about the centre.
+    /// Position, weight and label of each internal item, in source units. Positions are about no centre: beside one
+    /// item far away, differences to the middle of the range would leave no digit of the others.
     fn source<'a>(
         &'a self,
         points: &'a Points,
@@ -221,7 +222,7 @@ where
             let item = members.item(member) as usize;
             let mut position = [0.0; D];
             for (axis, x) in position.iter_mut().enumerate().take(set.dimensions) {
-                *x = set.at(item, axis) - self.items.units.centre[axis];
+                *x = set.at(item, axis);
             }
             (position, set.weight(item), label(internal))
         })
@@ -243,8 +244,7 @@ where
             row.mean.iter_mut().zip(position).for_each(|(sum, x)| *sum += weight * x);
         }
         for row in &mut rows {
-            let centres = items.units.centre;
-            row.mean.iter_mut().zip(centres).for_each(|(sum, centre)| *sum = *sum / row.weight + centre);
+            row.mean.iter_mut().for_each(|sum| *sum /= row.weight);
         }
         OfPoints::<D>::source_terms(source, clusters).for_each(|(label, term)| rows[label as usize].energy += term);
         for (component, of_component) in (0..).zip(&items.components) {

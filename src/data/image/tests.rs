@@ -99,6 +99,8 @@ fn images_are_decoded_with_the_samples_that_they_were_written_with() {
     }
     let jpeg: Vec<u8> =
         (0..JPEG.len()).step_by(2).map(|at| u8::from_str_radix(&JPEG[at..at + 2], 16).expect("a byte")).collect();
+    let cut = decode(&jpeg[..jpeg.len() - 4], 64, 1 << 20).expect_err("a cut file");
+    assert!(cut.message.contains("cannot be read"), "{cut}");
     let image = decode(&jpeg, 64, 1 << 20).expect("an image");
     assert_eq!((image.width, image.height, image.channels), (8, 8, 3));
     assert!(matches!(image.samples, Samples::U8(samples) if samples.iter().all(|&sample| sample.abs_diff(77) < 3)));

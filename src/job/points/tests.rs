@@ -132,3 +132,30 @@ fn what_goes_with_meshes_is_refused_and_a_graph_with_a_mesh() {
     let error = crate::job::prepare(&request).expect_err("a refusal");
     assert!(error.message.contains("graph goes with points"), "{error}");
 }
+
+#[test]
+fn one_item_far_away_leaves_the_energies_and_means_of_the_others_as_they_are() {
+    for far in [1e12, 1e20, 1e150] {
+        let mut set = set([20, 10], 2, None);
+        let Values::F8(values) = &mut set.values else { panic!("floats") };
+        values[35] = far;
+        let parameters = Parameters { clusters: Some(4), ..Parameters::default() };
+        let started = Instant::now();
+        let job = PointsInMemory {
+            set: set.clone(),
+            format: None,
+            max_items: 1 << 20,
+            parameters: &parameters,
+            seeds: None,
+            started,
+        };
+        let prepared = prepare_points_in_memory(job).expect("points");
+        let outcome = run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| ()).expect("clusters");
+        let labels = outcome.labels.expect("labels");
+        let table = prepared.subject.points().expect("points").table(&labels, 4);
+        let own: Vec<_> = table.rows.iter().filter(|row| row.cluster != labels[17]).collect();
+        assert!(own.iter().all(|row| row.mean[1] < 20.0 && row.mean[1] > 1.0), "{far}: {own:?}");
+        let expected = energy(&set, &labels, 4);
+        assert!(outcome.report.energy.final_.is_some_and(|found| (found / expected - 1.0).abs() < 1e-9), "{far}");
+    }
+}
