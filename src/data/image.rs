@@ -160,9 +160,9 @@ fn decode_jpeg(bytes: &[u8], check: impl Fn(usize, usize, Option<usize>) -> Resu
     if !tail.windows(2).any(|marker| marker == END_OF_JPEG) {
         return Err(broken("it ends early"));
     }
-    // as large as the format allows, and no less of it than its header says
-    let options = DecoderOptions::default().set_use_unsafe(false).set_strict_mode(true);
-    let options = options.set_max_width(u16::MAX.into()).set_max_height(u16::MAX.into());
+    // as large as the format allows
+    let options = DecoderOptions::default().set_max_width(u16::MAX.into()).set_max_height(u16::MAX.into());
+    let options = options.set_use_unsafe(false);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     decoder.decode_headers().map_err(broken)?;
     let is_grey = decoder.input_colorspace() == Some(ColorSpace::Luma);

@@ -9,7 +9,7 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::subject::with_items;
-use super::{Clustered, Outcome, Planned, Points, Prepared, Subject, Width, finite, hierarchical, milliseconds};
+use super::{Clustered, Outcome, Points, Prepared, Subject, finite, hierarchical, milliseconds};
 use crate::device::{FREE, pieces};
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};

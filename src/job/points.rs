@@ -5,6 +5,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::prepare::plan;
+use super::subject::with_planned;
 use super::{InputFile, JobSpec, Planned, Points, Prepared, Refusal, Subject, Width, milliseconds};
 use crate::data::{
     self, ClusterEdge, Format, Graph, Laid, Members, PointCluster, PointSet, PointTable, image, lay, npz,
@@ -228,6 +229,11 @@ where
         })
     }
 
+    /// Energy of labels of internal items, in source units.
+    fn energy(&self, points: &Points, label: impl Fn(usize) -> u32 + Copy, clusters: usize) -> f64 {
+        OfPoints::<D>::source_energy(self.source(points, label), clusters)
+    }
+
     /// The cluster table of labels of internal items.
     fn table(&self, points: &Points, labels: &[u32], clusters: usize) -> PointTable {
         let items = &self.items;
@@ -273,37 +279,16 @@ where
 impl Points {
     /// Energy of labels of internal items, in source units: Σ weight × squared distance to the mean of the cluster.
     pub(super) fn energy(&self, label: impl Fn(usize) -> u32 + Copy, clusters: usize) -> f64 {
-        macro_rules! energy {
-            ($planned:expr, $d:literal) => {
-                OfPoints::<$d>::source_energy($planned.source(self, label), clusters)
-            };
-        }
-        match &self.planned {
-            Width::D3(planned) => energy!(planned, 3),
-            Width::D8(planned) => energy!(planned, 8),
-            Width::D16(planned) => energy!(planned, 16),
-            Width::D32(planned) => energy!(planned, 32),
-            Width::D64(planned) => energy!(planned, 64),
-        }
+        with_planned!(&self.planned, |planned| planned.energy(self, label, clusters))
     }
 
     /// The cluster table of labels, one an item, as [`with_masked`](Self::with_masked) gives them.
     pub fn table(&self, labels: &[u32], clusters: u64) -> PointTable {
-        let clusters = clusters as usize;
-        macro_rules! table {
-            ($planned:expr) => {{
-                let label = |&member: &u32| labels[self.members.item(member) as usize];
-                let internal: Vec<u32> = $planned.items.upload_face.iter().map(label).collect();
-                $planned.table(self, &internal, clusters)
-            }};
-        }
-        match &self.planned {
-            Width::D3(planned) => table!(planned),
-            Width::D8(planned) => table!(planned),
-            Width::D16(planned) => table!(planned),
-            Width::D32(planned) => table!(planned),
-            Width::D64(planned) => table!(planned),
-        }
+        with_planned!(&self.planned, |planned| {
+            let label = |&member: &u32| labels[self.members.item(member) as usize];
+            let internal: Vec<u32> = planned.items.upload_face.iter().map(label).collect();
+            planned.table(self, &internal, clusters as usize)
+        })
     }
 
     /// Labels of those that take part as labels of all items: [`FREE`] of those that a mask leaves out.

@@ -53,20 +53,32 @@ pub struct Planned<E: Functional> {
     pub plan: Plan<E>,
 }
 
+/// Evaluates an expression with what is planned, whatever its width.
+macro_rules! with_planned {
+    ($width:expr, |$planned:ident| $body:expr) => {
+        match $width {
+            $crate::job::Width::D3($planned) => $body,
+            $crate::job::Width::D8($planned) => $body,
+            $crate::job::Width::D16($planned) => $body,
+            $crate::job::Width::D32($planned) => $body,
+            $crate::job::Width::D64($planned) => $body,
+        }
+    };
+}
+pub(super) use with_planned;
+
 /// Evaluates an expression with the items and the plan of a subject, whatever their energy.
 macro_rules! with_items {
     ($subject:expr, |$items:ident, $plan:ident| $body:expr) => {
         match $subject {
-            Subject::Mesh(surface, plan) => {
+            $crate::job::Subject::Mesh(surface, plan) => {
                 let ($items, $plan) = (&surface.items, plan);
                 $body
             }
-            Subject::Points(points) => with_items!(@ points.planned, |$items, $plan| $body, D3 D8 D16 D32 D64),
-        }
-    };
-    (@ $width:expr, |$items:ident, $plan:ident| $body:expr, $($name:ident)*) => {
-        match $width {
-            $(Width::$name(Planned { items: ref $items, plan: ref $plan }) => $body,)*
+            $crate::job::Subject::Points(points) => $crate::job::subject::with_planned!(&points.planned, |planned| {
+                let ($items, $plan) = (&planned.items, &planned.plan);
+                $body
+            }),
         }
     };
 }
@@ -130,13 +142,9 @@ impl Subject {
     pub(super) fn replan(&mut self, clustering: &Clustering) -> Result<(), Refusal> {
         match self {
             Self::Mesh(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
-            Self::Points(points) => match &mut points.planned {
-                Width::D3(planned) => planned.replan(clustering)?,
-                Width::D8(planned) => planned.replan(clustering)?,
-                Width::D16(planned) => planned.replan(clustering)?,
-                Width::D32(planned) => planned.replan(clustering)?,
-                Width::D64(planned) => planned.replan(clustering)?,
-            },
+            Self::Points(points) => with_planned!(&mut points.planned, |planned| {
+                planned.plan = plan(&planned.items, clustering)?;
+            }),
         }
         Ok(())
     }
@@ -159,13 +167,6 @@ impl Subject {
             ));
         }
         with_items!(self, |items, plan| cluster(prepared, items, plan, &mut CpuDevice::new(), cancel, on_row))
-    }
-}
-
-impl<E: Functional> Planned<E> {
-    fn replan(&mut self, clustering: &Clustering) -> Result<(), Refusal> {
-        self.plan = plan(&self.items, clustering)?;
-        Ok(())
     }
 }
 

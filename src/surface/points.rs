@@ -9,11 +9,10 @@
 //! as many points as triangles, so that clustering them takes about half of the time. The alternative, a polygon around
 //! each point as a face, has 24 corners a polygon to weld and to pair: 15 times the work of this file.
 
-use rayon::prelude::*;
-
 use super::components::Components;
 use super::density::{self, Wanted};
 use super::lattice::{self, COORDINATE_BITS, FaceGeometry};
+use super::rows::{Rows, symmetric};
 use super::weld::{self, UNUSED, Weld};
 use super::{Counts, Gathered, Surface, bridge, order};
 use crate::error::{Error, Result};
@@ -92,9 +91,10 @@ impl OfPoints {
             let scales = lattice::scales(|item| gathered.geometry[item].area, &runs, lattice::MAX_EXPONENT_SPREAD);
             (gathered, scales)
         };
-        let ((neighbour_offsets, neighbours), (gathered, scales)) =
-            rayon::join(|| rows(&internal, || edges(triangles).chain(bridges.iter().copied())), gather);
-        let neighbours = (neighbour_offsets, neighbours);
+        let of_items = || edges(triangles).chain(bridges.iter().copied());
+        let internal = || of_items().map(|(a, b)| (internal[a as usize], internal[b as usize]));
+        let (Rows { offsets, neighbours }, (gathered, scales)) = rayon::join(|| symmetric(items, internal), gather);
+        let neighbours = (offsets, neighbours);
         let density_unit = weights.map(|weights| weights.largest);
         let surface = Surface::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
         Self { surface, item_of_point: weld.position_of_vertex }
@@ -166,59 +166,6 @@ fn areas(
         }
     }
     areas
-}
-
-/// Both ends of every edge as neighbours of each other, once each: offsets and neighbours, in internal order.
-fn rows<E: Iterator<Item = (u32, u32)>>(internal: &[u32], edges: impl Fn() -> E) -> (Vec<u32>, Vec<u32>) {
-    /// Items of a piece.
-    const PIECE: usize = 4096;
-    let edges = || edges().map(|(a, b)| (internal[a as usize], internal[b as usize]));
-    // counts, then where each row begins, then where it ends
-    let mut ends = vec![0u32; internal.len() + 1];
-    for (a, b) in edges() {
-        ends[a as usize + 1] += 1;
-        ends[b as usize + 1] += 1;
-    }
-    (1..ends.len()).for_each(|item| ends[item] += ends[item - 1]);
-    let starts = ends.clone();
-    let mut listed = vec![0u32; *starts.last().unwrap_or(&0) as usize];
-    for (a, b) in edges() {
-        for (item, other) in [(a, b), (b, a)] {
-            let end = &mut ends[item as usize];
-            listed[*end as usize] = other;
-            *end += 1;
-        }
-    }
-    let mut pieces: Vec<(&[u32], &mut [u32])> = Vec::with_capacity(internal.len().div_ceil(PIECE));
-    let mut rest = &mut listed[..];
-    for first in (0..internal.len()).step_by(PIECE) {
-        let rows = &starts[first..=(first + PIECE).min(internal.len())];
-        let (piece, others) = std::mem::take(&mut rest).split_at_mut((rows[rows.len() - 1] - rows[0]) as usize);
-        pieces.push((rows, piece));
-        rest = others;
-    }
-    let shortened: Vec<(Vec<u32>, Vec<u32>)> =
-        pieces.into_par_iter().map(|(rows, listed)| unique(rows, listed)).collect();
-    let mut offsets = Vec::with_capacity(internal.len() + 1);
-    let mut neighbours = Vec::with_capacity(shortened.iter().map(|(_, neighbours)| neighbours.len()).sum());
-    for (of_piece, listed) in shortened {
-        offsets.extend(of_piece.iter().map(|offset| offset + neighbours.len() as u32));
-        neighbours.extend(listed);
-    }
-    offsets.push(neighbours.len() as u32);
-    (offsets, neighbours)
-}
-
-/// Rows with each neighbour once, in order: where each begins, and the neighbours.
-fn unique(rows: &[u32], listed: &mut [u32]) -> (Vec<u32>, Vec<u32>) {
-    let (mut offsets, mut neighbours) = (Vec::with_capacity(rows.len()), Vec::with_capacity(listed.len() / 2));
-    for row in rows.windows(2) {
-        offsets.push(neighbours.len() as u32);
-        let row = &mut listed[(row[0] - rows[0]) as usize..(row[1] - rows[0]) as usize];
-        row.sort_unstable();
-        neighbours.extend(row.chunk_by(|a, b| a == b).map(|same| same[0]));
-    }
-    (offsets, neighbours)
 }
 
 #[cfg(test)]
