@@ -58,6 +58,9 @@ pub(crate) fn routes() -> OpenApiRouter<Arc<Shared>> {
     OpenApiRouter::with_openapi(Document::openapi()).merge(api::routes()).routes(routes!(show))
 }
 
+/// Parameters of points, which no request brings: jobs are on meshes.
+const OF_POINTS: [&str; 2] = ["graph", "compactness"];
+
 /// Adds what the derives cannot say: outputs come from their table, the members of `Parameters` are query parameters of
 /// `POST /v1/jobs` too, no request carries a null, and seeds are no path here.
 fn complete(document: &mut openapi::OpenApi) {
@@ -84,8 +87,9 @@ fn complete(document: &mut openapi::OpenApi) {
         seeds.enum_values =
             Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
     }
-    let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
     let mut of_jobs = parameters.clone();
+    of_jobs.properties.retain(|name, _| !OF_POINTS.contains(&name.as_str()));
+    let members: Vec<_> = of_jobs.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
     of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
     let webhook = ObjectBuilder::new()
         .schema_type(Type::String)
