@@ -1,12 +1,12 @@
 //! Formats of files with points.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{npy, npz};
 
 /// A format of files with points. All are recognised by their first bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 #[schema(as = PointsFormat)]
 pub enum Format {
@@ -51,6 +51,16 @@ impl Format {
             Self::Npz => "npz",
             Self::Png => "png",
             Self::Jpeg => "jpeg",
+        }
+    }
+
+    /// With its article, for messages: `a PNG`.
+    pub fn noun(self) -> &'static str {
+        match self {
+            Self::Npy => "an .npy",
+            Self::Npz => "an .npz",
+            Self::Png => "a PNG",
+            Self::Jpeg => "a JPEG",
         }
     }
 
