@@ -1,10 +1,11 @@
 //! Labels: one a face, in upload order.
 
+use png::{BitDepth, ColorType};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::npy::write_u32;
-use super::{Artifact, Content, Encoding, Flag, Form, Need, given, npy_header, schema_of};
+use super::{Artifact, Content, Encoding, Flag, Form, Need, given, image, npy_header, schema_of};
 use crate::error::Result;
 use crate::hierarchy::Cut;
 
@@ -13,13 +14,13 @@ pub static LABELS: Artifact = Artifact {
     name: "labels",
     about: "The cluster of each face, in upload order.",
     needs: &[Need::Labels, Need::Faces],
-    forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN, LABELS_TXT, LABELS_CSV],
+    forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN, LABELS_TXT, LABELS_CSV, LABELS_PNG],
     choices: &[],
     flags: &[Flag {
         name: "--labels",
         value: "OUT",
         help: "Where to write the labels: OUT.npy, OUT.txt (a number a line, as METIS writes), OUT.csv, OUT.json, \
-               OUT.bin (u32, little-endian), or - for JSON on standard output",
+               OUT.bin (u32, little-endian), OUT.png (of images), or - for JSON on standard output",
     }],
     is_of_points: true,
     is_served: true,
@@ -49,6 +50,11 @@ pub const LABELS_TXT: Form =
 /// A table with the columns `face` and `cluster`.
 pub const LABELS_CSV: Form =
     Form { file: "labels.csv", media_type: "text/csv", is_stored: false, schema: None, encode: csv };
+
+/// An image of the shape of a grid of points: 16-bit grey, 65,535 where a mask leaves an item out. Of more clusters, red,
+/// green, blue and alpha are the bytes of the label, the lowest first.
+pub const LABELS_PNG: Form =
+    Form { file: "labels.png", media_type: "image/png", is_stored: false, schema: None, encode: png };
 
 /// Labels as JSON; the other formats hold the same numbers.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
@@ -128,9 +134,25 @@ fn csv<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     }))
 }
 
+fn png<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let Labels { clusters, labels, .. } = given(content.labels)?;
+    let size = image::size(content, LABELS_PNG.file)?;
+    Ok(Box::new(move |out| match clusters <= u16::MAX.into() {
+        true => {
+            let grey = labels.iter().flat_map(|&label| (label as u16).to_be_bytes());
+            image::write(out, size, ColorType::Grayscale, BitDepth::Sixteen, &grey.collect::<Vec<_>>())
+        }
+        false => {
+            let bytes: Vec<u8> = labels.iter().flat_map(|label| label.to_le_bytes()).collect();
+            image::write(out, size, ColorType::Rgba, BitDepth::Eight, &bytes)
+        }
+    }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::FREE;
 
     fn written(form: &Form, labels: Labels<'_>) -> Vec<u8> {
         let content = Content { labels: Some(labels), ..Content::default() };
@@ -154,6 +176,27 @@ mod tests {
         let labels = Labels::new(3, &[0, 2, 1]);
         assert_eq!(written(&LABELS_TXT, labels), b"0\n2\n1\n");
         assert_eq!(written(&LABELS_CSV, labels), b"face,cluster\n0,0\n1,2\n2,1\n");
+    }
+
+    #[test]
+    fn images_have_the_shape_of_the_grid_and_hold_every_label() {
+        let read = |clusters, labels: &[u32]| {
+            let content =
+                Content { labels: Some(Labels::new(clusters, labels)), shape: Some(&[2, 3]), ..Content::default() };
+            let mut out = Vec::new();
+            (LABELS_PNG.encode)(&content).expect("an image")(&mut out).expect("a vector takes everything");
+            let mut reader = png::Decoder::new(std::io::Cursor::new(out)).read_info().expect("PNG");
+            let mut samples = vec![0; reader.output_buffer_size().expect("a size")];
+            reader.next_frame(&mut samples).expect("PNG");
+            assert_eq!((reader.info().width, reader.info().height), (3, 2));
+            samples
+        };
+        assert_eq!(read(300, &[0, 1, 2, 299, 256, FREE]), [0, 0, 0, 1, 0, 2, 1, 43, 1, 0, 255, 255]);
+        let many = read(70_000, &[0, 1, 2, 69_999, 256, FREE]);
+        let labels = many.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes));
+        assert_eq!(labels.collect::<Vec<_>>(), [0, 1, 2, 69_999, 256, FREE]);
+        let list = Content { labels: Some(Labels::new(3, &[0, 2, 1])), ..Content::default() };
+        assert!((LABELS_PNG.encode)(&list).is_err());
     }
 
     #[test]

@@ -13,6 +13,7 @@ mod choices;
 mod clusters;
 mod graph;
 mod hierarchy;
+mod image;
 mod labels;
 mod mesh;
 mod npy;

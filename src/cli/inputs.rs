@@ -5,8 +5,8 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use flate2::read::MultiGzDecoder;
-use tesserae_mesh::data::Format as PointsFormat;
 use tesserae_mesh::error::Error;
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::{Beside, Format, Limits, NoResources, Resources};
 use tesserae_mesh::parameters::heading;
 
@@ -84,15 +84,6 @@ fn help(what: &str) -> String {
     format!("{what}: {}, or - for standard input; also with .gz", Format::choice("."))
 }
 
-/// A format by which a file is read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FileFormat {
-    /// Of meshes.
-    Mesh(Format),
-    /// Of points.
-    Points(PointsFormat),
-}
-
 impl OneMesh {
     /// The file.
     pub fn file(&self) -> MeshFile {
@@ -134,8 +125,8 @@ impl MeshFile {
     /// The bytes of a mesh, unpacked, and its format. Refuses points.
     pub fn read_mesh(&self, limits: &Limits) -> Result<(Vec<u8>, Format), Failure> {
         match self.read(limits, &mut |_, _| ())? {
-            (bytes, FileFormat::Mesh(format)) => Ok((bytes, format)),
-            (_, FileFormat::Points(format)) => Err(Failure::about(&self.source)(Error::parameter(format_args!(
+            (bytes, InputFormat::Mesh(format)) => Ok((bytes, format)),
+            (_, InputFormat::Points(format)) => Err(Failure::about(&self.source)(Error::parameter(format_args!(
                 "these are points, not a mesh: tesserae cluster takes them; their format is {}",
                 format.name()
             )))),
@@ -144,7 +135,7 @@ impl MeshFile {
 
     /// The bytes of the file, unpacked, and its format. `on_read` is called with the bytes read so far and the length
     /// of the file, 0 where it is unknown.
-    pub fn read(&self, limits: &Limits, on_read: &mut dyn FnMut(u64, u64)) -> Result<(Vec<u8>, FileFormat), Failure> {
+    pub fn read(&self, limits: &Limits, on_read: &mut dyn FnMut(u64, u64)) -> Result<(Vec<u8>, InputFormat), Failure> {
         let about = || Failure::about(&self.source);
         let mut bytes = self.source.read_with(limits.max_bytes, on_read)?;
         if bytes.starts_with(&GZIP) {
@@ -152,17 +143,15 @@ impl MeshFile {
         }
         limits.check_bytes(bytes.len() as u64).map_err(about())?;
         if let Some(format) = self.format {
-            return Ok((bytes, FileFormat::Mesh(format)));
-        }
-        if let Some(format) = PointsFormat::of(&bytes) {
-            return Ok((bytes, FileFormat::Points(format)));
+            return Ok((bytes, InputFormat::Mesh(format)));
         }
         let name = match &self.source {
             Source::Stdin => None,
             Source::File(path) => Some(without_gz(path).to_string_lossy()),
         };
-        let format = Format::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(about())?;
-        Ok((bytes, FileFormat::Mesh(format)))
+        let format =
+            InputFormat::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(about())?;
+        Ok((bytes, format))
     }
 
     /// The files beside it, which no output may replace.

@@ -109,9 +109,12 @@ pub fn decode(bytes: &[u8], max_pixels: u64, max_bytes: u64) -> Result<Image> {
     match Format::of(bytes) {
         Some(Format::Png) => decode_png(bytes, max_bytes, check),
         Some(Format::Jpeg) => decode_jpeg(bytes, check),
-        _ => Err(Error::parameter("the image cannot be read: it is neither PNG nor JPEG")),
+        _ => Err(of_no_format()),
     }
 }
+
+/// Bytes that are taken for what a PNG file has before its pixels.
+const HEAD_OF_PNG: u64 = 1 << 20;
 
 /// Pixels that a byte of a file may stand for, as many as images of one colour have,
 const PIXELS_A_BYTE: u64 = 1000;
@@ -128,18 +131,23 @@ fn broken(error: impl Display) -> Error {
     Error::parameter(format_args!("the image cannot be read: {error}"))
 }
 
-fn decode_png(
-    bytes: &[u8],
-    max_bytes: u64,
-    check: impl Fn(usize, usize, Option<usize>) -> Result<usize>,
-) -> Result<Image> {
+/// A PNG file of which all before the pixels was read.
+fn open_png(bytes: &[u8], max_bytes: u64) -> Result<png::Reader<Cursor<&[u8]>>> {
     let limits = png::Limits { bytes: usize::try_from(max_bytes).unwrap_or(usize::MAX) };
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
     // palettes become colours, transparent colours alpha, and fewer than 8 bits 8
     decoder.set_transformations(png::Transformations::EXPAND);
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
-    let mut reader = decoder.read_info().map_err(broken)?;
+    decoder.read_info().map_err(broken)
+}
+
+fn decode_png(
+    bytes: &[u8],
+    max_bytes: u64,
+    check: impl Fn(usize, usize, Option<usize>) -> Result<usize>,
+) -> Result<Image> {
+    let mut reader = open_png(bytes, max_bytes)?;
     let (width, height) = (reader.info().width as usize, reader.info().height as usize);
     let mut samples = vec![0; check(width, height, reader.output_buffer_size())?];
     reader.next_frame(&mut samples).map_err(broken)?;
@@ -154,20 +162,49 @@ fn decode_png(
     Ok(Image { width, height, channels, samples })
 }
 
+/// As large as the format allows, without vector instructions.
+fn options() -> DecoderOptions {
+    let most = u16::MAX.into();
+    DecoderOptions::default().set_max_width(most).set_max_height(most).set_use_unsafe(false)
+}
+
+/// A JPEG file of which all before the pixels was read.
+fn open_jpeg(bytes: &[u8]) -> Result<JpegDecoder<ZCursor<&[u8]>>> {
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options());
+    decoder.decode_headers().map_err(broken)?;
+    Ok(decoder)
+}
+
+/// Columns and rows of a PNG or JPEG file, as its head says.
+pub fn size(bytes: &[u8]) -> Result<(u32, u32)> {
+    match Format::of(bytes) {
+        Some(Format::Png) => {
+            let reader = open_png(bytes, HEAD_OF_PNG)?;
+            Ok((reader.info().width, reader.info().height))
+        }
+        Some(Format::Jpeg) => {
+            let (width, height) = open_jpeg(bytes)?.dimensions().ok_or_else(|| broken("it has no size"))?;
+            Ok((width as u32, height as u32))
+        }
+        _ => Err(of_no_format()),
+    }
+}
+
+/// The error of a file that is no image.
+fn of_no_format() -> Error {
+    Error::parameter("the image cannot be read: it is neither PNG nor JPEG")
+}
+
 fn decode_jpeg(bytes: &[u8], check: impl Fn(usize, usize, Option<usize>) -> Result<usize>) -> Result<Image> {
     // a decoder fills what is missing with grey
     let tail = &bytes[bytes.len().saturating_sub(JPEG_TAIL)..];
     if !tail.windows(2).any(|marker| marker == END_OF_JPEG) {
         return Err(broken("it ends early"));
     }
-    // as large as the format allows
-    let options = DecoderOptions::default().set_max_width(u16::MAX.into()).set_max_height(u16::MAX.into());
-    let options = options.set_use_unsafe(false);
-    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-    decoder.decode_headers().map_err(broken)?;
+    let mut decoder = open_jpeg(bytes)?;
     let is_grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
     let (colours, channels) = if is_grey { (ColorSpace::Luma, 1) } else { (ColorSpace::RGB, 3) };
-    decoder.set_options(options.jpeg_set_out_colorspace(colours));
+    decoder.set_options(options().jpeg_set_out_colorspace(colours));
     let (width, height) = decoder.dimensions().ok_or_else(|| broken("it has no size"))?;
     let mut samples = vec![0; check(width, height, decoder.output_buffer_size())?];
     decoder.decode_into(&mut samples).map_err(broken)?;

@@ -28,6 +28,7 @@ pub mod npy;
 pub mod npz;
 mod order;
 mod read;
+mod size;
 mod table;
 
 pub use csr::Csr;
@@ -36,7 +37,8 @@ pub use frame::bits;
 pub use knn::{MOST_NEIGHBOURS, knn};
 pub use lay::{Laid, lay};
 pub use members::Members;
-pub use read::{USUAL_NEIGHBOURS, read};
+pub use read::{USUAL_NEIGHBOURS, Weights, read, read_weights};
+pub use size::Size;
 pub use table::{ClusterEdge, PointCluster, PointTable};
 
 pub use crate::surface::Rows;

@@ -17,6 +17,8 @@ pub const COUNTS: [&str; 3] = ["<i4", "<i8", "<u4"];
 
 /// Bytes of a header. NumPy writes some 100; version 1 has no more.
 const LONGEST_HEADER: usize = 1 << 16;
+/// First bytes of a file that are enough to read its header.
+pub(super) const LONGEST_HEAD: usize = 12 + LONGEST_HEADER;
 
 /// An array whose bytes are there, in C order.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,7 +36,7 @@ pub struct Array<'a> {
 pub fn parse<'a>(bytes: &'a [u8], what: &str, kinds: &[&'static str], wanted: &str) -> Result<Array<'a>> {
     let (header, data) = split(bytes, what)?;
     let header = header.trim();
-    let malformed = || Error::parameter(format_args!("the .npy {what} has a header that cannot be read: {header}"));
+    let malformed = || malformed(what, header);
     let literal = Literal::read(header).ok_or_else(malformed)?;
     let kind = match literal.get("descr").ok_or_else(malformed)? {
         Literal::Text(found) => kinds.iter().copied().find(|kind| kind == found),
@@ -44,12 +46,7 @@ pub fn parse<'a>(bytes: &'a [u8], what: &str, kinds: &[&'static str], wanted: &s
     let Some(kind) = kind else {
         return Err(Error::parameter(format_args!("the .npy {what} must hold {wanted}: {header}")));
     };
-    let Some(Literal::Tuple(shape)) = literal.get("shape") else { return Err(malformed()) };
-    let length = |literal: &Literal| match literal {
-        Literal::Number(length) => usize::try_from(*length).ok(),
-        _ => None,
-    };
-    let shape: Vec<usize> = shape.iter().map(length).collect::<Option<_>>().ok_or_else(malformed)?;
+    let shape = shape_of(&literal).ok_or_else(malformed)?;
     let Some(&Literal::Truth(is_fortran)) = literal.get("fortran_order") else { return Err(malformed()) };
     if is_fortran && shape.len() > 1 {
         return Err(Error::parameter(format_args!(
@@ -67,6 +64,26 @@ pub fn parse<'a>(bytes: &'a [u8], what: &str, kinds: &[&'static str], wanted: &s
         )));
     }
     Ok(Array { kind, shape, data: data.into() })
+}
+
+/// The shape that the header says, whatever follows it; `what` as in [`parse`].
+pub(super) fn shape(head: &[u8], what: &str) -> Result<Vec<usize>> {
+    let (header, _) = split(head, what)?;
+    let header = header.trim();
+    Literal::read(header).as_ref().and_then(shape_of).ok_or_else(|| malformed(what, header))
+}
+
+fn malformed(what: &str, header: &str) -> Error {
+    Error::parameter(format_args!("the .npy {what} has a header that cannot be read: {header}"))
+}
+
+fn shape_of(literal: &Literal) -> Option<Vec<usize>> {
+    let Some(Literal::Tuple(shape)) = literal.get("shape") else { return None };
+    let length = |literal: &Literal| match literal {
+        Literal::Number(length) => usize::try_from(*length).ok(),
+        _ => None,
+    };
+    shape.iter().map(length).collect()
 }
 
 /// Opens an array of one dimension, as [`parse`] does.

@@ -6,7 +6,9 @@
 use std::borrow::Cow;
 use std::io::Read;
 
-use rawzip::{CompressionMethod, ZipArchive, ZipSliceArchive, ZipVerification};
+use rawzip::{
+    CompressionMethod, ZipArchive, ZipArchiveEntryWayfinder, ZipSliceArchive, ZipSliceEntry, ZipVerification,
+};
 
 use super::csr::Csr;
 use super::npy::{self, Array, COUNTS};
@@ -49,6 +51,20 @@ pub(super) fn open(bytes: &[u8], limit: u64) -> Result<Npz<'_>> {
         }
     };
     Ok(Npz { x, weights: archive.find("weights")?, mask: archive.find("mask")?, csr })
+}
+
+/// The first bytes of the array X, and the bytes that all arrays that are read have when they are inflated, at the
+/// most.
+pub(super) fn head_of_points(bytes: &[u8], limit: u64) -> Result<(Cow<'_, [u8]>, u64)> {
+    let archive = Archive::open(bytes, limit)?;
+    let inflated = archive.inflated(&["X", "weights", "mask", "indptr", "indices"])?;
+    let x = archive.head("X")?.ok_or_else(|| archive.lacks("X"))?;
+    Ok((x, inflated))
+}
+
+/// The bytes that the arrays of a matrix have when they are inflated, at the most.
+pub(super) fn inflated_of_graph(bytes: &[u8], limit: u64) -> Result<u64> {
+    Archive::open(bytes, limit)?.inflated(&["format", "shape", "indptr", "indices", "data"])
 }
 
 /// A matrix that `scipy.sparse.save_npz` wrote, as edges: its entries other than 0. Rows or columns, it is the same:
@@ -111,20 +127,29 @@ impl<'a> Archive<'a> {
 
     /// The file of an array that must be there.
     fn take(&mut self, name: &str) -> Result<Cow<'a, [u8]>> {
-        self.find(name)?.ok_or_else(|| {
-            let names = self.zip.entries().map_while(|entry| entry.ok()).take(8);
-            let names: Vec<String> =
-                names.map(|entry| String::from_utf8_lossy(entry.file_path().as_ref()).into_owned()).collect();
-            let names = names.join(", ");
-            Error::parameter(format_args!("the .npz file must have an entry {name}.npy; it has {}", Quoted(&names)))
-        })
+        self.find(name)?.ok_or_else(|| self.lacks(name))
     }
 
-    /// The file of an array, if there is one. Of entries with the same name the last counts, as in Python.
-    fn find(&mut self, name: &str) -> Result<Option<Cow<'a, [u8]>>> {
-        let damaged = |error: &dyn std::fmt::Display| {
-            Error::parameter(format_args!("the entry {name}.npy of the .npz file is damaged: {}", lower(error)))
-        };
+    /// The error of an archive without an array.
+    fn lacks(&self, name: &str) -> Error {
+        let names = self.zip.entries().map_while(|entry| entry.ok()).take(8);
+        let names: Vec<String> =
+            names.map(|entry| String::from_utf8_lossy(entry.file_path().as_ref()).into_owned()).collect();
+        let names = names.join(", ");
+        Error::parameter(format_args!("the .npz file must have an entry {name}.npy; it has {}", Quoted(&names)))
+    }
+
+    /// Bytes that some arrays have when they are inflated, at the most.
+    fn inflated(&self, names: &[&str]) -> Result<u64> {
+        let mut sum = 0u64;
+        for name in names {
+            sum = sum.saturating_add(self.locate(name)?.map_or(0, |entry| entry.declared));
+        }
+        Ok(sum.min(self.limit))
+    }
+
+    /// An array's entry, if there is one. Of entries with the same name the last counts, as in Python.
+    fn locate(&self, name: &str) -> Result<Option<Located>> {
         let mut found = None;
         for entry in self.zip.entries() {
             let entry = entry.map_err(|error| {
@@ -133,14 +158,52 @@ impl<'a> Archive<'a> {
             let path = entry.file_path();
             let path: &[u8] = path.as_ref();
             if path.strip_suffix(b".npy") == Some(name.as_bytes()) {
-                found = Some((entry.wayfinder(), entry.compression_method()));
+                found = Some(Located {
+                    wayfinder: entry.wayfinder(),
+                    method: entry.compression_method(),
+                    is_encrypted: entry.flags().is_encrypted(),
+                    declared: entry.uncompressed_size_hint(),
+                });
             }
         }
-        let Some((wayfinder, method)) = found else { return Ok(None) };
-        let entry = self.zip.get_entry(wayfinder).map_err(|error| damaged(&error))?;
+        match found {
+            Some(Located { is_encrypted: true, .. }) => Err(Error::parameter(format_args!(
+                "the entry {name}.npy of the .npz file is encrypted, which is not read: save it without a password"
+            ))),
+            found => Ok(found),
+        }
+    }
+
+    /// The bytes of an entry as they are stored.
+    fn stored(&self, name: &str, entry: &ZipSliceEntry<'_>) -> Result<&'a [u8]> {
         let (start, end) = entry.compressed_data_range();
-        let data = usize::try_from(start).ok().zip(usize::try_from(end).ok());
-        let data = data.and_then(|(start, end)| self.bytes.get(start..end)).ok_or_else(|| damaged(&"it ends early"))?;
+        let range = usize::try_from(start).ok().zip(usize::try_from(end).ok());
+        range.and_then(|(start, end)| self.bytes.get(start..end)).ok_or_else(|| damaged(name, &"it ends early"))
+    }
+
+    /// The first bytes of the file of an array, as many as the longest header of one. Checks no sum.
+    fn head(&self, name: &str) -> Result<Option<Cow<'a, [u8]>>> {
+        let Some(Located { wayfinder, method, .. }) = self.locate(name)? else { return Ok(None) };
+        let entry = self.zip.get_entry(wayfinder).map_err(|error| damaged(name, &error))?;
+        let data = self.stored(name, &entry)?;
+        match method {
+            CompressionMethod::STORE => Ok(Some(Cow::Borrowed(&data[..data.len().min(npy::LONGEST_HEAD)]))),
+            CompressionMethod::DEFLATE => {
+                let mut head = Vec::new();
+                let mut reader = flate2::bufread::DeflateDecoder::new(data).take(npy::LONGEST_HEAD as u64);
+                reader.read_to_end(&mut head).map_err(|error| damaged(name, &error))?;
+                Ok(Some(Cow::Owned(head)))
+            }
+            _ => Err(unknown_method(name, method)),
+        }
+    }
+
+    /// The file of an array, if there is one.
+    fn find(&mut self, name: &str) -> Result<Option<Cow<'a, [u8]>>> {
+        let damaged = |error: &dyn std::fmt::Display| damaged(name, error);
+        let Some(Located { wayfinder, method, .. }) = self.locate(name)? else { return Ok(None) };
+        let entry = self.zip.get_entry(wayfinder).map_err(|error| damaged(&error))?;
+        let data = self.stored(name, &entry)?;
         let verifier = entry.claim_verifier();
         let declared = verifier.uncompressed_size;
         self.left = self.left.checked_sub(declared).ok_or_else(|| {
@@ -167,12 +230,29 @@ impl<'a> Archive<'a> {
                 }
                 Ok(Some(Cow::Owned(inflated)))
             }
-            _ => Err(Error::parameter(format_args!(
-                "the entry {name}.npy of the .npz file must be stored or deflated, as numpy.savez and \
-                 numpy.savez_compressed do; its method is {method}"
-            ))),
+            _ => Err(unknown_method(name, method)),
         }
     }
+}
+
+/// An entry that was found in the directory.
+struct Located {
+    wayfinder: ZipArchiveEntryWayfinder,
+    method: CompressionMethod,
+    is_encrypted: bool,
+    /// Bytes that it has when it is inflated, as the directory says.
+    declared: u64,
+}
+
+fn damaged(name: &str, error: &dyn std::fmt::Display) -> Error {
+    Error::parameter(format_args!("the entry {name}.npy of the .npz file is damaged: {}", lower(error)))
+}
+
+fn unknown_method(name: &str, method: CompressionMethod) -> Error {
+    Error::parameter(format_args!(
+        "the entry {name}.npy of the .npz file must be stored or deflated, as numpy.savez and numpy.savez_compressed \
+         do; its method is {method}"
+    ))
 }
 
 /// A message of a library, as messages are here.

@@ -16,16 +16,16 @@ pub const USUAL_NEIGHBOURS: u32 = 8;
 /// Points in a `.npy` file (n × d, or the shape of a grid and then d), or in an `.npz` file with arrays X and, if they
 /// are there, weights, mask, indptr and indices.
 ///
-/// `weights` is another `.npy` file. Neighbours are as `graph` says; without it by the edges of the `.npz` file, else
+/// `weights` may come from another file. Neighbours are as `graph` says; without it by the edges of the `.npz` file, else
 /// the nearest 8. `limit` bounds the bytes that are inflated.
-pub fn read(bytes: &[u8], weights: Option<&[u8]>, graph: Option<Graph>, limit: u64) -> Result<PointSet> {
-    let weights_beside = weights.map(|bytes| read_weights(bytes, "file of weights")).transpose()?;
+pub fn read(bytes: &[u8], weights: Option<Weights<'_>>, graph: Option<Graph>, limit: u64) -> Result<PointSet> {
+    let weights_beside = weights.map(|Weights(array)| array);
     if !bytes.starts_with(npz::MAGIC) {
         let x = npy::parse(bytes, "array of points", &VALUES, VALUES_IN_WORDS)?;
         return Arrays { x, weights: weights_beside, mask: None, csr: None }.points(graph);
     }
     let npz::Npz { x, weights, mask, csr } = npz::open(bytes, limit)?;
-    let weights = weights.as_deref().map(|bytes| read_weights(bytes, "array weights")).transpose()?;
+    let weights = weights.as_deref().map(|bytes| floats(bytes, "array weights")).transpose()?;
     if weights.is_some() && weights_beside.is_some() {
         return Err(Error::parameter("weights are there twice: in the .npz file and beside it"));
     }
@@ -39,7 +39,16 @@ pub fn read(bytes: &[u8], weights: Option<&[u8]>, graph: Option<Graph>, limit: u
     .points(graph)
 }
 
-fn read_weights<'a>(bytes: &'a [u8], what: &str) -> Result<Array<'a>> {
+/// Weights in a file of their own, not yet compared with the items.
+#[derive(Debug)]
+pub struct Weights<'a>(Array<'a>);
+
+/// Weights in a `.npy` file.
+pub fn read_weights(bytes: &[u8]) -> Result<Weights<'_>> {
+    floats(bytes, "file of weights").map(Weights)
+}
+
+fn floats<'a>(bytes: &'a [u8], what: &str) -> Result<Array<'a>> {
     npy::parse(bytes, what, &["<f4", "<f8"], "little-endian floats of 4 or 8 bytes")
 }
 

@@ -88,8 +88,13 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         remesh: None,
         warnings,
     };
+    let table = match (prepared.subject.points(), &labels) {
+        (Some(points), Some(labels)) if prepared.wants_table => Some(points.table(labels, clusters as u64)),
+        _ => None,
+    };
     Ok(Outcome {
         labels,
+        table,
         hierarchy,
         shape: prepared.subject.points().map(|points| points.set.shape.clone()),
         snapshots,

@@ -7,6 +7,7 @@
 mod divide;
 mod finish;
 mod flat;
+mod format;
 mod hierarchical;
 mod iterations;
 mod label_list;
@@ -21,10 +22,11 @@ mod watched;
 mod weight_list;
 
 pub use finish::{finish, labels_sha256};
+pub use format::Format as InputFormat;
 pub use label_list::parse as parse_labels;
 pub use on_device::{Ahead, DeviceFor, OnDevice, instead_of_gpu, run_on};
 pub use plan::{Coarse, Plan};
-pub use points::{PointsInMemory, PointsRequest, prepare_points, prepare_points_in_memory};
+pub use points::{PointsInMemory, PointsRequest, check_head_of_graph, check_points, prepare_points, prepare_points_in_memory};
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
@@ -40,6 +42,7 @@ use std::time::Duration;
 
 use crate::artifacts::{Artifact, Content, Labels, Need};
 use crate::cluster::record::Record;
+use crate::data::PointTable;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::hierarchy::Tree;
@@ -95,6 +98,8 @@ pub struct Prepared {
     pub warnings: Vec<String>,
     /// The mesh that is clustered, if an output needs it.
     pub mesh: Option<Arc<PolygonMesh>>,
+    /// Whether an output needs the cluster table of points.
+    pub wants_table: bool,
     /// Where its faces come from, if those that were read were divided.
     pub origin: Option<Arc<Origin>>,
     /// Sees labels while a device and moves of whole clusters work on them, if the caller set it.
@@ -130,6 +135,8 @@ pub struct Outcome {
     pub snapshots: Record,
     /// The mesh that was clustered, if an output needs it.
     pub mesh: Option<Arc<PolygonMesh>>,
+    /// The cluster table of points, if an output needs it.
+    pub table: Option<PointTable>,
     /// Where its faces come from, if those that were read were divided.
     pub origin: Option<Arc<Origin>>,
     /// The report; `timings_ms.read`, `.write` and `.total` are the caller's to fill.
@@ -146,6 +153,7 @@ impl Outcome {
             hierarchy: self.hierarchy.as_ref(),
             report: Some(&self.report),
             mesh: self.mesh.as_deref(),
+            points: self.table.as_ref(),
             origin: self.origin.as_deref(),
             ..Content::default()
         }

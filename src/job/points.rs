@@ -7,12 +7,14 @@ use rayon::prelude::*;
 use super::prepare::plan;
 use super::subject::with_planned;
 use super::{InputFile, JobSpec, Planned, Points, Prepared, Refusal, Subject, Width, milliseconds};
+use crate::artifacts::{Artifact, Need};
 use crate::data::{
     self, ClusterEdge, Format, Graph, Laid, Members, PointCluster, PointSet, PointTable, image, lay, npz,
 };
 use crate::device::FREE;
 use crate::energy::{Functional, OfPoints};
 use crate::error::Error;
+use crate::error::names::are_flags;
 use crate::mesh::Limits;
 use crate::parameters::{Name, Neighbours, Parameters};
 use crate::report::{Input, PointsInput, Timings, WeightedBy};
@@ -35,6 +37,17 @@ pub struct PointsRequest<'a> {
     pub seeds: Option<&'a [u8]>,
     /// A file with one weight an item, `.npy` with floats.
     pub weights: Option<&'a [u8]>,
+    /// What will be written of the job: the [cluster table](super::Outcome::table) is made if one of these needs it.
+    pub outputs: &'a [&'a Artifact],
+}
+
+impl PointsRequest<'_> {
+    /// How large the points are, as far as the heads of their files say.
+    pub fn size(&self) -> Result<data::Size, Refusal> {
+        let Self { bytes, format, limits, parameters, graph, .. } = *self;
+        let listed = parameters.graph.as_ref().and_then(Neighbours::graph);
+        data::Size::of(bytes, format, listed.as_ref(), graph, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))
+    }
 }
 
 /// A job on points in memory.
@@ -56,44 +69,72 @@ pub struct PointsInMemory<'a> {
 
 /// Reads, checks and prepares points. Needs no device.
 pub fn prepare_points(request: &PointsRequest<'_>) -> Result<Prepared, Refusal> {
-    let PointsRequest { format, limits, parameters, seeds, .. } = *request;
+    let PointsRequest { format, limits, parameters, graph, seeds, weights, .. } = *request;
     let started = Instant::now();
-    parameters.check_points()?;
+    check_points(parameters, format, graph.is_some(), weights.is_some())?;
     let set = if format.is_image() { superpixels(request)? } else { arrays(request)? };
     let format = Some(format);
-    prepare_points_in_memory(PointsInMemory { set, format, max_items: limits.max_faces, parameters, seeds, started })
+    let max_items = limits.max_faces;
+    let prepared = prepare_points_in_memory(PointsInMemory { set, format, max_items, parameters, seeds, started })?;
+    Ok(Prepared { wants_table: request.outputs.iter().any(|output| output.needs(Need::Mesh)), ..prepared })
+}
+
+/// Checks what can be checked before the points are read: what their format does not go with. `has_graph` and
+/// `has_weights` say which files came with them.
+pub fn check_points(parameters: &Parameters, format: Format, has_graph: bool, has_weights: bool) -> Result<(), Error> {
+    parameters.check_points()?;
+    if let (Some(graph), true) = (&parameters.graph, has_graph && !are_flags()) {
+        return Err(Error::parameter(format_args!(
+            "{} and the part of that name exclude each other: leave out {graph}",
+            Name::GRAPH
+        )));
+    }
+    if !format.is_image() {
+        let error = |compactness| format!("{} goes with images, not with arrays: {compactness}", Name::COMPACTNESS);
+        return parameters.compactness.map_or(Ok(()), |compactness| Err(Error::parameter(error(compactness))));
+    }
+    let others = [(Name::GRAPH, has_graph || parameters.graph.is_some()), (Name::WEIGHTS, has_weights)];
+    if let Some((name, _)) = others.into_iter().find(|&(_, is_given)| is_given) {
+        return Err(Error::parameter(format_args!(
+            "{name} goes with arrays, not with images, whose pixels are neighbours in a grid and weigh the same: leave \
+             it out"
+        )));
+    }
+    parameters.clusters.map(drop).ok_or_else(size_is_missing)
+}
+
+fn size_is_missing() -> Error {
+    Error::parameter(format_args!(
+        "{} is missing: the size of superpixels decides how much the place of a pixel counts",
+        Name::CLUSTERS
+    ))
+}
+
+/// Refuses a file with edges by its first bytes.
+pub fn check_head_of_graph(head: &[u8]) -> Result<(), Error> {
+    match head.starts_with(npz::MAGIC) {
+        true => Ok(()),
+        false => Err(Error::parameter(
+            "the graph is no .npz file: save a sparse matrix with scipy.sparse.save_npz(\"graph.npz\", A.tocsr())",
+        )),
+    }
 }
 
 /// The points of arrays.
 fn arrays(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
     let PointsRequest { bytes, limits, parameters, graph, weights, .. } = *request;
-    if let Some(compactness) = parameters.compactness {
-        let error = format_args!("{} goes with images, not with arrays: {compactness}", Name::COMPACTNESS);
-        return Err(Refusal::from(Error::parameter(error)));
-    }
     let graph = match graph {
         Some(graph) => Some(Graph::Rows(npz::graph(graph, limits.max_bytes).map_err(Refusal::of(InputFile::Graph))?)),
         None => parameters.graph.as_ref().and_then(Neighbours::graph),
     };
+    let weights = weights.map(data::read_weights).transpose().map_err(Refusal::of(InputFile::Weights))?;
     data::read(bytes, weights, graph, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))
 }
 
 /// The pixels of an image.
 fn superpixels(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
-    let PointsRequest { bytes, limits, parameters, graph, weights, .. } = *request;
-    let others = [(Name::GRAPH, graph.is_some() || parameters.graph.is_some()), (Name::WEIGHTS, weights.is_some())];
-    if let Some((name, _)) = others.into_iter().find(|&(_, is_given)| is_given) {
-        return Err(Refusal::from(Error::parameter(format_args!(
-            "{name} goes with arrays, not with images, whose pixels are neighbours in a grid and weigh the same: leave \
-             it out"
-        ))));
-    }
-    let clusters = parameters.clusters.ok_or_else(|| {
-        Error::parameter(format_args!(
-            "{} is missing: the size of superpixels decides how much the place of a pixel counts",
-            Name::CLUSTERS
-        ))
-    })?;
+    let PointsRequest { bytes, limits, parameters, .. } = *request;
+    let clusters = parameters.clusters.ok_or_else(size_is_missing)?;
     let compactness = parameters.compactness.unwrap_or(image::USUAL_COMPACTNESS);
     image::decode(bytes, limits.max_faces, limits.max_bytes)
         .and_then(|image| image::superpixels(&image, None, clusters, compactness))
@@ -156,6 +197,7 @@ pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Ref
         weighted_by,
         warnings: about.warnings,
         mesh: None,
+        wants_table: false,
         origin: None,
         viewer: None,
         timings: Timings {

@@ -164,6 +164,7 @@ impl Checked {
             weighted_by,
             warnings,
             mesh: None,
+            wants_table: false,
             origin: None,
             viewer: None,
             timings,

@@ -177,7 +177,7 @@ fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
     let sql = "SELECT id, state, attempt, spec ->> 'referred' IS NOT NULL, \
                coalesce(spec ->> 'listed_seeds', 0), coalesce(spec ->> 'has_weights', 0), \
-               coalesce(json_array_length(spec, '$.buffers'), 0) FROM jobs \
+               coalesce(spec ->> 'has_graph', 0), coalesce(json_array_length(spec, '$.buffers'), 0) FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {
@@ -190,13 +190,15 @@ fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
             return Ok(Wanted { job, folder, is_needed: true, file });
         }
         let is_in_bucket: bool = row.get(3)?;
-        let (has_seeds, has_weights, buffers): (bool, bool, i64) = (row.get(4)?, row.get(5)?, row.get(6)?);
-        let (has_file, file) = match (is_in_bucket, has_seeds, has_weights) {
-            (false, ..) => (true, files::MESH.to_owned()),
-            (true, true, _) => (true, files::SEEDS.to_owned()),
-            (true, false, true) => (true, files::WEIGHTS.to_owned()),
-            (true, false, false) => (buffers > 0, files::buffer(0)),
-        };
+        let files = [
+            (!is_in_bucket, files::MESH.to_owned()),
+            (row.get(4)?, files::SEEDS.to_owned()),
+            (row.get(5)?, files::WEIGHTS.to_owned()),
+            (row.get(6)?, files::GRAPH.to_owned()),
+            (row.get::<_, i64>(7)? > 0, files::buffer(0)),
+        ];
+        let file = files.into_iter().find_map(|(is_there, file)| is_there.then_some(file));
+        let (has_file, file) = (file.is_some(), file.unwrap_or_default());
         let is_needed = has_file && [State::Queued, State::Running].into_iter().any(has);
         Ok(Wanted { job, folder: Folder::Upload(job), is_needed, file })
     })?;

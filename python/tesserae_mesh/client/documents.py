@@ -6,11 +6,13 @@ of the mesh (an energy is area x length squared). A number that overflows is ``N
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, TypedDict, Union
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
 Format = Literal["obj", "glb", "gltf", "ply", "stl", "off"]
+PointsFormat = Literal["npy", "npz", "png", "jpeg"]
+InputFormat = Union[Format, PointsFormat]
 Phase = Literal["boundary", "refine", "repair", "regrow", "swap", "restart", "trial", "breathe"]
 DeviceKind = Literal["cpu", "gpu"]
 WeightedBy = Literal["weights", "attribute", "curvature"]
@@ -51,7 +53,7 @@ class UploadedMesh(TypedDict):
     """What was uploaded."""
 
     file_name: str | None
-    format: Format
+    format: InputFormat
     bytes: int
     buffers: list[str]
 
@@ -135,6 +137,20 @@ class Input(TypedDict):
     parts: list[Part]
 
 
+class PointsInput(TypedDict):
+    """Points that were read."""
+
+    format: PointsFormat
+    items: int
+    masked: int
+    dimensions: int
+    shape: list[int]
+    edges: int
+    components: int
+    graph: str
+    lattice_unit: float
+
+
 class DeviceInfo(TypedDict):
     """The device that ran a job."""
 
@@ -145,12 +161,14 @@ class DeviceInfo(TypedDict):
 
 
 class Energy(TypedDict):
-    """Energies, in source units: area × length²."""
+    """Energies, in source units: area × length²; of points, weight × squared units of the columns."""
 
     functional: str
     weighted_by: list[WeightedBy]
     initial: float | None
     final: float | None
+    total: float | None
+    explained: float | None
     hexagon_ratio: float | None
 
 
@@ -214,7 +232,7 @@ class RemeshSummary(TypedDict):
 class Report(TypedDict):
     """Everything that is known about an ended clustering."""
 
-    input: Input
+    input: Input | PointsInput
     algorithm: Algorithm
     parameters: dict[str, Any]
     device: DeviceInfo
@@ -319,6 +337,26 @@ class Boundaries(TypedDict):
     curves: list[Curve]
 
 
+class PointCluster(TypedDict):
+    """A row of the cluster table of points."""
+
+    cluster: int
+    items: int
+    weight: float | None
+    energy: float | None
+    neighbours: int
+    component: int
+    mean: list[float | None]
+
+
+class PointClusterEdge(TypedDict):
+    """Two clusters of points that are neighbours."""
+
+    source: int
+    target: int
+    pairs: int
+
+
 class Edge(TypedDict):
     """Two clusters that have a curve between them."""
 
@@ -401,6 +439,7 @@ class Formats(TypedDict):
     """Formats that are read and written."""
 
     meshes: list[FormatInfo]
+    points: list[FormatInfo]
     labels: list[FormatInfo]
 
 

@@ -14,12 +14,12 @@ from tesserae_mesh.client.exchange import Request
 
 PARAMETERS = (
     "algorithm clusters quality seeds seed max_iterations refine allow_disconnected bridge_components snapshots "
-    "subdivide curvature_exponent weight_attribute optimize optimize_iterations switch_to_ml_at collapse_fraction ties "
+    "subdivide curvature_exponent weight_attribute graph compactness optimize optimize_iterations switch_to_ml_at collapse_fraction ties "
     "pairs levels priority outputs keep_mesh webhook"
 ).split()
 """Members of the part ``parameters`` of an upload."""
 
-PARTS = ["mesh", "parameters", "buffer", "seeds", "weights"]
+PARTS = ["mesh", "points", "parameters", "buffer", "seeds", "graph", "weights"]
 """Parts of the form of an upload."""
 
 

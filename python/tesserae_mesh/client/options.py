@@ -14,14 +14,17 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from tesserae_mesh._mesh import FacesLike, MeshLike
-    from tesserae_mesh.client.documents import Algorithm, Format
+    from tesserae_mesh.client.documents import Algorithm, InputFormat
 
 Source = Union[str, "os.PathLike[str]", bytes, IO[bytes]]
 """A file: its name, its bytes, or an open binary file that can be rewound."""
 
 
-MeshSource = Union[Source, "MeshLike", "tuple[ArrayLike, FacesLike]"]
-"""A mesh: a file, a mesh in memory, points and faces as a tuple, or the URL ``s3://…`` of one in a bucket."""
+MeshSource = Union[Source, "MeshLike", "tuple[ArrayLike, FacesLike]", "NDArray[Any]"]
+"""A mesh: a file, a mesh in memory, points and faces as a tuple, or the URL ``s3://…`` of one in a bucket.
+
+Or points with neighbours: a file with an array or an image, or an array of items × columns.
+"""
 
 
 class Parameters(TypedDict, total=False):
@@ -53,6 +56,10 @@ class Parameters(TypedDict, total=False):
     curvature_exponent: float
     #: glTF: multiply areas by this attribute of the vertices.
     weight_attribute: str
+    #: Points: which items are neighbours, ``"knn:Q"``, ``"grid"`` or ``"grid:full"``; or a sparse matrix of scipy.
+    graph: Any
+    #: Images: how much the place of a pixel counts beside its colour.
+    compactness: float
     #: Hierarchies: whether to optimise between merges.
     optimize: Literal["on", "none"]
     #: Hierarchies: at most this many iterations in a round that is optimised.
@@ -81,11 +88,12 @@ class SubmitOptions(Parameters, total=False):
     """What comes with a mesh: its parameters, its other files, and how the request is made."""
 
     #: A number above 0 for each face or each vertex that areas are multiplied by: smaller clusters where it is larger.
+    #: Of points, one for each item.
     weights: NDArray[Any] | Sequence[float]
     #: Buffers that a ``.gltf`` refers to, by URI. Those beside a ``.gltf`` that is given by its name are found.
     buffers: Mapping[str, Source]
     #: Format of a file, where neither name nor content tells.
-    format: Format
+    format: InputFormat
     #: Name of a mesh that has none, for lists of jobs.
     file_name: str
     #: Seconds that the service waits for the end of the job before it answers.

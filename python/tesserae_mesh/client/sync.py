@@ -95,7 +95,8 @@ class Client:
         ----------
         mesh : file name, bytes, open binary file, pair of arrays, mesh, or URL
             A file in a format that `formats` lists; points and faces as a tuple; a `tesserae_mesh.Mesh` or an object of
-            pyvista, trimesh, open3d or meshio; the URL ``s3://…`` of an object that the service may read.
+            pyvista, trimesh, open3d or meshio; the URL ``s3://…`` of an object that the service may read. Or points with
+            neighbours: an image, a ``.npy`` or ``.npz`` file, or an array of items × columns.
         **options
             What to do, by the names of `tesserae_mesh.cluster`, and what `SubmitOptions` adds: ``outputs``,
             ``keep_mesh``, ``priority``, ``webhook``, ``buffers``, ``format``, ``file_name``, ``wait``

@@ -1,4 +1,4 @@
-"""What is sent of a mesh: a form with its file, its buffers, seeds, weights and parameters.
+"""What is sent of a mesh or of points: a form with its file, its buffers, seeds, weights, edges and parameters.
 
 A mesh in memory is sent as binary PLY, which keeps every position bit by bit and every polygon in its place, so label i
 belongs to face i of the arrays.
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 BYTES = "application/octet-stream"
 
+_POINTS = (b"\x93NUMPY", b"PK\x03\x04", b"\x89PNG", b"\xff\xd8\xff")
+"""First bytes of files with points: arrays, archives of arrays, images."""
+
 
 @contextlib.contextmanager
 def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, None]:
@@ -36,15 +39,16 @@ def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, N
 
     Parameters
     ----------
-    mesh : file name, bytes, open binary file, URL ``s3://…``, or anything that `tesserae_mesh.cluster` takes
-        The mesh; points and faces as a pair of arrays. The form has no part for one in a bucket.
+    mesh : file name, bytes, open binary file, URL ``s3://…``, array, or anything that `tesserae_mesh.cluster` takes
+        The mesh; points and faces as a pair of arrays. Or an array of items × columns, which are points with
+        neighbours. The form has no part for one in a bucket.
     options : SubmitOptions
         Keywords of `Client.submit`.
     """
     left: dict[str, Any] = dict(options)
     file_name: str | None = left.pop("file_name", None)
     buffers: Mapping[str, Source] = left.pop("buffers", None) or {}
-    weights, seeds = left.pop("weights", None), left.get("seeds")
+    weights, seeds, graph = left.pop("weights", None), left.get("seeds"), left.get("graph")
     for name in ("format", "wait", "idempotency_key"):
         left.pop(name, None)
     with contextlib.ExitStack() as files:
@@ -58,18 +62,25 @@ def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, N
             content = files.enter_context(_open(path))
         elif _is_content(mesh):
             content = cast("bytes | IO[bytes]", mesh)
+        elif isinstance(mesh, np.ndarray):
+            content = _npy(mesh)
+            file_name = file_name or "points.npy"
         else:
             content = ply(_in_memory(cast("MeshLike | tuple[ArrayLike, FacesLike]", mesh)))
             file_name = file_name or "mesh.ply"
         # The service tells parts with a file from others by the file name.
         parts: list[tuple[str, str | None, bytes | IO[bytes], str]] = []
         if content is not None:
-            parts.append(("mesh", file_name or "mesh", content, BYTES))
+            part = "points" if _head(content).startswith(_POINTS) else "mesh"
+            parts.append((part, file_name or part, content, BYTES))
         for uri, source in buffers.items():
             opened = files.enter_context(_open(source)) if isinstance(source, (str, os.PathLike)) else source
             parts.append(("buffer", uri, opened, BYTES))
         if weights is not None:
-            parts.append(("weights", "weights.npy", _npy(np.asarray(weights)), BYTES))
+            parts.append(("weights", "weights.npy", _npy(_floats(np.asarray(weights))), BYTES))
+        if graph is not None and not isinstance(graph, str):
+            del left["graph"]
+            parts.append(("graph", "graph.npz", _npz(graph), BYTES))
         if seeds is not None and not isinstance(seeds, str):
             del left["seeds"]
             parts.append(("seeds", "seeds.json", json.dumps(np.asarray(seeds).tolist()).encode(), BYTES))
@@ -156,10 +167,32 @@ def ply(mesh: Mesh) -> bytes:
     return b"".join(["\n".join(header).encode(), body, padded.astype("<i4", copy=False).tobytes()])
 
 
+def _head(content: bytes | IO[bytes]) -> bytes:
+    """The first bytes of a file; an open one stays where it is."""
+    if isinstance(content, bytes):
+        return content[:8]
+    place = content.tell()
+    head = content.read(8)
+    content.seek(place)
+    return head
+
+
+def _floats(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Integers as floats, which is what weights are."""
+    return array.astype(np.float64) if array.dtype.kind in "iub" else array
+
+
 def _npy(array: np.ndarray[Any, Any]) -> bytes:
-    """An array as a file; integers as floats, which is what weights are."""
-    if array.dtype.kind in "iub":
-        array = array.astype(np.float64)
+    """An array as a file."""
     file = io.BytesIO()
-    np.save(file, array, allow_pickle=False)
+    np.save(file, np.ascontiguousarray(array), allow_pickle=False)
+    return file.getvalue()
+
+
+def _npz(graph: Any) -> bytes:
+    """A sparse matrix as a file."""
+    import scipy.sparse
+
+    file = io.BytesIO()
+    scipy.sparse.save_npz(file, scipy.sparse.csr_matrix(graph))
     return file.getvalue()

@@ -10,7 +10,7 @@ use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::hierarchy::Cut;
 use tesserae_mesh::hierarchy::linkage::no_single_root;
 use tesserae_mesh::job::{
-    self, Ahead, InputFile, OnDevice, Outcome, Points, PointsRequest, Prepared, Preparing, Refusal, Request,
+    self, Ahead, InputFile, InputFormat, OnDevice, Outcome, Points, PointsRequest, Prepared, Preparing, Refusal, Request,
     milliseconds,
 };
 use tesserae_mesh::parameters::{Neighbours, Seeds};
@@ -20,7 +20,7 @@ use super::Arguments;
 use super::check::inputs;
 use super::files::Files;
 use crate::files::Source;
-use crate::inputs::{FileFormat, MeshFile};
+use crate::inputs::MeshFile;
 use crate::places::Output;
 use crate::progress::Progress;
 use crate::results::{OutputFile, check_places};
@@ -73,8 +73,7 @@ impl Run<'_> {
             let mut outcome = device.run(&prepared, &cancel, &mut |row| self.progress.row(&row))?;
             self.progress.stage("writing", from + CLUSTERED * share..from + share);
             let of_run = if self.arguments.is_cut() { &files.of_run } else { of_clusters };
-            let points = prepared.subject.points();
-            self.write(mesh, points, &mut outcome, of_run, begin)?;
+            self.write(mesh, &mut outcome, of_run, begin)?;
             let warnings: Vec<&String> =
                 outcome.report.warnings.iter().filter(|warning| said.insert((*warning).clone())).collect();
             if !self.arguments.quiet.quiet {
@@ -82,7 +81,7 @@ impl Run<'_> {
                 self.progress.pause(|| warnings.iter().for_each(say));
             }
             if self.arguments.is_cut() {
-                self.cuts(mesh, points, &outcome, &files, begin)?;
+                self.cuts(mesh, prepared.subject.points(), &outcome, &files, begin)?;
             } else {
                 self.rows.push(Row::new(input.clone(), &outcome.report, outcome.labels.as_deref()));
             }
@@ -120,14 +119,14 @@ impl Run<'_> {
             progress.stage(what, READ + part * (PREPARED - READ)..PREPARED);
         };
         let mut prepare = || match format {
-            FileFormat::Mesh(format) => {
+            InputFormat::Mesh(format) => {
                 let parameters = &parameters;
                 let (bytes, resources) = (&bytes[..], &*resources);
                 let outputs = &outputs;
                 let request = Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
                 job::open(&request, |opened| opened.prepare_telling(&mut tell)).and_then(|prepared| prepared)
             }
-            FileFormat::Points(format) => {
+            InputFormat::Points(format) => {
                 if format.is_image() && !arguments.is_cut() && arguments.clusters.len() > 1 {
                     return Err(Refusal::from(Error::parameter(
                         "how much the place of a pixel counts depends on the number of clusters: give one for an image",
@@ -135,10 +134,13 @@ impl Run<'_> {
                 }
                 let parameters = &parameters;
                 tell(Preparing::Surface);
-                job::prepare_points(&PointsRequest { bytes: &bytes, format, limits, parameters, graph, seeds, weights })
+                let (bytes, outputs) = (&bytes[..], &outputs[..]);
+                let request =
+                    PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
+                job::prepare_points(&request)
             }
         };
-        if let FileFormat::Points(_) = format {
+        if let InputFormat::Points(_) = format {
             check_outputs_of_points(files).map_err(Failure::about(&mesh.source))?;
         }
         // ends with its thread joined: a process must not end while a driver is being opened
@@ -165,7 +167,6 @@ impl Run<'_> {
     fn write(
         &self,
         mesh: &MeshFile,
-        points: Option<&Points>,
         outcome: &mut Outcome,
         files: &[OutputFile],
         begin: Instant,
@@ -174,30 +175,23 @@ impl Run<'_> {
         let remesh = OnceLock::new();
         let (with_report, others): (Vec<&OutputFile>, Vec<&OutputFile>) =
             files.iter().partition(|file| file.needs(Need::Report));
-        self.write_files(mesh, points, &others, &outcome.content(), &remesh)?;
+        self.write_files(mesh, &others, &outcome.content(), &remesh)?;
         self.write_iterations(mesh, outcome, files)?;
         outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
         outcome.report.timings_ms.write = milliseconds(writing.elapsed());
         outcome.report.timings_ms.total = milliseconds(begin.elapsed());
-        self.write_files(mesh, points, &with_report, &outcome.content(), &remesh)
+        self.write_files(mesh, &with_report, &outcome.content(), &remesh)
     }
 
     fn write_files(
         &self,
         mesh: &MeshFile,
-        points: Option<&Points>,
         files: &[&OutputFile],
         content: &Content<'_>,
         remesh: &OnceLock<Remesh>,
     ) -> Result<(), Failure> {
         let (limits, choices) = (self.arguments.outputs.limits(), self.choices);
-        let is_table = |file: &&&OutputFile| file.artifact.is_of_points && file.needs(Need::Mesh);
-        let table = match (points, content.labels, files.iter().find(is_table)) {
-            (Some(points), Some(labels), Some(_)) => Some(points.table(labels.labels, labels.clusters)),
-            _ => None,
-        };
-        let points = table.as_ref();
-        let content = Content { limits, choices, is_indented: true, remesh: Some(remesh), points, ..*content };
+        let content = Content { limits, choices, is_indented: true, remesh: Some(remesh), ..*content };
         files.iter().enumerate().try_for_each(|(nth, file)| {
             self.progress.advance(nth as f64 / files.len() as f64);
             file.write(&content, &mesh.source)
@@ -233,12 +227,16 @@ impl Run<'_> {
             if let Some(points) = points {
                 cut.labels = points.with_masked(cut.labels);
             }
+            let is_table = |file: &OutputFile| file.artifact.is_of_points && file.needs(Need::Mesh);
+            let points = points.filter(|_| files.iter().any(is_table));
+            let table = points.map(|points| points.table(&cut.labels, cut.clusters()));
             let remesh = OnceLock::new();
             let content = Content {
                 labels: Some(Labels { clusters: row.clusters.unwrap_or(0), ..Labels::from(&cut) }),
+                points: table.as_ref(),
                 ..outcome.content()
             };
-            self.write_files(mesh, points, &files.iter().collect::<Vec<_>>(), &content, &remesh)?;
+            self.write_files(mesh, &files.iter().collect::<Vec<_>>(), &content, &remesh)?;
             let remesh = remesh.get().map(|remesh| remesh.summary);
             self.rows.push(Row { remesh, seconds: begin.elapsed().as_secs_f64(), ..row });
             begin = Instant::now();

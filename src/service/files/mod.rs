@@ -42,7 +42,7 @@ pub(crate) use self::blob::{BlobWriter, BlockingWriter};
 pub(crate) use self::disk::check_reserve;
 pub(crate) use self::folder::Files;
 pub(crate) use self::incoming::{Incoming, settle};
-pub(crate) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
+pub(crate) use self::names::{Folder, GRAPH, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(crate) use self::references::check_prefixes;
 pub(crate) use self::root::BLOBS;
 

@@ -8,12 +8,14 @@ pub(crate) const UPLOADS: &str = "uploads";
 
 pub(crate) const RESULTS: &str = "results";
 
-/// Name of the mesh among a job's uploads.
+/// Name of the mesh, or the points, among a job's uploads.
 pub(crate) const MESH: &str = "mesh";
 /// Name of the list of seeds among a job's uploads.
 pub(crate) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.
 pub(crate) const WEIGHTS: &str = "weights";
+/// Name of the edges between points among a job's uploads.
+pub(crate) const GRAPH: &str = "graph";
 
 /// Name of buffer number `index` among a job's uploads.
 pub(crate) fn buffer(index: usize) -> String {

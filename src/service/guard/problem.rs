@@ -16,7 +16,7 @@ use axum::response::{IntoResponse, Response};
 use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use tesserae_mesh::error::{Error, Kind};
-use tesserae_mesh::mesh::Format;
+use tesserae_mesh::job::InputFormat;
 use utoipa::{ToResponse, ToSchema};
 
 use crate::guard::path;
@@ -24,8 +24,8 @@ use crate::metrics::Metrics;
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
 pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
-    let meshes = Format::ALL.into_iter().flat_map(Format::media_types).copied();
-    meshes.chain(["multipart/form-data", "application/octet-stream"]).collect::<Vec<_>>().join(", ")
+    let files = InputFormat::all().flat_map(|format| format.media_types().into_owned());
+    files.chain(["multipart/form-data", "application/octet-stream"]).collect::<Vec<_>>().join(", ")
 });
 
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.

@@ -12,6 +12,7 @@ use clap::ValueEnum as _;
 use serde_json::{Value, json};
 use tesserae_mesh::artifacts::{self, Artifact, Choice, Form, Need};
 use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::Format;
 use tesserae_mesh::parameters::{Levels, Seeds, Snapshots};
 use tesserae_mesh::remesh::Placement;
@@ -58,9 +59,6 @@ pub(crate) fn routes() -> OpenApiRouter<Arc<Shared>> {
     OpenApiRouter::with_openapi(Document::openapi()).merge(api::routes()).routes(routes!(show))
 }
 
-/// Parameters of points, which no request brings: jobs are on meshes.
-const OF_POINTS: [&str; 2] = ["graph", "compactness"];
-
 /// Adds what the derives cannot say: outputs come from their table, the members of `Parameters` are query parameters of
 /// `POST /v1/jobs` too, no request carries a null, and seeds are no path here.
 fn complete(document: &mut openapi::OpenApi) {
@@ -88,7 +86,6 @@ fn complete(document: &mut openapi::OpenApi) {
             Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
     }
     let mut of_jobs = parameters.clone();
-    of_jobs.properties.retain(|name, _| !OF_POINTS.contains(&name.as_str()));
     let members: Vec<_> = of_jobs.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
     of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
     let webhook = ObjectBuilder::new()
@@ -129,7 +126,7 @@ fn complete(document: &mut openapi::OpenApi) {
         }
         if let Some(post) = item.post.as_mut().filter(|_| path == "/v1/jobs") {
             if let Some(RefOr::T(body)) = &mut post.request_body {
-                add_mesh_types(body);
+                add_formats(body);
             }
             post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
         }
@@ -234,13 +231,13 @@ fn add_outputs(document: &mut openapi::OpenApi) {
     }
 }
 
-/// Adds the media types of all mesh formats to a body, each with the schema of any bytes.
-fn add_mesh_types(body: &mut RequestBody) {
+/// Adds the media types of all formats to a body, each with the schema of any bytes.
+fn add_formats(body: &mut RequestBody) {
     let Some(RefOr::T(bytes)) = body.content.get("application/octet-stream").cloned() else { return };
-    for format in Format::ALL {
+    for format in InputFormat::all() {
         let mut content = bytes.clone();
-        content.example = (format == Format::Obj).then(|| json!(TETRAHEDRON));
-        for name in format.media_types() {
+        content.example = (format == InputFormat::Mesh(Format::Obj)).then(|| json!(TETRAHEDRON));
+        for name in format.media_types().iter() {
             body.content.insert((*name).to_owned(), content.clone().into());
         }
     }

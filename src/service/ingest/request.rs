@@ -9,7 +9,7 @@ use serde::de::{Deserialize, Deserializer, Error as _, MapAccess, Visitor};
 use serde_json::error::Category;
 use serde_json::{Map, Value};
 use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
-use tesserae_mesh::mesh::Format;
+use tesserae_mesh::job::{self, InputFormat};
 use tesserae_mesh::parameters::{Parameters, Seeds};
 
 use crate::guard::query;
@@ -22,8 +22,8 @@ pub(crate) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
 /// The parameters so far.
 #[derive(Debug, Clone)]
 pub(crate) struct Wanted {
-    /// Format of the mesh, if the query has it.
-    pub format: Option<Format>,
+    /// Format of the mesh or the points, if the query has it.
+    pub format: Option<InputFormat>,
     /// URL of the object of a bucket that is the mesh, if the request does not bring it.
     pub mesh_url: Option<String>,
     /// URL that receives the end of the job.
@@ -37,6 +37,17 @@ pub(crate) struct Wanted {
     given: Vec<String>,
 }
 
+/// What came beside a mesh or points.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Beside {
+    /// Whether a list of seeds did.
+    pub listed_seeds: bool,
+    /// Whether weights did.
+    pub has_weights: bool,
+    /// Whether edges did.
+    pub has_graph: bool,
+}
+
 /// Parameters of a job that are none of its clustering.
 const OF_JOB: [&str; 4] = ["webhook", "priority", "outputs", "keep_mesh"];
 
@@ -46,7 +57,7 @@ impl Wanted {
         let whole = uri.query().unwrap_or_default();
         let given = query::names(whole)?;
         let (format, rest) = query::take(whole, "format");
-        let format = format.as_deref().map(Format::from_name).transpose()?;
+        let format = format.as_deref().map(InputFormat::from_name).transpose()?;
         let (mesh_url, mut rest) = query::take(&rest, "mesh_url");
         let mut of_job = Vec::new();
         for name in OF_JOB {
@@ -135,9 +146,10 @@ impl Wanted {
         if form { self.parameters.check_values() } else { self.parameters.check(false) }
     }
 
-    /// The parameters, checked as far as they can be without the mesh, and the webhook, which is not checked. `listed`
-    /// says whether a list of seeds came.
-    pub fn finish(mut self, listed: bool) -> Result<(Parameters, Option<String>)> {
+    /// The parameters, checked as far as they can be without the mesh, and the webhook, which is not checked. `parts`
+    /// says what came beside a file of this format.
+    pub fn finish(mut self, format: InputFormat, parts: Beside) -> Result<(Parameters, Option<String>)> {
+        let Beside { listed_seeds: listed, has_weights, has_graph } = parts;
         if listed {
             let given = self.given.iter().any(|name| name == "seeds");
             if given && self.parameters.seeds != Seeds::Listed {
@@ -149,7 +161,16 @@ impl Wanted {
             self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
-        self.parameters.check_mesh()?;
+        match format {
+            InputFormat::Points(format) => {
+                job::check_points(&self.parameters, format, has_graph, has_weights)?;
+                self.kept.check_points()?;
+            }
+            InputFormat::Mesh(_) if has_graph => {
+                return Err(Error::parameter("the part graph goes with points, not with a mesh: leave it out"));
+            }
+            InputFormat::Mesh(_) => self.parameters.check_mesh()?,
+        }
         self.kept.check(&self.parameters)?;
         Ok((self.parameters, self.webhook))
     }

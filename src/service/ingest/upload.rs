@@ -16,12 +16,13 @@ use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::mesh::{Format, HEAD_BYTES};
+use tesserae_mesh::job::InputFormat;
+use tesserae_mesh::mesh::HEAD_BYTES;
 
 use crate::files::{self, Files, Incoming};
 use crate::guard::problem::{ACCEPTED, ENCODINGS};
 use crate::ingest::intake::{self, Coding, Content, Rules};
-use crate::ingest::request::Wanted;
+use crate::ingest::request::{Beside, Wanted};
 use crate::store::Spec;
 
 /// Longest file name that is kept, in characters.
@@ -41,8 +42,8 @@ pub(crate) struct Upload {
 /// What kind of body a request has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum BodyKind {
-    /// The mesh itself, of this format if the media type says so.
-    Mesh(Option<Format>),
+    /// The mesh or the points, of this format if the media type says so.
+    Mesh(Option<InputFormat>),
     /// `multipart/form-data`.
     Form,
 }
@@ -105,26 +106,27 @@ async fn raw(
     parts: &Parts,
     content: Content,
     wanted: Wanted,
-    format: Option<Format>,
+    format: Option<InputFormat>,
     length: Option<u64>,
     mut into: Destination,
 ) -> Result<Upload> {
     let format = agreed(format, wanted.format)?;
     let early = |head: &[u8]| match format {
         Some(format) => format.check_head(head, length),
-        None => Format::recognise(None, head, length)?.check_head(head, length),
+        None => InputFormat::recognise(None, head, length)?.check_head(head, length),
     };
     let mesh = into.save(content, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let digests = mesh.digest.into_iter().collect();
-    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes, false)? })
+    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes, Beside::default())? })
 }
 
-/// A mesh of so many bytes without a name, and perhaps a list of seeds.
-fn spec_of(wanted: Wanted, format: Format, bytes: u64, listed_seeds: bool) -> Result<Spec> {
+/// A mesh of so many bytes without a name, and what came beside it.
+fn spec_of(wanted: Wanted, format: InputFormat, bytes: u64, parts: Beside) -> Result<Spec> {
     let (priority, kept) = (wanted.priority, wanted.kept.clone());
-    let (parameters, webhook) = wanted.finish(listed_seeds)?;
+    let (parameters, webhook) = wanted.finish(format, parts)?;
+    let Beside { listed_seeds, has_weights, has_graph } = parts;
     Ok(Spec {
         tenant: String::new(),
         trace_parent: None,
@@ -135,7 +137,8 @@ fn spec_of(wanted: Wanted, format: Format, bytes: u64, listed_seeds: bool) -> Re
         bytes,
         buffers: Vec::new(),
         listed_seeds,
-        has_weights: false,
+        has_weights,
+        has_graph,
         is_small: false,
         priority,
         kept,
@@ -151,7 +154,7 @@ fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
     };
     let content_type = content_type.to_str().unwrap_or_default();
     let essence = content_type.split(';').next().unwrap_or_default().trim();
-    if let Some(format) = Format::from_media_type(essence) {
+    if let Some(format) = InputFormat::from_media_type(essence) {
         return Ok(BodyKind::Mesh(Some(format)));
     }
     match essence.to_ascii_lowercase().as_str() {
@@ -167,7 +170,7 @@ fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
 }
 
 /// The format that a media type and `?format=` agree on.
-fn agreed(by_type: Option<Format>, by_query: Option<Format>) -> Result<Option<Format>> {
+fn agreed(by_type: Option<InputFormat>, by_query: Option<InputFormat>) -> Result<Option<InputFormat>> {
     match (by_type, by_query) {
         (Some(by_type), Some(by_query)) if by_type != by_query => Err(Error::parameter(format_args!(
             "media type and parameter format contradict each other: {} and {}",
@@ -196,13 +199,13 @@ struct Saved {
 
 impl Saved {
     /// The format of a mesh file that said to be `declared` or nothing; checks that it can be.
-    fn format(&self, declared: Option<Format>, name: Option<&str>) -> Result<Format> {
+    fn format(&self, declared: Option<InputFormat>, name: Option<&str>) -> Result<InputFormat> {
         if self.bytes == 0 {
             return Err(Error::mesh("the mesh is empty: it has no bytes"));
         }
         let format = match declared {
             Some(format) => format,
-            None => Format::recognise(name, &self.head, Some(self.bytes))?,
+            None => InputFormat::recognise(name, &self.head, Some(self.bytes))?,
         };
         format.check_head(&self.head, Some(self.bytes))?;
         Ok(format)
@@ -245,7 +248,12 @@ impl Destination {
 
 #[cfg(test)]
 mod tests {
+    use tesserae_mesh::data;
+    use tesserae_mesh::mesh::Format;
+
     use super::*;
+
+    const OBJ: InputFormat = InputFormat::Mesh(Format::Obj);
 
     fn kind(content_type: &'static str) -> Result<BodyKind> {
         let mut headers = HeaderMap::new();
@@ -256,9 +264,10 @@ mod tests {
     #[test]
     fn media_types_are_read_as_the_standard_says() {
         for (content_type, expected) in [
-            ("model/obj", BodyKind::Mesh(Some(Format::Obj))),
-            ("Model/glTF-Binary; charset=x", BodyKind::Mesh(Some(Format::Glb))),
-            ("model/gltf+json", BodyKind::Mesh(Some(Format::Gltf))),
+            ("model/obj", BodyKind::Mesh(Some(OBJ))),
+            ("Model/glTF-Binary; charset=x", BodyKind::Mesh(Some(InputFormat::Mesh(Format::Glb)))),
+            ("model/gltf+json", BodyKind::Mesh(Some(InputFormat::Mesh(Format::Gltf)))),
+            ("image/png", BodyKind::Mesh(Some(InputFormat::Points(data::Format::Png)))),
             ("application/octet-stream", BodyKind::Mesh(None)),
             ("multipart/form-data; boundary=x", BodyKind::Form),
         ] {
@@ -269,8 +278,8 @@ mod tests {
 
     #[test]
     fn a_format_that_contradicts_the_media_type_is_refused() {
-        assert!(agreed(Some(Format::Obj), Some(Format::Glb)).is_err());
-        assert_eq!(agreed(Some(Format::Obj), None), Ok(Some(Format::Obj)));
-        assert_eq!(agreed(None, Some(Format::Glb)), Ok(Some(Format::Glb)));
+        assert!(agreed(Some(OBJ), Some(InputFormat::Mesh(Format::Glb))).is_err());
+        assert_eq!(agreed(Some(OBJ), None), Ok(Some(OBJ)));
+        assert_eq!(agreed(None, Some(InputFormat::Mesh(Format::Glb))), Ok(Some(InputFormat::Mesh(Format::Glb))));
     }
 }

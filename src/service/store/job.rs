@@ -7,7 +7,7 @@ use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::mesh::Format;
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::Parameters;
 use tesserae_mesh::report::Phase;
 use tokio_util::bytes::Bytes;
@@ -58,7 +58,7 @@ pub(crate) fn no_such_job(id: impl fmt::Display) -> Error {
     Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
 }
 
-/// An upload: its tenant, its files, and what to do with it.
+/// An upload: its tenant, its files, and what to do with it. What is said of a mesh holds for points, too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Spec {
     /// Name of the tenant whose job it is: [`LOCAL_TENANT`] for a service without tokens.
@@ -72,7 +72,7 @@ pub(crate) struct Spec {
     /// Name that the client gave the mesh file. For people; never a path here.
     pub file_name: Option<String>,
     /// Format of the mesh.
-    pub format: Format,
+    pub format: InputFormat,
     /// Length of the mesh file.
     pub bytes: u64,
     /// Names of the buffers that came with the mesh, in the order of their parts.
@@ -81,6 +81,8 @@ pub(crate) struct Spec {
     pub listed_seeds: bool,
     /// Whether weights came with the mesh.
     pub has_weights: bool,
+    /// Whether edges came with the points.
+    pub has_graph: bool,
     /// Whether all of these are small blobs, which the store keeps.
     pub is_small: bool,
     /// Jobs of a tenant with a higher priority are claimed first.
@@ -126,12 +128,21 @@ pub(crate) struct Summary {
     pub faces: u64,
     /// Clusters.
     pub clusters: u64,
+    /// Shape of a grid of points; empty for a list.
+    pub shape: Vec<u64>,
     /// The report's `labels_sha256`.
     pub labels_sha256: Option<String>,
     /// Whether the result is small blobs, which the store keeps.
     pub is_small: bool,
     /// What its blobs held when they were stored, by their names.
     pub blobs: BTreeMap<String, Contents>,
+}
+
+impl Summary {
+    /// The shape as lengths.
+    pub fn shape(&self) -> Vec<usize> {
+        self.shape.iter().map(|&length| length as usize).collect()
+    }
 }
 
 /// What a blob held when it was stored.

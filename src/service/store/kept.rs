@@ -19,9 +19,9 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    /// Whether it is nothing.
-    pub fn is_nothing(&self) -> bool {
-        self.outputs.is_empty() && !self.mesh
+    /// What needs the mesh while it is in memory.
+    pub fn artifacts(&self) -> impl Iterator<Item = &'static Artifact> {
+        made_of_mesh().filter(|artifact| self.gives(artifact))
     }
 
     /// The forms of the named outputs.
@@ -37,6 +37,23 @@ impl Kept {
     /// Whether some form of an output can be had.
     pub fn gives(&self, artifact: &Artifact) -> bool {
         self.mesh || artifact.forms.iter().any(|form| self.has(form))
+    }
+
+    /// Refuses what points do not have.
+    pub fn check_points(&self) -> Result<()> {
+        if self.mesh {
+            return Err(Error::parameter(
+                "keep_mesh goes with meshes, not with points: name what is to be made of them with outputs",
+            ));
+        }
+        let of_meshes = made_of_mesh().filter(|artifact| artifact.is_of_meshes_alone());
+        match of_meshes.flat_map(|artifact| artifact.forms).find(|form| self.has(form)) {
+            Some(form) => Err(Error::parameter(format_args!(
+                "{} is made of a mesh, and these are points: leave it out of outputs",
+                form.file
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// Refuses outputs that jobs with these parameters do not have.

@@ -58,6 +58,7 @@ pub(crate) mod tests {
     use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec, Store};
     use crate::ops::faults::Faults;
     use crate::store::kept::Kept;
+    use tesserae_mesh::job::InputFormat;
     use tesserae_mesh::mesh::Format;
     use tesserae_mesh::parameters::Parameters;
 
@@ -77,11 +78,12 @@ pub(crate) mod tests {
             webhook: None,
             parameters: Parameters { clusters: Some(7), ..Parameters::default() },
             file_name: None,
-            format: Format::Obj,
+            format: InputFormat::Mesh(Format::Obj),
             bytes: 100,
             buffers: Vec::new(),
             listed_seeds: false,
             has_weights: false,
+            has_graph: false,
             is_small: false,
             priority: 0,
             kept: Kept::default(),

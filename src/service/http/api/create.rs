@@ -9,7 +9,7 @@ use axum::extract::{Request, State as Extract};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
 use tesserae_mesh::error::{Error, Kind};
-use tesserae_mesh::mesh::Format;
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::Parameters;
 use tracing::Instrument as _;
 use utoipa::ToSchema;
@@ -33,8 +33,11 @@ use crate::work::urls;
 #[expect(dead_code, reason = "describes the form for openapi.yaml; the parts are read one by one")]
 pub(crate) struct UploadForm {
     /// The mesh: OBJ, GLB, glTF, PLY, STL or OFF, recognised by media type, file name or content.
-    #[schema(value_type = Binary)]
-    mesh: Binary,
+    #[schema(value_type = Option<Binary>)]
+    mesh: Option<Binary>,
+    /// In place of a mesh, points with neighbours: `.npy`, `.npz`, PNG or JPEG, recognised by their first bytes.
+    #[schema(value_type = Option<Binary>)]
+    points: Option<Binary>,
     /// What to do; the same names as in the query. A parameter stands in one of the two.
     parameters: Option<Parameters>,
     /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
@@ -43,20 +46,24 @@ pub(crate) struct UploadForm {
     /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
     #[schema(value_type = Option<Binary>)]
     seeds: Option<Binary>,
-    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats
-    /// above 0, one a face or one a vertex, whose mean a face takes.
+    /// Edges between points: a sparse matrix, as `scipy.sparse.save_npz` writes it.
+    #[schema(value_type = Option<Binary>)]
+    graph: Option<Binary>,
+    /// Weights: `.npy` with floats above 0. Of a mesh, areas are multiplied by them, so that clusters are smaller where
+    /// they are larger: one a face or one a vertex, whose mean a face takes. Of points, one an item.
     #[schema(value_type = Option<Binary>)]
     weights: Option<Binary>,
 }
 
-/// Submit a mesh
+/// Submit a mesh or points
 ///
-/// The body is the mesh, or a form with the mesh and more. `Prefer: wait=N` waits up to N seconds for the job's end:
+/// The body is the mesh or the points, or a form with them and more. `Prefer: wait=N` waits up to N seconds for the job's end:
 /// 200 with the ended job, the problem of a failed one, or 202 when it takes longer.
 #[utoipa::path(
     post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
     params(
-        ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
+        ("format" = Option<InputFormat>, Query,
+         description = "Format of the mesh or the points, where their media type does not say it"),
         ("mesh_url" = Option<String>, Query, example = "s3://bucket/meshes/horse.glb",
          description = "Object of a bucket that is the mesh, below a prefix that the operator allows; the body is \
                         empty then, or a form without a part `mesh`"),
@@ -77,7 +84,7 @@ pub(crate) struct UploadForm {
          description = "A string that is new with every new request: the same request with the same key gives the same \
                         job as long as that is kept, another request 422"),
     ),
-    request_body(description = "The mesh, or a form", content(
+    request_body(description = "The mesh, the points, or a form", content(
         (inline(Binary) = "application/octet-stream"),
         (UploadForm = "multipart/form-data"),
     )),

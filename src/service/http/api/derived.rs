@@ -13,7 +13,7 @@ use crate::guard::problem::Answer;
 use crate::guard::query;
 use crate::http::conditional::Content;
 use crate::http::negotiate;
-use crate::http::results::derived::{made, mesh_not_kept};
+use crate::http::results::derived::{made, not_made};
 use crate::http::results::stored::{Of, attachment, check_clusters, stored, succeeded};
 use crate::http::state::App;
 use crate::store::kept::Kept;
@@ -75,7 +75,7 @@ pub(crate) async fn derived(
     let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);
     let found = match is_stored {
         true => stored(&shared, &job, Of::Result, form.file, 0, form.media_type).await,
-        false => Err(mesh_not_kept(form)),
+        false => Err(not_made(&job, artifact, form)),
     };
     let mut response = match found {
         // one that could not be written is not there either: making it again says why

@@ -6,6 +6,7 @@ use axum::Json;
 use axum::extract::State as Extract;
 use serde::Serialize;
 use tesserae_mesh::artifacts::{Form, LABELS};
+use tesserae_mesh::data;
 use tesserae_mesh::mesh::Format;
 use utoipa::ToSchema;
 
@@ -17,6 +18,8 @@ use crate::settings::Settings;
 pub(crate) struct Formats {
     /// Formats of meshes.
     meshes: Vec<FormatView>,
+    /// Formats of points.
+    points: Vec<FormatView>,
     /// Formats of labels; the first is what a request gets that accepts anything.
     labels: Vec<FormatView>,
 }
@@ -67,15 +70,20 @@ pub(crate) async fn device(Extract(shared): App) -> Json<DeviceDescription> {
 
 /// Formats
 ///
-/// Formats of meshes, and media types of labels.
+/// Formats of meshes and of points, and media types of labels.
 #[utoipa::path(
     get, path = "/v1/formats", tag = "service", operation_id = "getFormats",
     responses((status = 200, description = "The formats", body = Formats)),
 )]
 pub(crate) async fn formats() -> Json<Formats> {
     let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
+    let points = |format: data::Format| FormatView { name: format.name(), media_type: format.media_type() };
     let label = |form: &Form| FormatView { name: form.extension(), media_type: form.media_type };
-    Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LABELS.forms.iter().map(label).collect() })
+    Json(Formats {
+        meshes: Format::ALL.map(mesh).into(),
+        points: data::Format::ALL.map(points).into(),
+        labels: LABELS.forms.iter().map(label).collect(),
+    })
 }
 
 /// Limits

@@ -81,7 +81,7 @@ pub(crate) async fn labels(
     }
     let form = negotiate::form(&headers, format.as_deref(), &LABELS)?;
     let mut response = match (clusters, iteration, form.file) {
-        (Some(clusters), ..) => hierarchy::cut(&shared, &job, clusters, form).await?,
+        (Some(clusters), ..) => hierarchy::cut(&shared, &job, &summary, clusters, form).await?,
         (None, Some(iteration), _) => snapshots::labels(&shared, &job, &summary, iteration, form).await?,
         (None, None, file) if file == LABELS_NPY.file => {
             stored(&shared, &job, Of::Result, file, 0, form.media_type).await?

@@ -4,7 +4,7 @@ use axum::Json;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use tesserae_mesh::mesh::Format;
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::Parameters;
 use tesserae_mesh::report::Phase;
 use utoipa::ToSchema;
@@ -86,7 +86,7 @@ pub(crate) struct ProgressView {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ResultSummary)]
 pub(crate) struct ResultView {
-    /// Faces of the mesh, each with a label.
+    /// Faces of the mesh, or items of the points, each with a label.
     faces: u64,
     /// Clusters, none of them empty; of a whole hierarchy, that of its roots.
     clusters: u64,
@@ -99,7 +99,7 @@ pub(crate) struct MeshView {
     /// Name that the client gave the file.
     file_name: Option<String>,
     /// Its format.
-    format: Format,
+    format: InputFormat,
     /// Its length.
     bytes: u64,
     /// Names of the buffers that came with it.

@@ -4,9 +4,10 @@ use std::io::Write;
 use std::sync::Arc;
 
 use axum::response::Response;
-use tesserae_mesh::artifacts::{Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
+use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::{self, Input};
+use tesserae_mesh::job::InputFormat;
 
 use super::checked::{self, CheckedReader};
 use super::encoded::{self, encoded};
@@ -14,6 +15,7 @@ use super::labels;
 use crate::files::kept_mesh;
 use crate::http::state::Shared;
 use crate::store::{Job, Summary};
+use crate::work::pipeline::Need;
 
 /// What labels are read from, and their number of clusters.
 enum Source {
@@ -32,9 +34,12 @@ pub(crate) async fn made(
 ) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
     let mesh = checked::open(shared, job, kept_mesh::NAME).await?;
-    let (faces, format) = (summary.faces, job.spec.format);
+    let InputFormat::Mesh(format) = job.spec.format else {
+        return Err(Error::new(Kind::Internal, "points keep no mesh"));
+    };
+    let faces = summary.faces;
     // what is in memory meanwhile counts like the mesh of a job
-    let memory = shared.memory.read(mesh.length()).await?.build(faces, false).await?;
+    let memory = shared.memory.read(mesh.length()).await?.build(Need::of_faces(faces, false)).await?;
     let source = match clusters {
         Some(_) => HIERARCHY_TSR.file,
         None => LABELS_NPY.file,
@@ -53,7 +58,7 @@ pub(crate) async fn made(
             Source::Labels(blob, clusters) => {
                 let head = length.saturating_sub(4 * faces);
                 let numbers = blob.read(|rows| labels::read(rows, head, faces))?;
-                labels::check(&numbers, clusters, &files, job, source)?;
+                labels::check(numbers.iter().copied(), clusters, &files, job, source)?;
                 (numbers, clusters)
             }
             Source::Cut(hierarchy, clusters) => {
@@ -70,7 +75,17 @@ pub(crate) async fn made(
 }
 
 /// The error of an output that is not stored and cannot be made.
-pub(crate) fn mesh_not_kept(form: &Form) -> Error {
+pub(crate) fn not_made(job: &Job, artifact: &Artifact, form: &Form) -> Error {
+    let of_points = job.spec.format.is_of_points();
+    if of_points && artifact.is_of_meshes_alone() {
+        return Error::new(Kind::Conflict, format_args!("{} is made of a mesh, and these are points", form.file));
+    }
+    if of_points {
+        return Error::new(
+            Kind::MeshNotKept,
+            format_args!("it was not made of the points: submit them again with outputs={}", form.file),
+        );
+    }
     Error::new(
         Kind::MeshNotKept,
         format_args!(

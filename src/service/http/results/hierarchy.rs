@@ -14,16 +14,26 @@ use super::checked;
 use super::encoded::{self, encoded};
 use crate::files::Files;
 use crate::http::state::Shared;
-use crate::store::{Job, JobId};
+use crate::store::{Job, JobId, Summary};
 
 /// The labels at any number of clusters, with headers that say what they are.
-pub(crate) async fn cut(shared: &Shared, job: &Job, clusters: u64, form: &'static Form) -> Result<Response> {
+pub(crate) async fn cut(
+    shared: &Shared,
+    job: &Job,
+    summary: &Summary,
+    clusters: u64,
+    form: &'static Form,
+) -> Result<Response> {
+    let shape = summary.shape();
     let turn = encoded::turn(shared).await?;
     let (file, length) = open(shared, job).await?;
     let (id, files) = (job.id, Arc::clone(&shared.files));
     let write = move |out: &mut dyn Write| {
         let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(|error| of_cut(&files, id, error))?;
-        let content = Content { labels: Some(Labels::from(&cut)), ..Content::default() };
+        // a hierarchy has no items that a mask leaves out
+        let is_whole = cut.labels.len() == shape.iter().product::<usize>();
+        let shape = Some(&shape[..]).filter(|shape| !shape.is_empty() && is_whole);
+        let content = Content { labels: Some(Labels::from(&cut)), shape, ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)?;
         Ok((cut.kind(), cut.energy))
     };

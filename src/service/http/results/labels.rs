@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use axum::response::Response;
 use tesserae_mesh::artifacts::{Content, Form, LABELS_NPY, Labels};
+use tesserae_mesh::device::FREE;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::checked;
@@ -33,20 +34,30 @@ pub(super) async fn made(
     form: &'static Form,
     read: impl FnOnce() -> Result<Vec<u32>> + Send + 'static,
 ) -> Result<Response> {
+    let (shape, are_points) = (summary.shape(), job.spec.format.is_of_points());
     let (job, clusters, files) = (job.id, summary.clusters, Arc::clone(&shared.files));
     let turn = if summary.faces > SMALL { Some(encoded::turn(shared).await?) } else { None };
     let write = move |out: &mut dyn Write| {
         let labels = read()?;
-        check(&labels, clusters, &files, job, blob)?;
-        let content = Content { labels: Some(Labels::new(clusters, &labels)), ..Content::default() };
+        // those of points that a mask leaves out
+        let is_free = |label: &u32| are_points && *label == FREE;
+        check(labels.iter().copied().filter(|label| !is_free(label)), clusters, &files, job, blob)?;
+        let shape = Some(&shape[..]).filter(|shape| !shape.is_empty());
+        let content = Content { labels: Some(Labels::new(clusters, &labels)), shape, ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)
     };
     Ok(encoded(shared, turn, form.media_type, write).await?.0)
 }
 
 /// Refuses labels that are no clusters.
-pub(super) fn check(labels: &[u32], clusters: u64, files: &Files, job: JobId, blob: &str) -> Result<()> {
-    match labels.iter().find(|label| u64::from(**label) >= clusters) {
+pub(super) fn check(
+    mut labels: impl Iterator<Item = u32>,
+    clusters: u64,
+    files: &Files,
+    job: JobId,
+    blob: &str,
+) -> Result<()> {
+    match labels.find(|&label| u64::from(label) >= clusters) {
         Some(label) => Err(files.damaged(job, blob, format_args!("a label is {label}, of {clusters} clusters"))),
         None => Ok(()),
     }

@@ -1,6 +1,11 @@
 //! What a request may say, and how a wrong one is refused.
 
+use tesserae_mesh::mesh::Format;
+
 use super::*;
+
+const OBJ: InputFormat = InputFormat::Mesh(Format::Obj);
+const LISTED: Beside = Beside { listed_seeds: true, has_weights: false, has_graph: false };
 
 fn wanted(query: &str) -> Result<Wanted> {
     Wanted::from_query(&format!("/v1/jobs?{query}").parse().expect("a URI"))
@@ -9,7 +14,7 @@ fn wanted(query: &str) -> Result<Wanted> {
 fn with_json(query: &str, json: &str) -> Result<Parameters> {
     let mut wanted = wanted(query)?;
     wanted.add_json(json.as_bytes())?;
-    wanted.finish(false).map(|(parameters, _)| parameters)
+    wanted.finish(OBJ, Beside::default()).map(|(parameters, _)| parameters)
 }
 
 #[test]
@@ -38,7 +43,7 @@ fn what_is_kept_means_the_same_in_every_form() {
         let mut wanted = wanted(query)?;
         wanted.add_json(json.as_bytes())?;
         let kept = wanted.kept.clone();
-        wanted.finish(false).map(|_| kept)
+        wanted.finish(OBJ, Beside::default()).map(|_| kept)
     };
     let both = Kept { outputs: vec!["mesh.glb".to_owned(), "mesh.ply".to_owned()], mesh: true };
     for (query, json) in [
@@ -134,9 +139,9 @@ fn malformed_json_is_a_bad_request_and_wrong_json_a_wrong_parameter() {
 
 #[test]
 fn a_list_of_seeds_stands_for_clusters_and_excludes_seeds() {
-    let parameters = wanted("seeds=listed").and_then(|wanted| wanted.finish(true));
+    let parameters = wanted("seeds=listed").and_then(|wanted| wanted.finish(OBJ, LISTED));
     assert_eq!(parameters.map(|(found, _)| found.seeds), Ok(Seeds::Listed));
-    assert!(wanted("").and_then(|wanted| wanted.finish(true)).is_ok());
-    assert!(wanted("").and_then(|wanted| wanted.finish(false)).is_err());
-    assert!(wanted("seeds=random").and_then(|wanted| wanted.finish(true)).is_err());
+    assert!(wanted("").and_then(|wanted| wanted.finish(OBJ, LISTED)).is_ok());
+    assert!(wanted("").and_then(|wanted| wanted.finish(OBJ, Beside::default())).is_err());
+    assert!(wanted("seeds=random").and_then(|wanted| wanted.finish(OBJ, LISTED)).is_err());
 }

@@ -1,5 +1,5 @@
-//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name),
-//! `seeds` and `weights`, in any order.
+//! Uploads as `multipart/form-data`: parts `mesh` or `points`, `parameters`, `buffer` (any number, told apart by file
+//! name), `seeds`, `weights` and `graph`, in any order.
 
 use std::collections::HashSet;
 use std::error::Error as StdError;
@@ -10,13 +10,12 @@ use axum::extract::{FromRequest, Request};
 use axum::http::request::Parts;
 use futures_util::{Stream, TryStreamExt};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job;
-use tesserae_mesh::mesh::Format;
+use tesserae_mesh::job::{self, InputFormat};
 
 use super::{Destination, Saved, Upload, agreed, kept_name, referred, spec_of};
 use crate::files;
 use crate::ingest::intake::Content;
-use crate::ingest::request::{MAX_PARAMETERS_BYTES, Wanted};
+use crate::ingest::request::{Beside, MAX_PARAMETERS_BYTES, Wanted};
 use crate::store::Spec;
 
 /// Largest number of buffers of a mesh.
@@ -46,6 +45,7 @@ pub(super) async fn receive(
         digests: Vec::new(),
         seeds: None,
         weights: None,
+        graph: None,
         has_parameters: false,
     };
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
@@ -70,21 +70,24 @@ struct Form {
     digests: Vec<[u8; 32]>,
     seeds: Option<Saved>,
     weights: Option<Saved>,
+    graph: Option<Saved>,
     has_parameters: bool,
 }
 
-/// The part `mesh`.
+/// The part `mesh` or `points`.
 struct Mesh {
     saved: Saved,
+    part: &'static str,
     file_name: Option<String>,
-    format: Option<Format>,
+    format: Option<InputFormat>,
 }
 
 impl Form {
     /// Takes one part.
     async fn add(&mut self, field: Field<'_>) -> Result<()> {
         match field.name().unwrap_or_default() {
-            "mesh" => self.add_mesh(field).await,
+            "mesh" => self.add_mesh(field, false).await,
+            "points" => self.add_mesh(field, true).await,
             "parameters" => {
                 once("parameters", self.has_parameters)?;
                 self.has_parameters = true;
@@ -103,32 +106,45 @@ impl Form {
                 self.weights = Some(weights);
                 Ok(())
             }
+            "graph" => {
+                once("graph", self.graph.is_some())?;
+                let graph = self.into.save(content(field), files::GRAPH, |_| Ok(())).await?;
+                job::check_head_of_graph(&graph.head)?;
+                self.graph = Some(graph);
+                Ok(())
+            }
             "" => Err(Error::new(
                 Kind::BadRequest,
                 "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
             )),
             other => Err(Error::parameter(format_args!(
-                "a part must be one of mesh, parameters, buffer, seeds, weights, not {other:?}"
+                "a part must be one of mesh, points, parameters, buffer, seeds, weights, graph, not {other:?}"
             ))),
         }
     }
 
-    async fn add_mesh(&mut self, field: Field<'_>) -> Result<()> {
+    async fn add_mesh(&mut self, field: Field<'_>, are_points: bool) -> Result<()> {
+        let part = if are_points { "points" } else { "mesh" };
         if self.referred.is_some() {
             return Err(Error::parameter(
-                "mesh_url in the query says where the mesh lies: leave out the part mesh, or mesh_url",
+                "mesh_url in the query says where the mesh lies: leave out the part mesh or points, or mesh_url",
             ));
         }
-        once("mesh", self.mesh.is_some())?;
+        if self.mesh.is_some() {
+            return Err(Error::parameter(format_args!(
+                "there is more than one part named mesh or points: leave out all but one, such as this: {part}"
+            )));
+        }
         let file_name = file_name(&field).map(|name| kept_name(&name));
-        let by_type = field.content_type().and_then(Format::from_media_type);
+        let by_type = field.content_type().and_then(InputFormat::from_media_type);
         let format = agreed(by_type, self.wanted.format)?;
-        let early = |head: &[u8]| match format {
-            Some(format) => format.check_head(head, None),
-            None => Format::recognise(file_name.as_deref(), head, None)?.check_head(head, None),
+        let early = |head: &[u8]| {
+            let format = format.map_or_else(|| InputFormat::recognise(file_name.as_deref(), head, None), Ok)?;
+            check_part(part, format)?;
+            format.check_head(head, None)
         };
         let saved = self.into.save(content(field), files::MESH, early).await?;
-        self.mesh = Some(Mesh { saved, file_name, format });
+        self.mesh = Some(Mesh { saved, part, file_name, format });
         Ok(())
     }
 
@@ -156,6 +172,7 @@ impl Form {
         let (saved, file_name, format, referred) = match (self.mesh, self.referred) {
             (Some(mesh), _) => {
                 let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
+                check_part(mesh.part, format)?;
                 (mesh.saved, mesh.file_name, format, None)
             }
             (None, Some(mesh)) => {
@@ -164,7 +181,8 @@ impl Form {
             }
             (None, None) => {
                 return Err(Error::parameter(
-                    "the form has no part named mesh: send the mesh as one, or name it in the query (mesh_url)",
+                    "the form has no part named mesh or points: send the mesh or the points as one, or name them in the \
+                     query (mesh_url)",
                 ));
             }
         };
@@ -175,17 +193,35 @@ impl Form {
                 self.buffers[0]
             )));
         }
-        let (listed_seeds, has_weights) = (self.seeds.is_some(), self.weights.is_some());
-        let spec = spec_of(self.wanted, format, saved.bytes, listed_seeds)?;
-        if let Some(name) = spec.parameters.weight_attribute.as_ref().filter(|_| has_weights) {
+        let parts = Beside {
+            listed_seeds: self.seeds.is_some(),
+            has_weights: self.weights.is_some(),
+            has_graph: self.graph.is_some(),
+        };
+        let spec = spec_of(self.wanted, format, saved.bytes, parts)?;
+        if let Some(name) = spec.parameters.weight_attribute.as_ref().filter(|_| parts.has_weights) {
             return Err(Error::parameter(format_args!(
                 "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
             )));
         }
-        let files = [Some(&saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
+        let beside = [&self.seeds, &self.weights, &self.graph];
+        let files = beside.into_iter().flatten();
+        let files = std::iter::once(&saved).chain(files);
         let digests: Vec<_> = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
-        let spec = Spec { file_name, buffers: self.buffers, has_weights, referred, ..spec };
+        let spec = Spec { file_name, buffers: self.buffers, referred, ..spec };
         Ok(Upload { folder: self.into.folder, spec, digests })
+    }
+}
+
+/// Refuses points in the part of meshes, and a mesh in that of points.
+fn check_part(part: &str, format: InputFormat) -> Result<()> {
+    let right = if format.is_of_points() { "points" } else { "mesh" };
+    match part == right {
+        true => Ok(()),
+        false => Err(Error::parameter(format_args!(
+            "the part {part} is {} file: send it as a part named {right}",
+            format.noun()
+        ))),
     }
 }
 

@@ -8,7 +8,7 @@ use tesserae_mesh::mesh::HEAD_BYTES;
 use super::{Destination, Saved, Upload, kept_name, spec_of};
 use crate::files::{Files, Incoming};
 use crate::ingest::intake::{Content, Rules};
-use crate::ingest::request::Wanted;
+use crate::ingest::request::{Beside, Wanted};
 use crate::store::Referred;
 
 /// A mesh in a bucket.
@@ -54,7 +54,7 @@ pub(super) async fn without_body(
         }
     }
     let format = mesh.saved.format(wanted.format, mesh.file_name.as_deref())?;
-    let mut spec = spec_of(wanted, format, mesh.saved.bytes, false)?;
+    let mut spec = spec_of(wanted, format, mesh.saved.bytes, Beside::default())?;
     spec.file_name = mesh.file_name;
     spec.referred = Some(mesh.referred);
     Ok(Upload { folder: into.folder, spec, digests: Vec::new() })

@@ -6,6 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::Format;
 use tesserae_mesh::parameters::Parameters;
 use tesserae_mesh::report::Phase;
@@ -107,11 +108,12 @@ fn spec(name: &str) -> Spec {
         webhook: None,
         parameters: Parameters { clusters: Some(7), seed: u64::MAX, ..Parameters::default() },
         file_name: Some(name.to_owned()),
-        format: Format::Gltf,
+        format: InputFormat::Mesh(Format::Gltf),
         bytes: 1 << 40,
         buffers: vec!["a b.bin".to_owned(), "ü/β.bin".to_owned()],
         listed_seeds: true,
         has_weights: true,
+        has_graph: false,
         is_small: false,
         priority: 0,
         kept: Kept::default(),
@@ -147,7 +149,7 @@ async fn events(store: &Store, id: JobId, after: u64, limit: usize) -> Vec<Event
 }
 
 const SUMMARY: Summary =
-    Summary { faces: 12, clusters: 7, labels_sha256: None, is_small: false, blobs: BTreeMap::new() };
+    Summary { faces: 12, clusters: 7, shape: Vec::new(), labels_sha256: None, is_small: false, blobs: BTreeMap::new() };
 
 fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
     NewJob {

@@ -7,17 +7,18 @@ use std::time::Instant;
 
 use axum::body::Bytes;
 use parking_lot::Mutex;
-use tesserae_mesh::artifacts::{self, Content};
+use tesserae_mesh::artifacts::{self, Artifact, Content};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{self, Clustering, Outcome, Prepared, milliseconds};
-use tesserae_mesh::mesh::Resources;
+use tesserae_mesh::job::{self, Clustering, InputFormat, Outcome, PointsRequest, Prepared, milliseconds};
+use tesserae_mesh::mesh::{Limits, Resources};
+use tesserae_mesh::report::Input;
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::bounds::{AGAIN, caught};
-use super::memory::Reading;
+use super::memory::{Need, Reading};
 use super::parts::Pipeline;
 use super::patience::Patience;
 use super::rows::{Inbox, Log};
@@ -29,7 +30,7 @@ use crate::files::{job_blobs, kept_mesh};
 use crate::ops::blocking::blocking;
 use crate::store::kept::Kept;
 use crate::store::live;
-use crate::store::{Job, SmallBlob, Summary, Ticket};
+use crate::store::{Job, SmallBlob, Spec, Summary, Ticket};
 
 impl Pipeline {
     /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
@@ -43,8 +44,9 @@ impl Pipeline {
         broken_off: CancellationToken,
     ) -> Result<Outcome> {
         let mut prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
-        // the labels of divided faces are not those of the mesh
-        if prepared.input.items() <= live::MOST_FACES && prepared.origin.is_none() {
+        // the labels of divided faces are not those of the mesh, nor those of some points those of all
+        let are_all = prepared.subject.points().is_none_or(|points| points.members.len() == points.members.items());
+        if prepared.input.items() <= live::MOST_FACES && prepared.origin.is_none() && are_all {
             prepared.viewer = Some(Arc::new(self.live.channel(job.id)));
         }
         Span::current().record("faces", prepared.input.items());
@@ -119,35 +121,32 @@ impl Pipeline {
         self.faults.abort_at(spec.file_name.as_deref());
         let reading = Instant::now();
         let mut opened = Some(uploads);
-        let (contents, seeds, weights) = loop {
+        let contents = loop {
             match self.contents(job, opened.take()).await {
                 Ok(read) => break read,
                 Err(error) => patience.wait(error).await?,
             }
         };
-        Ok(Upload { memory, contents, seeds, weights, milliseconds: milliseconds(reading.elapsed()) })
+        Ok(Upload { memory, contents, milliseconds: milliseconds(reading.elapsed()) })
     }
 
-    /// Reads the mesh and its buffers, opened again where they were not, then the lists of seeds and weights.
-    async fn contents(
-        &self,
-        job: &Job,
-        opened: Option<Vec<Blob>>,
-    ) -> Result<(Vec<Bytes>, Option<Bytes>, Option<Bytes>)> {
+    /// Reads the mesh and its buffers, opened again where they were not, then what came beside them.
+    async fn contents(&self, job: &Job, opened: Option<Vec<Blob>>) -> Result<Contents> {
         let uploads = match opened {
             Some(uploads) => uploads,
             None => self.open(job).await?,
         };
-        let mut contents = Vec::new();
+        let mut mesh = Vec::new();
         for upload in uploads {
-            contents.push(upload.bytes().await.map_err(upload_is_gone)?);
+            mesh.push(upload.bytes().await.map_err(upload_is_gone)?);
         }
-        let list = async |name: &str, is_there: bool| match is_there {
+        let beside = async |name: &str, is_there: bool| match is_there {
             true => self.open_file(job, name).await?.bytes().await.map(Some),
             false => Ok(None),
         };
-        let seeds = list(files::SEEDS, job.spec.listed_seeds).await?;
-        Ok((contents, seeds, list(files::WEIGHTS, job.spec.has_weights).await?))
+        let seeds = beside(files::SEEDS, job.spec.listed_seeds).await?;
+        let weights = beside(files::WEIGHTS, job.spec.has_weights).await?;
+        Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, job.spec.has_graph).await? })
     }
 
     /// Opens the mesh of an upload and its buffers.
@@ -167,29 +166,10 @@ impl Pipeline {
     /// A file that is small and has too many faces is opened twice.
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let upload = self.read(ticket, job).await?;
-        let (spec, Upload { memory, contents, seeds, weights, milliseconds }) = (job.spec.clone(), upload);
+        let (spec, Upload { memory, contents, milliseconds }) = (job.spec.clone(), upload);
         let limits = self.limits;
         let span = tracing::info_span!("read");
-        let open = move |admits: &mut Admits<'_>| {
-            let mut contents = contents.iter().cloned();
-            let mesh = contents.next().unwrap_or_default();
-            let request = job::Request {
-                bytes: &mesh,
-                format: spec.format,
-                resources: &Parts::new(&spec.buffers, contents),
-                limits,
-                parameters: &spec.parameters,
-                seeds: seeds.as_deref(),
-                weights: weights.as_deref(),
-                outputs: if spec.kept.is_nothing() { &[] } else { &[&artifacts::MESH] },
-            };
-            let build =
-                |opened: job::Opened<'_>| match admits(opened.faces(), opened.spec().clustering.is_hierarchical())? {
-                    true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
-                    false => Ok(None),
-                };
-            span.in_scope(|| job::open(&request, build)).map_err(|refusal| refusal.error).flatten()
-        };
+        let open = move |admits: &mut Admits<'_>| span.in_scope(|| open(&spec, &contents, limits, admits));
         let (open, memory, prepared) = match memory.may_be_small() {
             true => {
                 let slot = slot.clone();
@@ -214,16 +194,52 @@ impl Pipeline {
 /// The files of an upload, in memory.
 struct Upload {
     memory: Reading,
-    /// The mesh, then its buffers.
-    contents: Vec<Bytes>,
-    seeds: Option<Bytes>,
-    weights: Option<Bytes>,
+    contents: Contents,
     /// Time that their reading took.
     milliseconds: f64,
 }
 
-/// Gets memory for so many faces of a flat clustering or a hierarchy; false leaves the mesh to a later call.
-type Admits<'a> = dyn FnMut(u64, bool) -> Result<bool> + 'a;
+/// What the files of an upload hold.
+struct Contents {
+    /// The mesh, then its buffers; or the points.
+    mesh: Vec<Bytes>,
+    seeds: Option<Bytes>,
+    weights: Option<Bytes>,
+    graph: Option<Bytes>,
+}
+
+/// Gets memory for what is to be built; false leaves it to a later call.
+type Admits<'a> = dyn FnMut(Need) -> Result<bool> + 'a;
+
+/// Reads the mesh or the points of a job, once there is memory for them.
+fn open(spec: &Spec, contents: &Contents, limits: Limits, admits: &mut Admits<'_>) -> Result<Option<Prepared>> {
+    let Contents { mesh, seeds, weights, graph } = contents;
+    let [seeds, weights, graph] = [seeds, weights, graph].map(Option::as_deref);
+    let (bytes, buffers) = mesh.split_first().map_or((&[][..], &[][..]), |(mesh, buffers)| (&mesh[..], buffers));
+    let parameters = &spec.parameters;
+    let outputs: Vec<&Artifact> = spec.kept.artifacts().collect();
+    let outputs = &outputs[..];
+    let is_hierarchical = parameters.algorithm.is_hierarchical();
+    match spec.format {
+        InputFormat::Mesh(format) => {
+            let resources = &Parts::new(&spec.buffers, buffers.iter().cloned());
+            let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
+            let build = |opened: job::Opened<'_>| match admits(Need::of_faces(opened.faces(), is_hierarchical))? {
+                true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
+                false => Ok(None),
+            };
+            job::open(&request, build).map_err(|refusal| refusal.error).flatten()
+        }
+        InputFormat::Points(format) => {
+            let request = PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
+            let size = request.size().map_err(|refusal| refusal.error)?;
+            match admits(Need::of_points(size, is_hierarchical))? {
+                true => job::prepare_points(&request).map(Some).map_err(|refusal| refusal.error),
+                false => Ok(None),
+            }
+        }
+    }
+}
 
 /// Reads a mesh that may be small. Gives back what reads it, and its memory, when it is not. Waits for nothing: what a
 /// thread for small meshes waits for may itself wait for such a thread.
@@ -232,9 +248,9 @@ where
     F: Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
 {
     let mut left = Some(memory);
-    let prepared = open(&mut |faces, is_hierarchical| {
+    let prepared = open(&mut |need| {
         let Some(memory) = left.take() else { return Ok(true) };
-        match memory.build_small(faces, is_hierarchical) {
+        match memory.build_small(need) {
             Ok(held) => slot.holds(held),
             Err(memory) => left = Some(memory),
         }
@@ -251,15 +267,15 @@ fn open_in_turn(
     slot: &Slot,
 ) -> Result<Option<Prepared>> {
     let mut left = Some(memory);
-    open(&mut |faces, is_hierarchical| {
+    open(&mut |need| {
         if let Some(memory) = left.take() {
-            slot.holds(wait.until(memory.build(faces, is_hierarchical))?);
+            slot.holds(wait.until(memory.build(need))?);
         }
         Ok(true)
     })
 }
 
-/// About how much work a mesh is, to tell short jobs from long ones: faces, times what hierarchies and sequential
+/// About how much work a job is, to tell short ones from long ones: faces, times what hierarchies and sequential
 /// algorithms take longer (the order of magnitude; measured on 20,000 to 1,000,000 faces).
 fn cost(faces: u64, clustering: &Clustering) -> u64 {
     let factor = match clustering {
@@ -339,6 +355,10 @@ fn write(
     let summary = Summary {
         faces: report.input.items(),
         clusters: report.clusters,
+        shape: match &report.input {
+            Input::Points(points) if points.shape.len() > 1 => points.shape.clone(),
+            Input::Points(_) | Input::Mesh(_) => Vec::new(),
+        },
         labels_sha256: report.labels_sha256.clone(),
         is_small: false,
         blobs: contents,
