@@ -30,7 +30,10 @@ pub(super) fn size(content: &Content<'_>, file: &str) -> Result<[u32; 2]> {
         _ => None,
     };
     let (rows, columns) = size.ok_or_else(|| {
-        Error::new(Kind::Conflict, format_args!("{file} is of labels in rows and columns: of an image, or a grid of two dimensions"))
+        Error::new(
+            Kind::Conflict,
+            format_args!("{file} is of labels in rows and columns: of an image, or a grid of two dimensions"),
+        )
     })?;
     Ok([rows, columns])
 }

@@ -12,7 +12,7 @@ use crate::hierarchy::Cut;
 /// The labels of a job, an iteration or a cut.
 pub static LABELS: Artifact = Artifact {
     name: "labels",
-    about: "The cluster of each face, in upload order.",
+    about: "The cluster of each face or item, in upload order.",
     needs: &[Need::Labels, Need::Faces],
     forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN, LABELS_TXT, LABELS_CSV, LABELS_PNG],
     choices: &[],
@@ -47,7 +47,7 @@ pub const LABELS_BIN: Form =
 pub const LABELS_TXT: Form =
     Form { file: "labels.txt", media_type: "text/plain", is_stored: false, schema: None, encode: text };
 
-/// A table with the columns `face` and `cluster`.
+/// A table with the columns `face`, of points `item`, and `cluster`.
 pub const LABELS_CSV: Form =
     Form { file: "labels.csv", media_type: "text/csv", is_stored: false, schema: None, encode: csv };
 
@@ -128,8 +128,10 @@ fn text<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
 
 fn csv<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let labels = given(content.labels)?.labels;
+    // points have a shape
+    let noun = if content.shape.is_some() { "item" } else { "face" };
     Ok(Box::new(move |out| {
-        writeln!(out, "face,cluster")?;
+        writeln!(out, "{noun},cluster")?;
         labels.iter().enumerate().try_for_each(|(face, label)| writeln!(out, "{face},{label}"))
     }))
 }

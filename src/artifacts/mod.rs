@@ -45,7 +45,7 @@ pub use choices::{Choice, Choices};
 pub use clusters::CLUSTERS;
 pub use graph::GRAPH;
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
-pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
+pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, LABELS_PNG, Labels};
 pub use mesh::MESH;
 pub use remesh::{REMESH, REMESH_SOURCE};
 pub use report::{REPORT, REPORT_JSON};
@@ -220,7 +220,7 @@ pub struct Content<'a> {
     pub labels: Option<Labels<'a>>,
     /// The cluster table of points, in place of a mesh.
     pub points: Option<&'a PointTable>,
-    /// The shape of what has labels, where it is no list.
+    /// The shape of points, whose labels have it: that of their grid, or their number.
     pub shape: Option<&'a [usize]>,
     /// The labels of iterations.
     pub snapshots: Option<&'a Record>,

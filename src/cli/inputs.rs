@@ -149,8 +149,7 @@ impl MeshFile {
             Source::Stdin => None,
             Source::File(path) => Some(without_gz(path).to_string_lossy()),
         };
-        let format =
-            InputFormat::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(about())?;
+        let format = InputFormat::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(about())?;
         Ok((bytes, format))
     }
 

@@ -16,6 +16,10 @@ use crate::surface::{Component, Rows};
 /// Lattice units below which the standard deviation of an axis is worth a warning.
 const LEAST_DEVIATION: u32 = 1 << 10;
 
+/// Squares of neighbours that a graph may have, for each item and each neighbour: a grid of a million items may have a
+/// hub of 50,000, and 1,024 items may all be neighbours.
+const MOST_OF_A_HUB: u64 = 1024;
+
 /// Axes that a warning names.
 const NAMED_AXES: usize = 8;
 
@@ -96,6 +100,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     let internal = inverse(&member_of, points.len());
     let Rows { offsets: neighbour_offsets, neighbours } = neighbours.compressed(&member_of, &internal, &bridges)?;
     drop(internal);
+    check_hubs(&neighbour_offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);
     let scales = lattice::scales(relative, &runs, exponent_spread(runs.len()));
     let mut components = Vec::with_capacity(runs.len());
@@ -123,6 +128,26 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
         weight_exponent: scales.finest + weights.exponent,
         components_found,
     })
+}
+
+/// Refuses graphs in which few items have most of the neighbours: merging such an item takes time with the square of
+/// their number.
+fn check_hubs(offsets: &[u32], item: impl Fn(usize) -> u32) -> Result<()> {
+    let degree = |at: usize| u64::from(offsets[at + 1] - offsets[at]);
+    let items = offsets.len() - 1;
+    let squares: u128 = (0..items).map(|at| u128::from(degree(at)).pow(2)).sum();
+    let all = items as u64 + u64::from(offsets[items]);
+    if squares <= u128::from(MOST_OF_A_HUB) * u128::from(all) {
+        return Ok(());
+    }
+    let hub = (0..items).max_by_key(|&at| (degree(at), std::cmp::Reverse(item(at)))).unwrap_or(0);
+    Err(Error::parameter(format_args!(
+        "the graph has items with so many neighbours that clusters of them would take time with the square of that; the \
+         sum of the squares may be at most {MOST_OF_A_HUB} times the items and neighbours, {all}: leave out hubs, such \
+         as item {} with {} neighbours",
+        item(hub),
+        degree(hub)
+    )))
 }
 
 /// How far exponents of weights may lie apart: with C components, Σ over all of M·2^`energy_shift` is below

@@ -285,6 +285,24 @@ fn bridges_in_more_than_three_dimensions_join_the_nearest_means() {
 }
 
 #[test]
+fn a_hub_is_refused_where_the_square_of_its_neighbours_is_most_of_the_work() {
+    let star = |leaves: i32| {
+        let indptr: Vec<i64> = (0..leaves + 2).map(|row| if row > 0 { leaves.into() } else { 0 }).collect();
+        let indices: Vec<i64> = (1..=leaves).map(i64::from).collect();
+        PointSet {
+            shape: vec![leaves as usize + 1],
+            values: Values::I4((0..=leaves).collect()),
+            graph: Graph::Rows(Csr::new(indptr.into_iter(), indices.into_iter()).expect("rows")),
+            ..grid(&[1], false, None)
+        }
+    };
+    let lay = |set: PointSet| lay::<3>(&set, &Members::new(set.items(), None), false).map(drop);
+    assert_eq!(lay(star(3000)), Ok(()));
+    let error = lay(star(3100)).expect_err("a hub");
+    assert!(error.message.contains("item 0 with 3100 neighbours"), "{error}");
+}
+
+#[test]
 fn what_is_laid_does_not_depend_on_the_number_of_threads() {
     let set = table(5, numbers(5 * 9000), 6);
     let with = |threads: usize| {

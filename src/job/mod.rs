@@ -26,7 +26,9 @@ pub use format::Format as InputFormat;
 pub use label_list::parse as parse_labels;
 pub use on_device::{Ahead, DeviceFor, OnDevice, instead_of_gpu, run_on};
 pub use plan::{Coarse, Plan};
-pub use points::{PointsInMemory, PointsRequest, check_head_of_graph, check_points, prepare_points, prepare_points_in_memory};
+pub use points::{
+    PointsInMemory, PointsRequest, check_head_of_graph, check_points, prepare_points, prepare_points_in_memory,
+};
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
@@ -128,7 +130,7 @@ pub struct Outcome {
     pub labels: Option<Vec<u32>>,
     /// The hierarchy, of hierarchical algorithms.
     pub hierarchy: Option<Stored>,
-    /// The shape of the items that the labels are of, where it is no list.
+    /// The shape of points, whose labels have it: that of their grid, or their number.
     pub shape: Option<Vec<usize>>,
     /// The labels of the requested iterations, in upload order; numbered as `labels`, so that a number means
     /// the same cluster in all of them.

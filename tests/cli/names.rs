@@ -19,9 +19,8 @@ fn every_name_is_a_flag_of_cluster_and_a_parameter_over_http() {
     for name in Name::ALL {
         let flag = name.spelled(true);
         assert!(help(cluster, |argument| argument.get_long() == Some(&flag[2..])).is_some(), "{flag}");
-        // weights are a part of a form; no request brings points yet
-        let is_no_parameter = [Name::WEIGHTS, Name::GRAPH, Name::COMPACTNESS].contains(name);
-        assert!(is_no_parameter || yaml.contains(&format!("- name: {}\n", name.spelled(false))), "{name}");
+        let is_part = *name == Name::WEIGHTS;
+        assert!(is_part || yaml.contains(&format!("- name: {}\n", name.spelled(false))), "{name}");
     }
 }
 

@@ -53,7 +53,7 @@ fn outputs_that_may_be_several_things_are_refused_with_a_list() {
     for (output, words) in [
         ("x.stl", ["--submeshes OUT.stl.zip", "--remesh OUT.stl"]),
         ("x.npz", ["--clusters-graph OUT.npz", "--remesh-source OUT.npz"]),
-        ("x.png", ["no output has the extension .png", ".npy, "]),
+        ("x.gif", ["no output has the extension .gif", ".npy, "]),
         ("x", ["the extension says what is written", ".npy, "]),
         ("x.tsr", ["-o x.tsr goes with hierarchies", "bb"]),
     ] {

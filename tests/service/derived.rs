@@ -127,7 +127,7 @@ async fn wrong_requests_for_outputs_are_refused() {
     let service = Service::start().await;
     let job = done(&service, "clusters=9&keep_mesh=true", 500).await;
     let url = text(&job["urls"]["mesh"]);
-    let detail = refused(service.get(url).header("accept", "image/png"), 406, "not-acceptable").await;
+    let detail = refused(service.get(url).header("accept", "image/gif"), 406, "not-acceptable").await;
     assert!(detail.contains("model/ply"), "{detail}");
     for (query, status, kind, word) in [
         ("clusters=8", 409, "conflict", "flat clustering"),

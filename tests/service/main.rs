@@ -21,6 +21,7 @@ mod metrics;
 mod openapi;
 mod overlap;
 mod page;
+mod points;
 mod results;
 mod storage;
 mod support;

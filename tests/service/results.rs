@@ -52,7 +52,7 @@ async fn labels_are_the_same_in_every_format() {
         assert_eq!(head.headers()["content-length"], length.to_string());
         assert!(head.bytes().await.expect("bytes").is_empty());
     }
-    let detail = refused(service.get(url).header("accept", "image/png"), 406, "not-acceptable").await;
+    let detail = refused(service.get(url).header("accept", "image/gif"), 406, "not-acceptable").await;
     assert!(detail.contains("application/x-npy"), "{detail}");
 }
 

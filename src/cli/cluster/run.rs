@@ -5,13 +5,13 @@ use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
 
-use tesserae_mesh::artifacts::{Artifact, Choices, Content, LINKAGE_NPY, Labels, Need};
+use tesserae_mesh::artifacts::{Artifact, Choices, Content, LABELS_PNG, LINKAGE_NPY, Labels, Need};
 use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::hierarchy::Cut;
 use tesserae_mesh::hierarchy::linkage::no_single_root;
 use tesserae_mesh::job::{
-    self, Ahead, InputFile, InputFormat, OnDevice, Outcome, Points, PointsRequest, Prepared, Preparing, Refusal, Request,
-    milliseconds,
+    self, Ahead, InputFile, InputFormat, OnDevice, Outcome, Points, PointsRequest, Prepared, Preparing, Refusal,
+    Request, milliseconds,
 };
 use tesserae_mesh::parameters::{Neighbours, Seeds};
 use tesserae_mesh::remesh::Remesh;
@@ -135,8 +135,7 @@ impl Run<'_> {
                 let parameters = &parameters;
                 tell(Preparing::Surface);
                 let (bytes, outputs) = (&bytes[..], &outputs[..]);
-                let request =
-                    PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
+                let request = PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
                 job::prepare_points(&request)
             }
         };
@@ -149,6 +148,7 @@ impl Run<'_> {
             (prepare(), ahead.join().ok().flatten())
         });
         let mut prepared = prepared.map_err(|refusal| beside.about(&mesh.source, refusal))?;
+        check_images(files, &prepared).map_err(Failure::about(&mesh.source))?;
         prepared.timings.read = read;
         Ok((prepared, ahead))
     }
@@ -302,6 +302,18 @@ impl FilesBeside {
             Some(file) => Failure::about(&file)(refusal.error),
             None => refusal.error.into(),
         }
+    }
+}
+
+/// Refuses labels as an image where they have no rows and columns.
+fn check_images(files: &Files, prepared: &Prepared) -> tesserae_mesh::error::Result<()> {
+    let has_rows = prepared.subject.points().is_some_and(|points| points.set.shape.len() == 2);
+    match files.all().find(|file| file.form.file == LABELS_PNG.file && !has_rows) {
+        Some(file) => Err(Error::parameter(format_args!(
+            "{} is of labels in rows and columns, of an image or a grid of two dimensions: take .npy",
+            file.named()
+        ))),
+        None => Ok(()),
     }
 }
 

@@ -159,7 +159,14 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
     let ticket = claimed[0].0;
-    let summary = Summary { faces: 1, clusters: 1, shape: Vec::new(), labels_sha256: None, is_small: false, blobs: Default::default() };
+    let summary = Summary {
+        faces: 1,
+        clusters: 1,
+        shape: Vec::new(),
+        labels_sha256: None,
+        is_small: false,
+        blobs: Default::default(),
+    };
     store.finish(ticket, End::Succeeded(summary)).await.expect("finished");
     write(files.result(succeeded, 1, REPORT_JSON.file), b"{}").await.expect("written");
     write(files.result(succeeded, 7, REPORT_JSON.file), b"{}").await.expect("written");

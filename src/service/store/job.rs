@@ -128,7 +128,7 @@ pub(crate) struct Summary {
     pub faces: u64,
     /// Clusters.
     pub clusters: u64,
-    /// Shape of a grid of points; empty for a list.
+    /// Shape of points: that of their grid, or their number. Empty for a mesh.
     pub shape: Vec<u64>,
     /// The report's `labels_sha256`.
     pub labels_sha256: Option<String>,

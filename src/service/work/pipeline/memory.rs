@@ -188,7 +188,8 @@ mod tests {
     async fn jobs_wait_for_memory_in_turn() {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 6 * LARGE / BYTES_A_FACE;
-        let first = memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, false)).await.expect("it fits");
+        let first =
+            memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, false)).await.expect("it fits");
         let reading = memory.read(LARGE).await.expect("it fits");
         assert!(memory.read(LARGE).now_or_never().is_none(), "one at a time reads");
         let small = memory.read(1).now_or_never().expect("but for small ones").expect("it fits");
@@ -215,7 +216,8 @@ mod tests {
         let faces = 9 * LARGE / BYTES_A_FACE;
         let flat = memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, false)).await;
         drop(flat.expect("it fits"));
-        let error = memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, true)).await.expect_err("too much");
+        let error =
+            memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, true)).await.expect_err("too much");
         assert_eq!(error.kind, Kind::TooLarge);
     }
 }

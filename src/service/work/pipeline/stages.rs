@@ -356,8 +356,8 @@ fn write(
         faces: report.input.items(),
         clusters: report.clusters,
         shape: match &report.input {
-            Input::Points(points) if points.shape.len() > 1 => points.shape.clone(),
-            Input::Points(_) | Input::Mesh(_) => Vec::new(),
+            Input::Points(points) => points.shape.clone(),
+            Input::Mesh(_) => Vec::new(),
         },
         labels_sha256: report.labels_sha256.clone(),
         is_small: false,
