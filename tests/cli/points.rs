@@ -94,7 +94,7 @@ fn what_points_do_not_have_is_refused() {
         ("cluster flat.npy -k 4 --compactness 3 -o l.npy", "--compactness goes with images"),
         ("cluster flat.npy -k 4 --curvature-exponent 3 -o l.npy", "goes with meshes, not with points"),
         ("cluster q.obj -k 4 --graph knn:8 -o l.npy", "--graph goes with points, not with a mesh"),
-        ("cluster flat.npy -k 4 -o l.png", "-o l.png is of labels in rows and columns"),
+        ("cluster flat.npy -k 8 -o l.png", "-o l.png is of labels in rows and columns"),
         ("cluster q.obj -k 4 -o l.png", "-o l.png is of labels in rows and columns"),
         ("export flat.npy --labels x.npy -o c.ply", "these are points, not a mesh"),
     ] {
