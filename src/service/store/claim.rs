@@ -36,18 +36,30 @@ macro_rules! names {
 const TENANTS: &str = names!(
     " SELECT names.tenant AS tenant, \
         (SELECT count(*) FROM jobs WHERE state = 'running' AND tenant = names.tenant) AS running, \
-        coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next \
+        coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next, \
+        coalesce((SELECT max(served) FROM tenants), 0.0) AS clock \
     FROM names WHERE names.tenant IS NOT NULL"
 );
+
+/// What the rules see of a job.
+macro_rules! columns {
+    () => {
+        "number, tenant, urgency, last_seq, state, is_small, attempt, uncounted, begun, suspicion, not_before, \
+        started_at, lease_until, cancel_requested"
+    };
+}
 
 /// The first `$1` waiting jobs of a tenant, and its first suspect.
 macro_rules! heads {
     ($tenant:literal) => {
         concat!(
-            "SELECT * FROM (SELECT * FROM jobs WHERE state = 'queued' AND suspicion = 0 AND tenant = ",
+            "SELECT * FROM (SELECT ",
+            columns!(),
+            " FROM jobs WHERE state = 'queued' AND suspicion = 0 AND tenant = ",
             $tenant,
-            " ORDER BY urgency, number LIMIT $1) AS head \
-            UNION ALL SELECT * FROM (SELECT * FROM jobs WHERE state = 'queued' AND suspicion > 0 AND tenant = ",
+            " ORDER BY urgency, number LIMIT $1) AS head UNION ALL SELECT * FROM (SELECT ",
+            columns!(),
+            " FROM jobs WHERE state = 'queued' AND suspicion > 0 AND tenant = ",
             $tenant,
             " ORDER BY not_before, number LIMIT 1) AS suspect"
         )
@@ -57,17 +69,10 @@ macro_rules! heads {
 const HEADS_OF_TENANT: &str = heads!("$2");
 
 /// Those of all tenants.
-const HEADS: &str = names!(
-    " SELECT number, heads.tenant, state, urgency, is_small, attempt, uncounted, begun, suspicion, not_before, started_at, \
-        lease_until, cancel_requested, last_seq FROM names CROSS JOIN LATERAL (",
-    heads!("names.tenant"),
-    ") AS heads"
-);
-
-const CLOCK: &str = "SELECT coalesce(max(served), 0.0) AS clock FROM tenants";
+const HEADS: &str = names!(" SELECT heads.* FROM names CROSS JOIN LATERAL (", heads!("names.tenant"), ") AS heads");
 
 /// The running jobs of a worker.
-const MINE: &str = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
+const MINE: &str = concat!("SELECT ", columns!(), " FROM jobs WHERE state = 'running' AND worker_id = $1");
 
 /// Workers that run jobs, and no suspect.
 const BUSY: &str = "SELECT worker_id, count(*) AS jobs FROM jobs WHERE state = 'running' \
@@ -84,7 +89,7 @@ const TURN: &str = "INSERT INTO tenants (name, served, next) VALUES ($1, $2, $3)
     ON CONFLICT (name) DO UPDATE SET served = excluded.served, next = excluded.next";
 
 /// A turn that is over is the same as none.
-const FORGET: &str = "DELETE FROM tenants WHERE next < $1";
+const FORGET: &str = "DELETE FROM tenants WHERE next < (SELECT max(served) FROM tenants)";
 
 const ALIVE: &str = "INSERT INTO workers (id, name, version, started_at, seen_at, lease, alive_until) \
     VALUES ($1, $2, $3, $4, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
@@ -195,7 +200,7 @@ fn claim(
 ) -> Result<(Vec<Taken>, Option<Duration>), Abort> {
     change.rows.lock_queue(true);
     let (view, heads) = view(change, claiming, is_alone)?;
-    let (now, clock) = (change.now()?, view.clock);
+    let now = change.now()?;
     let Picks { numbers, turns, again } = queue::claim(view, claiming, &change.rules, now);
     let wait = again.map(|again| again.duration_since(now).unwrap_or_default());
     if numbers.is_empty() {
@@ -210,7 +215,6 @@ fn claim(
     for Turn { tenant, served, next } in turns {
         change.rows.write(TURN, values![tenant, served, next])?;
     }
-    change.rows.write(FORGET, values![clock])?;
     let Claiming { worker, lease, .. } = claiming;
     let version = env!("CARGO_PKG_VERSION");
     let alive = (ALIVE, values![change.me, &**worker, version, now, *lease, now + *lease]);
@@ -227,11 +231,12 @@ fn claim(
 /// What the rules see of the queue, and the jobs that they choose from.
 fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<(View, Vec<Row>), Abort> {
     let (me, most) = (change.me, claiming.limit + claiming.newcomers);
-    let mut queries = vec![(TENANTS, Vec::new()), (CLOCK, Vec::new()), (MINE, values![me])];
+    let mut queries = vec![(TENANTS, Vec::new()), (MINE, values![me])];
     queries.extend(change.rows.knows_lateral().then(|| (HEADS, values![most])));
     let mut found = change.rows.all(&queries)?.into_iter();
     let mut next = || found.next().unwrap_or_default();
-    let (tenants, clock, mine) = (next(), next(), next());
+    let (tenants, mine) = (next(), next());
+    let clock = tenants.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
     let mut tenants = tenants.iter().map(tenant).collect::<Result<Vec<_>>>()?;
     let heads = match found.next() {
         Some(heads) => heads,
@@ -263,7 +268,6 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
             loads.collect::<Result<Vec<(u64, String)>>>()?.iter().all(|other| load <= *other)
         }
     };
-    let clock = clock.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
     Ok((View { tenants, clock, mine: mine.iter().map(standing).collect::<Result<_>>()?, is_least_busy }, heads))
 }
 
@@ -303,6 +307,7 @@ fn start(change: &mut Transaction<'_>, claiming: &Claiming, row: &Row, now: Syst
 fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
     change.rows.lock_queue(false);
     let now = change.now()?;
+    change.rows.write(FORGET, Vec::new())?;
     let rows = change.rows.query(OVER, values![now])?;
     if rows.is_empty() {
         return Ok(Vec::new());

@@ -152,7 +152,8 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_stops_is_unavailable_and_loses_nothing() {
     let Some(server) = Server::start() else { return };
-    let store = open(&server.database(), RULES).await;
+    let url = server.database();
+    let (store, idle) = (open(&url, RULES).await, open(&url, RULES).await);
     let kept = create(&store).await.id;
     let ticket = claim(&store).await.0;
     let pulses = store.watch(kept).await.expect("watchable").expect("a job");
@@ -167,6 +168,12 @@ async fn a_server_that_stops_is_unavailable_and_loses_nothing() {
         assert_eq!(error.kind, Kind::Unavailable, "{error}");
     }
     assert!(store.statistics().failures >= 4);
+    let noticed = async {
+        while idle.statistics().failures == 0 {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), noticed).await.expect("by its looks, without an operation");
     server.up();
     store.probe().await.expect("it works again");
     assert_eq!(store.reclaim().await, Ok(vec![]), "no lease is over");

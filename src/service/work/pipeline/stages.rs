@@ -193,7 +193,7 @@ impl Pipeline {
         let (open, memory, prepared) = match memory.may_be_small() {
             true => {
                 let slot = slot.clone();
-                let work = move || open_small(open, memory, &slot);
+                let work = move || open_with(open, memory, None, &slot);
                 self.small.thread().await?.run(work).await?
             }
             false => (open, Some(memory), None),
@@ -201,7 +201,7 @@ impl Pipeline {
         let mut prepared = match (prepared, memory) {
             (None, Some(memory)) => {
                 let wait = Waiting { runtime: Handle::current(), broken_off };
-                blocking(move || caught(|| open_in_turn(open, memory, wait, &slot))).await??
+                blocking(move || caught(|| open_with(open, memory, Some(&wait), &slot))).await??.2
             }
             (prepared, _) => prepared,
         }
@@ -225,38 +225,28 @@ struct Upload {
 /// Gets memory for so many faces of a flat clustering or a hierarchy; false leaves the mesh to a later call.
 type Admits<'a> = dyn FnMut(u64, bool) -> Result<bool> + 'a;
 
-/// Reads a mesh that may be small. Gives back what reads it, and its memory, when it is not. Waits for nothing: what a
-/// thread for small meshes waits for may itself wait for such a thread.
-fn open_small<F>(open: F, memory: Reading, slot: &Slot) -> Result<(F, Option<Reading>, Option<Prepared>)>
+/// Reads a mesh, on all threads once it has its memory. Without a `wait`, gives back what reads it, and its memory, when
+/// it is not small: what a thread for small meshes waits for may itself wait for such a thread.
+fn open_with<F>(
+    open: F,
+    memory: Reading,
+    wait: Option<&Waiting>,
+    slot: &Slot,
+) -> Result<(F, Option<Reading>, Option<Prepared>)>
 where
     F: Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
 {
     let mut left = Some(memory);
     let prepared = open(&mut |faces, is_hierarchical| {
         let Some(memory) = left.take() else { return Ok(true) };
-        match memory.build_small(faces, is_hierarchical) {
-            Ok(held) => slot.holds(held),
-            Err(memory) => left = Some(memory),
+        match (memory.build_small(faces, is_hierarchical), wait) {
+            (Ok(held), _) => slot.holds(held),
+            (Err(memory), Some(wait)) => slot.holds(wait.until(memory.build(faces, is_hierarchical))?),
+            (Err(memory), None) => left = Some(memory),
         }
         Ok(left.is_none())
     })?;
     Ok((open, left, prepared))
-}
-
-/// Reads a mesh, on all threads once it has its memory.
-fn open_in_turn(
-    open: impl Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
-    memory: Reading,
-    wait: Waiting,
-    slot: &Slot,
-) -> Result<Option<Prepared>> {
-    let mut left = Some(memory);
-    open(&mut |faces, is_hierarchical| {
-        if let Some(memory) = left.take() {
-            slot.holds(wait.until(memory.build(faces, is_hierarchical))?);
-        }
-        Ok(true)
-    })
 }
 
 /// About how much work a mesh is, to tell short jobs from long ones: faces, times what hierarchies and sequential

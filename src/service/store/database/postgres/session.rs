@@ -22,22 +22,22 @@ use super::super::rows::{Abort, Query, Row, Rows, Value, time};
 use super::connections::{Connections, failure};
 
 macro_rules! clock {
-    ($before:literal) => {
-        concat!($before, "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now")
+    ($before:literal, $after:literal) => {
+        concat!($before, "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now", $after)
     };
 }
 
-const CLOCK: &str = clock!("");
+const CLOCK: &str = clock!("", "");
 
 /// A transaction begins with a look at the clock.
-const BEGIN: &str = clock!("BEGIN; ");
+const BEGIN: &str = clock!("BEGIN; ", "");
 
-/// One transaction at a time holds the lock of the queue.
-const LOCK: &str = clock!("BEGIN; SELECT pg_advisory_xact_lock(1953723250, 1); ");
+/// One transaction at a time holds the lock of the queue; it then looks at the clock.
+const LOCK: &str = clock!("BEGIN; ", " FROM pg_advisory_xact_lock(1953723250, 1)");
 
 /// The same for a commit that does not wait for the disk.
 const LOCK_BRIEFLY: &str =
-    clock!("BEGIN; SET LOCAL synchronous_commit = off; SELECT pg_advisory_xact_lock(1953723250, 1); ");
+    clock!("BEGIN; SET LOCAL synchronous_commit = off; ", " FROM pg_advisory_xact_lock(1953723250, 1)");
 
 /// Where a session is in its transaction.
 #[derive(Debug, Clone, Copy, PartialEq)]
