@@ -207,10 +207,8 @@ fn claim(
         return Ok((Vec::new(), wait));
     }
     let mut starts = Vec::new();
-    for row in &heads {
-        if numbers.contains(&row.get("number")?) {
-            starts.push(start(change, claiming, row, now)?);
-        }
+    for row in numbers.iter().filter_map(|number| heads.get(number)) {
+        starts.push(start(change, claiming, row, now)?);
     }
     for Turn { tenant, served, next } in turns {
         change.rows.write(TURN, values![tenant, served, next])?;
@@ -222,14 +220,13 @@ fn claim(
     for row in change.rows.conclude(&starts, alive)?.iter().flatten() {
         let (live, job) = (Live::of(row)?, unplaced(row)?);
         change.pulse(&live);
-        taken.push((live.number, (live.ticket(), live.last_seq, job)));
+        taken.push((live.ticket(), live.last_seq, job));
     }
-    taken.sort_by_key(|(number, _)| numbers.iter().position(|pick| pick == number));
-    Ok((taken.into_iter().map(|(_, taken)| taken).collect(), wait))
+    Ok((taken, wait))
 }
 
-/// What the rules see of the queue, and the jobs that they choose from.
-fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<(View, Vec<Row>), Abort> {
+/// What the rules see of the queue, and the jobs that they choose from by their numbers.
+fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<(View, HashMap<i64, Row>), Abort> {
     let (me, most) = (change.me, claiming.limit + claiming.newcomers);
     let mut queries = vec![(TENANTS, Vec::new()), (MINE, values![me])];
     queries.extend(change.rows.knows_lateral().then(|| (HEADS, values![most])));
@@ -247,9 +244,10 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
         }
     };
     let places: HashMap<String, usize> = tenants.iter().map(|tenant| tenant.name.clone()).zip(0..).collect();
-    for row in &heads {
+    let mut by_number = HashMap::new();
+    for row in heads {
         let Some(&place) = places.get(row.text("tenant")?) else { continue };
-        let (standing, number) = (standing(row)?, row.get("number")?);
+        let (standing, number) = (standing(&row)?, row.get("number")?);
         match standing.suspicion {
             0 => tenants[place].waiting.push(Waiting { urgency: row.get("urgency")?, number }),
             crashes => {
@@ -257,6 +255,7 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
                 tenants[place].suspect = Some(Suspect { number, crashes, not_before });
             }
         }
+        by_number.insert(number, row);
     }
     tenants.iter_mut().for_each(|tenant| tenant.waiting.sort());
     let is_least_busy = match is_alone || tenants.iter().all(|tenant| tenant.suspect.is_none()) {
@@ -268,7 +267,7 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
             loads.collect::<Result<Vec<(u64, String)>>>()?.iter().all(|other| load <= *other)
         }
     };
-    Ok((View { tenants, clock, mine: mine.iter().map(standing).collect::<Result<_>>()?, is_least_busy }, heads))
+    Ok((View { tenants, clock, mine: mine.iter().map(standing).collect::<Result<_>>()?, is_least_busy }, by_number))
 }
 
 fn tenant(row: &Row) -> Result<Tenant> {

@@ -9,6 +9,7 @@ use super::super::database::rows::values;
 use super::super::tests::{RULES, new_job};
 use super::server::Server;
 use super::*;
+use crate::queue::Change;
 
 /// A service on a database.
 pub async fn open(url: &StoreUrl, rules: Rules) -> Store {
@@ -118,6 +119,33 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
         assert_eq!(refused.expect_err("it is another's").kind, Kind::Conflict);
     }
     second.finish(again, End::Succeeded(summary)).await.expect("finished");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_job_that_is_cancelled_during_its_claim_is_not_claimed() {
+    let Some(server) = Server::start() else { return };
+    let url = server.database();
+    let (client, worker) = (open(&url, RULES).await, open(&url, RULES).await);
+    let (first, second) = (create(&client).await.id, create(&client).await.id);
+    let held = Arc::new(tokio::sync::Notify::new());
+    let holds = Arc::clone(&held);
+    let cancelled = client.change("test", move |change| {
+        let live = change.find(first)?.expect("a job");
+        holds.notify_one();
+        // the claim sees that the job waits, and is held up by its row
+        std::thread::sleep(Duration::from_millis(500));
+        change.worked(live, Change::Cancel, None).map(drop)
+    });
+    let claimed = async {
+        held.notified().await;
+        worker.claim(9, LEASE).await
+    };
+    let (cancelled, claimed) = tokio::join!(cancelled, claimed);
+    cancelled.expect("cancelled");
+    let claimed: Vec<_> = claimed.expect("claimable").into_iter().map(|(ticket, _)| ticket.job).collect();
+    assert_eq!(claimed, [second]);
+    let whats: Vec<_> = events(&client, first, 0, 9).await.into_iter().map(|event| (event.seq, event.what)).collect();
+    assert_eq!(whats, [(1, What::State(State::Queued)), (2, What::End(State::Cancelled, None))]);
 }
 
 #[tokio::test(flavor = "multi_thread")]

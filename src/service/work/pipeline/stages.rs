@@ -225,8 +225,8 @@ struct Upload {
 /// Gets memory for so many faces of a flat clustering or a hierarchy; false leaves the mesh to a later call.
 type Admits<'a> = dyn FnMut(u64, bool) -> Result<bool> + 'a;
 
-/// Reads a mesh, on all threads once it has its memory. Without a `wait`, gives back what reads it, and its memory, when
-/// it is not small: what a thread for small meshes waits for may itself wait for such a thread.
+/// Reads a mesh, on all threads once it has its memory. Without a `wait`, it gives back what reads the mesh, and its
+/// memory, if that is not small: what a thread for small meshes waits for may itself wait for such a thread.
 fn open_with<F>(
     open: F,
     memory: Reading,
