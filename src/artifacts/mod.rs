@@ -149,7 +149,7 @@ pub enum Need {
 impl Need {
     /// Whether jobs with these parameters have it. A whole hierarchy has labels at every number of clusters, so it has
     /// none of its own. (A flat clustering without a number of clusters has listed seeds.)
-    pub fn is_met(self, parameters: &Parameters) -> bool {
+    fn is_met(self, parameters: &Parameters) -> bool {
         let is_hierarchical = parameters.algorithm.is_hierarchical();
         match self {
             Need::Labels => !is_hierarchical || parameters.clusters.is_some(),
@@ -164,7 +164,12 @@ impl Need {
 impl Artifact {
     /// Whether jobs with these parameters have it.
     pub fn is_made(&self, parameters: &Parameters) -> bool {
-        self.needs.iter().all(|need| need.is_met(parameters))
+        self.lacks(parameters).is_none()
+    }
+
+    /// Why jobs with these parameters do not have it: the first of its needs that is not met.
+    pub fn lacks(&self, parameters: &Parameters) -> Option<Need> {
+        self.needs.iter().copied().find(|need| !need.is_met(parameters))
     }
 
     /// Whether points cannot have it.
@@ -207,10 +212,14 @@ impl Flag {
     }
 }
 
-/// The forms that the service stores of jobs with these parameters, in the order in which they are written.
+/// What jobs with these parameters yield, in the order in which it is written.
+pub fn made(parameters: &Parameters) -> impl Iterator<Item = &'static Artifact> {
+    ALL.into_iter().filter(|artifact| artifact.is_made(parameters))
+}
+
+/// The forms of it that the service stores.
 pub fn stored(parameters: &Parameters) -> impl Iterator<Item = &'static Form> {
-    let made = ALL.into_iter().filter(|artifact| artifact.is_made(parameters));
-    made.flat_map(|artifact| artifact.forms).filter(|form| form.is_stored)
+    made(parameters).flat_map(|artifact| artifact.forms).filter(|form| form.is_stored)
 }
 
 /// What outputs are written from: as much of a job as there is.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::artifacts::LABELS;
+use crate::artifacts::{HIERARCHY, LABELS};
 use crate::device::cpu::CpuDevice;
 
 #[test]
@@ -55,9 +55,10 @@ fn the_outputs_that_parameters_promise_are_what_the_plan_makes() {
             let prepared = prepare(&request).expect("a mesh");
             // of the parameters as they were sent, and as the report repeats them
             for parameters in [&parameters, prepared.spec.reported()] {
-                assert_eq!(Need::Labels.is_met(parameters), prepared.spec.clustering.has_labels(), "{parameters:?}");
+                let has_labels = LABELS.is_made(parameters);
+                assert_eq!(has_labels, prepared.spec.clustering.has_labels(), "{parameters:?}");
                 let is_hierarchical = prepared.spec.clustering.is_hierarchical();
-                assert_eq!(Need::Hierarchy.is_met(parameters), is_hierarchical, "{parameters:?}");
+                assert_eq!(HIERARCHY.is_made(parameters), is_hierarchical, "{parameters:?}");
             }
         }
     }

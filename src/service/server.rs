@@ -114,28 +114,26 @@ impl Server {
         };
         let shared = open_shared(&settings, rules).await?;
         let access = Arc::new(Access::open(&settings.access).await?);
-        files.take_place(shared.as_ref().map(Store::name)).await?;
-        let files = Arc::new(files);
         let store = match (shared, &settings.data_dir) {
             (Some(store), _) => store,
             (None, Some(_)) => {
                 files.check_store().await?;
-                let store = Store::open(&files.database(), rules, faults).await?;
-                let check = async {
-                    match store.was_used().await? {
-                        true => Ok(()),
-                        false => files.check_unused_store().await,
-                    }
-                };
-                if let Err(refusal) = check.await {
-                    // another process may open the file at once
-                    store.close().await;
-                    return Err(refusal);
-                }
-                store
+                Store::open(&files.database(), rules, faults).await?
             }
             (None, None) => Store::temporary(&files.database(), rules, faults).await?,
         };
+        let check = async {
+            if !store.is_shared() && store.is_durable() && !store.was_used().await? {
+                files.check_unused_store().await?;
+            }
+            files.take_place(store.name(), store.is_durable()).await
+        };
+        if let Err(refusal) = check.await {
+            // another process may open the file at once
+            store.close().await;
+            return Err(refusal);
+        }
+        let files = Arc::new(files);
         let metrics = Arc::new(Metrics::new(&description.info, &settings));
         let observer = Arc::clone(&metrics);
         store.observe(move |operation, elapsed, failed| observer.stored(operation, elapsed, failed));

@@ -31,7 +31,6 @@ async fn work_shows_in_the_metrics() {
         "tesserae_rejections_total{reason=\"not-found\"} 1",
         "tesserae_store_seconds_count{operation=\"create\"} 2",
         "tesserae_ready 1",
-        "tesserae_tenant_jobs_total{tenant=\"local\",state=\"succeeded\"} 2",
         "tesserae_queue_limit 1024",
         "tesserae_stuck_jobs 0",
         "tesserae_queue_oldest_seconds 0.0",

@@ -170,6 +170,8 @@ async fn results_are_unavailable_and_not_gone_while_the_folder_is_away() {
     })
     .await;
     std::fs::rename(&away, folder.path()).expect("moved back");
+    std::fs::remove_file(folder.path().join("lock")).expect("there");
+    until(async || service.get("/readyz").send().await.expect("answered").status() == 200).await;
     assert_eq!(service.get(labels).send().await.expect("answered").status(), 200);
 }
 

@@ -81,7 +81,9 @@ fn check_device(arguments: &Arguments) -> Result<(), String> {
 /// Refuses outputs of what the job does not make.
 fn check_outputs(arguments: &Arguments) -> Result<(), String> {
     let (outputs, parameters) = (&arguments.outputs, arguments.first());
-    if let Some(file) = outputs.that_needs(Need::Hierarchy).filter(|_| !Need::Hierarchy.is_met(&parameters)) {
+    let lacking =
+        |need| outputs.files().iter().find(|file| file.artifact.lacks(&parameters).is_some_and(|lacks| lacks == need));
+    if let Some(file) = lacking(Need::Hierarchy) {
         let (output, name) = (file.named(), parameters.algorithm.name());
         return Err(format!("{output} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
     }
@@ -92,12 +94,12 @@ fn check_outputs(arguments: &Arguments) -> Result<(), String> {
                     OUT.iteration-6.npy"
             .to_owned());
     }
-    if outputs.that_needs(Need::Labels).is_some() && !Need::Labels.is_met(&parameters) {
+    if lacking(Need::Labels).is_some() {
         return Err("a whole hierarchy has labels at every number of clusters: give --clusters as well, or write the \
                     hierarchy with --hierarchy OUT.tsr and take labels from it with `tesserae cut`"
             .to_owned());
     }
-    if let Some(file) = outputs.that_needs(Need::Faces).filter(|_| !Need::Faces.is_met(&parameters)) {
+    if let Some(file) = lacking(Need::Faces) {
         return Err(format!(
             "{} is about the faces of the mesh, which --subdivide divides: leave one of them out",
             file.named()

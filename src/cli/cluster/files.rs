@@ -115,10 +115,10 @@ pub fn advice(arguments: &Arguments) -> String {
     };
     let name = if arguments.clusters.len() > 1 { format!("{name}-{CLUSTERS}") } else { name };
     let first = arguments.first();
-    let examples = match (Need::Labels.is_met(&first), Need::Faces.is_met(&first)) {
-        (false, _) => format!("-o {name}.tsr (the hierarchy)"),
-        (true, false) => format!("--remesh {name}.ply"),
-        (true, true) => format!("-o {name}.npy (labels) or -o {name}.glb (to look at)"),
+    let examples = match LABELS.lacks(&first) {
+        Some(Need::Labels) => format!("-o {name}.tsr (the hierarchy)"),
+        Some(_) => format!("--remesh {name}.ply"),
+        None => format!("-o {name}.npy (labels) or -o {name}.glb (to look at)"),
     };
     format!("nothing was written: add {examples}")
 }

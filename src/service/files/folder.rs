@@ -60,21 +60,21 @@ impl Files {
         };
         // nothing that is to stay lies in a temporary folder then
         let reserve = if elsewhere.is_some() && !root.is_kept() { 0 } else { reserve };
-        disk::check_reserve(root.path(), reserve)?;
+        disk::check_reserve(&root.path, reserve)?;
         for folder in [UPLOADS, RESULTS, "scratch"] {
-            let path = root.path().join(folder);
+            let path = root.path.join(folder);
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
         }
         let blobs = match elsewhere {
             Some(place) => place.open()?,
             None => {
-                let blobs = Blobs::in_folder(root.path(), root.is_kept());
-                blobs.map_err(|error| cannot_make(root.path(), error))?
+                let blobs = Blobs::in_folder(&root.path, root.is_kept());
+                blobs.map_err(|error| cannot_make(&root.path, error))?
             }
         };
-        let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), root.is_kept());
-        let disk = Disk::new(root.path().to_owned(), reserve, elsewhere.is_none());
+        let ballast = Ballast::new(&root.path, disk::total_bytes(&root.path), root.is_kept());
+        let disk = Disk::new(root.path.clone(), reserve, elsewhere.is_none());
         let (incoming, failures, damages) = (Mutex::default(), AtomicU64::new(0), AtomicU64::new(0));
         let references = References::default();
         let elsewhere = elsewhere.cloned();
@@ -102,12 +102,12 @@ impl Files {
 
     /// Where the store of jobs is to be.
     pub fn database(&self) -> PathBuf {
-        self.root.path().join(root::STORE[0])
+        self.root.path.join(root::STORE[0])
     }
 
     /// A folder for files without a name.
     pub fn scratch(&self) -> PathBuf {
-        self.root.path().join("scratch")
+        self.root.path.join("scratch")
     }
 
     pub async fn remove_upload(&self, id: JobId) {
@@ -194,13 +194,17 @@ impl Files {
     pub fn probe(&self) -> Result<()> {
         let cannot = |error| {
             storage_error(
-                format_args!("no file can be written in the data folder: {}", self.root.path().display()),
+                format_args!("no file can be written in the data folder: {}", self.root.path.display()),
                 error,
             )
         };
         self.faults.hit(FaultPoint::ProbeFolder).map_err(cannot)?;
         self.check_root()?;
         let write = || {
+            for folder in [UPLOADS, RESULTS].map(|name| self.root.path.join(name)) {
+                private::make_folder(&folder)?;
+                tempfile::tempfile_in(folder)?;
+            }
             let mut file = tempfile::tempfile_in(self.scratch())?;
             io::Write::write_all(&mut file, &[0; 4096])?;
             file.sync_all()
@@ -211,7 +215,7 @@ impl Files {
     /// An error when the folder is not the one that was opened any more. It names the folder: for the operator only.
     pub fn check_root(&self) -> Result<()> {
         self.root.check().map_err(|error| {
-            let what = format_args!("the data folder cannot be used: {}", self.root.path().display());
+            let what = format_args!("the data folder cannot be used: {}", self.root.path.display());
             Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
         })
     }
@@ -234,15 +238,10 @@ impl Files {
 
     /// Lets go of the folder: removes a temporary one, and lets another process have one that stays.
     pub async fn close(&self) {
-        match &self.root {
-            Root::Kept { lock, .. } => {
-                if let Err(error) = lock.unlock() {
-                    tracing::warn!(%error, "the data folder stays locked until the process ends");
-                }
-            }
-            Root::Temporary { folder, .. } => {
-                let _ = tokio::fs::remove_dir_all(folder.path()).await;
-            }
+        if let Some(folder) = &self.root.temporary {
+            let _ = tokio::fs::remove_dir_all(folder.path()).await;
+        } else if let Err(error) = self.root.lock.unlock() {
+            tracing::warn!(%error, "the data folder stays locked until the process ends");
         }
     }
 

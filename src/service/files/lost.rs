@@ -19,7 +19,7 @@ impl Files {
             true => 0,
             false => self.jobs_in(UPLOADS).await?.len() + self.jobs_in(RESULTS).await?.len(),
         };
-        match jobs > 0 || self.root.path().join(BALLAST).exists() {
+        match jobs > 0 || self.root.path.join(BALLAST).exists() {
             true => Err(self.lost("is missing or empty", jobs)),
             false => Ok(()),
         }
@@ -47,7 +47,7 @@ impl Files {
                 "the store of jobs ({}) {what}, but {others}: put the store back, from a backup for instance, or, to \
                  begin with an empty store, move {UPLOADS}, {RESULTS} and {BALLAST} out of the data folder: {}",
                 root::STORE[0],
-                self.root.path().display()
+                self.root.path.display()
             ),
         )
     }

@@ -1,17 +1,17 @@
 //! Blobs that lie elsewhere than in the data folder (`--blobs`), where other processes may have theirs.
 //!
 //! A store of jobs belongs to a place, and a place to one store: with another place its jobs have no files, and another
-//! store sweeps them away. So the store has a name. The data folder keeps it in a file, [`BLOBS`], whose first line is
-//! the place and whose second line is the name; the place keeps it as a blob, [`OWNER`].
+//! store sweeps them away. So the data folder keeps the place in a file, [`BLOBS`], and the place keeps the name of the
+//! store as a blob, [`OWNER`].
 //!
 //! The room of a place is not counted: other processes fill it too. When it is full, what is written to it fails.
 
+use std::fmt;
 use std::io::{self, Write as _};
 
 use axum::body::Bytes;
 use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Kind, Result};
-use uuid::Uuid;
 
 use super::failure::{CANNOT_REACH, cannot_make};
 use super::folder::Files;
@@ -23,72 +23,61 @@ use crate::ops::private;
 /// Name of the blob with the name of the store that a place belongs to.
 const OWNER: &str = "owner";
 
-/// What the data folder knows of the place of its blobs.
-struct Record {
-    place: String,
-    store: String,
-}
-
 impl Files {
     /// Whether the blobs lie elsewhere, where other processes may have theirs.
     pub fn is_shared(&self) -> bool {
         self.elsewhere.is_some()
     }
 
-    /// Takes the place of the blobs for a store of this name, which is not in the data folder, or for the one that is:
-    /// checks that it works, and that place and store are each other's, from now on if they are new. Without a name and
-    /// a data folder there is nothing to check that by.
-    pub async fn take_place(&mut self, store: Option<&str>) -> Result<()> {
-        let file = self.root.path().join(BLOBS);
-        let record = Record::read(&file).map_err(|error| cannot_make(&file, error))?;
-        let Some(place) = &self.elsewhere else {
-            return match record {
-                Some(Record { place, .. }) => Err(Error::new(
-                    Kind::Conflict,
-                    format_args!("the files of the jobs of this data folder lie elsewhere: give --blobs {place}"),
-                )),
-                None => Ok(()),
-            };
+    /// Takes the place of the blobs for a store of this name: checks that it works, and that place, store and data
+    /// folder are each other's, from now on if they are new. A temporary store has no place to itself.
+    pub async fn take_place(&mut self, store: &str, is_durable: bool) -> Result<()> {
+        let file = self.root.path.join(BLOBS);
+        let cannot = |error| cannot_make(&file, error);
+        let known = match std::fs::read_to_string(&file) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            text => text.map_err(cannot)?.lines().next().map(str::to_owned),
         };
-        if let Some(record) = record.as_ref().filter(|record| record.place != place.to_string()) {
-            return Err(Error::new(
-                Kind::Conflict,
-                format_args!(
-                    "the files of the jobs of this data folder do not lie at {place}: give --blobs {}, or, if they \
-                     were moved, write the new place into the first line of {}",
-                    record.place,
-                    file.display()
-                ),
-            ));
-        }
-        self.probe_elsewhere().await?;
-        let is_new = record.is_none() && self.root.is_kept();
-        if is_new && self.has_files_in_root() {
-            return Err(Error::new(
-                Kind::Conflict,
-                format_args!(
-                    "files of jobs lie in the data folder: move its folders {UPLOADS} and {RESULTS} to {place} while \
-                     the service is stopped, or start without --blobs: {}",
-                    self.root.path().display()
-                ),
-            ));
-        }
-        let name = match (store, &record) {
-            (Some(store), _) => store.to_owned(),
-            (None, Some(record)) => record.store.clone(),
-            (None, None) if is_new => Uuid::new_v4().to_string(),
+        let is_new = known.is_none() && self.root.is_kept();
+        let conflict = |message: fmt::Arguments<'_>| Err(Error::new(Kind::Conflict, message));
+        let place = match (&self.elsewhere, known) {
             (None, None) => return Ok(()),
+            (None, Some(known)) => {
+                return conflict(format_args!(
+                    "the files of the jobs of this data folder lie elsewhere: give --blobs {known}"
+                ));
+            }
+            (Some(place), Some(known)) if known != place.to_string() => {
+                return conflict(format_args!(
+                    "the files of the jobs of this data folder do not lie at {place}: give --blobs {known}, or, if \
+                     they were moved, write the new place into {}",
+                    file.display()
+                ));
+            }
+            (Some(place), _) => {
+                self.probe_elsewhere().await?;
+                if is_new && self.has_files_in_root() {
+                    return conflict(format_args!(
+                        "files of jobs lie in the data folder: move its folders {UPLOADS} and {RESULTS} to {place} \
+                         while the service is stopped, or start without --blobs: {}",
+                        self.root.path.display()
+                    ));
+                }
+                place
+            }
         };
+        if !is_durable {
+            return Ok(());
+        }
         let path = BlobPath::from(OWNER);
         if self.blobs.get(&path, None).await.is_err_and(|error| error.kind == Kind::NotFound) {
-            self.blobs.put(&path, Bytes::copy_from_slice(name.as_bytes())).await?;
+            self.blobs.put(&path, Bytes::copy_from_slice(store.as_bytes())).await?;
         }
-        self.check_owner(place, &name).await?;
+        self.check_owner(place, store).await?;
         if is_new {
-            let record = Record { place: place.to_string(), store: name.clone() };
-            record.write(&file).map_err(|error| cannot_make(&file, error))?;
+            keep(&file, place).map_err(cannot)?;
         }
-        self.owner = Some(name);
+        self.owner = Some(store.to_owned());
         Ok(())
     }
 
@@ -108,7 +97,7 @@ impl Files {
 
     fn has_files_in_root(&self) -> bool {
         [UPLOADS, RESULTS].iter().any(|folder| {
-            std::fs::read_dir(self.root.path().join(folder)).is_ok_and(|mut entries| entries.next().is_some())
+            std::fs::read_dir(self.root.path.join(folder)).is_ok_and(|mut entries| entries.next().is_some())
         })
     }
 
@@ -139,29 +128,13 @@ impl Files {
     }
 }
 
-impl Record {
-    /// Reads the file of a data folder, if there is one.
-    fn read(file: &std::path::Path) -> io::Result<Option<Self>> {
-        let text = match std::fs::read_to_string(file) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            text => text?,
-        };
-        match text.lines().collect::<Vec<_>>()[..] {
-            [place, store] if !place.is_empty() && !store.is_empty() => {
-                Ok(Some(Self { place: place.to_owned(), store: store.to_owned() }))
-            }
-            _ => Err(io::Error::other("the file must have two lines, the place of files and the name of the store")),
-        }
-    }
-
-    /// Writes the file, whole or not at all.
-    fn write(&self, file: &std::path::Path) -> io::Result<()> {
-        let new = file.with_extension("new");
-        let mut out = private::options().truncate(true).open(&new)?;
-        writeln!(out, "{}\n{}", self.place, self.store)?;
-        out.sync_all()?;
-        std::fs::rename(&new, file)
-    }
+/// Writes the place into a file, whole or not at all.
+fn keep(file: &std::path::Path, place: &BlobPlace) -> io::Result<()> {
+    let new = file.with_extension("new");
+    let mut out = private::options().truncate(true).open(&new)?;
+    writeln!(out, "{place}")?;
+    out.sync_all()?;
+    std::fs::rename(&new, file)
 }
 
 #[cfg(test)]
@@ -202,7 +175,8 @@ mod tests {
             let elsewhere = elsewhere.map(place);
             let files = Files::open(Some(data), elsewhere.as_ref(), 0, Faults::default());
             let mut files = files.expect("it opens");
-            let taken = files.take_place(None).await;
+            // the name of the store that such a data folder has
+            let taken = files.take_place(&data.display().to_string(), true).await;
             files.close().await;
             taken
         };
@@ -229,14 +203,11 @@ mod tests {
 
         let place = place(blobs);
         let mut files = Files::open(Some(data), Some(&place), 0, Faults::default()).expect("opened");
-        assert_eq!(files.take_place(None).await, Ok(()));
+        assert_eq!(files.take_place(&data.display().to_string(), true).await, Ok(()));
         assert_eq!(files.probe_elsewhere().await, Ok(()));
         std::fs::remove_file(blobs.join(OWNER)).expect("there");
         assert!(files.probe_elsewhere().await.is_err(), "as when it is not mounted");
         files.close().await;
-        std::fs::write(data.join(BLOBS), "one line").expect("written");
-        let error = try_open(data, None).await.expect_err("no record");
-        assert!(error.message.contains("two lines"), "{error}");
     }
 
     #[tokio::test]

@@ -3,7 +3,7 @@
 //! A temporary folder has a lock, too: a free lock marks the folder of a process that was killed, which a later process
 //! removes.
 
-use std::fs::{File, TryLockError};
+use std::fs::{File, Metadata, TryLockError};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -28,11 +28,15 @@ pub(crate) const BLOBS: &str = "blobs";
 pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm"];
 
 #[derive(Debug)]
-pub(super) enum Root {
-    /// `--data-dir`: everything stays.
-    Kept { path: PathBuf, lock: File },
-    /// Among the system's temporary files, for as long as the process.
-    Temporary { folder: TempDir, lock: File },
+pub(super) struct Root {
+    pub path: PathBuf,
+    /// The folder among the system's temporary files that goes with the process; none for `--data-dir`, where
+    /// everything stays.
+    pub temporary: Option<TempDir>,
+    pub lock: File,
+    /// The folder when it was taken. It is held open, so that no other one gets its number.
+    found: Metadata,
+    _open: Option<File>,
 }
 
 impl Root {
@@ -74,7 +78,12 @@ impl Root {
             let file = path.join(name);
             private::tighten(&file).map_err(|error| cannot_make(&file, error))?;
         }
-        Ok(Self::Kept { path, lock })
+        Self::taken(path, lock, None)
+    }
+
+    fn taken(path: PathBuf, lock: File, temporary: Option<TempDir>) -> Result<Self> {
+        let found = path.metadata().map_err(|error| cannot_make(&path, error))?;
+        Ok(Self { _open: File::open(&path).ok(), path, temporary, lock, found })
     }
 
     /// Makes a temporary folder in `among`, and removes those there whose process was killed.
@@ -99,26 +108,20 @@ impl Root {
         };
         let lock = lock_it().map_err(cannot)?;
         sweep_temporary(among, folder.path());
-        Ok(Self::Temporary { folder, lock })
-    }
-
-    pub fn path(&self) -> &Path {
-        match self {
-            Root::Kept { path, .. } => path,
-            Root::Temporary { folder, .. } => folder.path(),
-        }
+        Self::taken(folder.path().to_owned(), lock, Some(folder))
     }
 
     /// Whether the folder outlasts the process.
     pub fn is_kept(&self) -> bool {
-        matches!(self, Root::Kept { .. })
+        self.temporary.is_none()
     }
 
     /// Whether the folder is still the one that was opened: not removed, unmounted, or mounted over.
     pub fn check(&self) -> io::Result<()> {
-        let (Root::Kept { lock, .. } | Root::Temporary { lock, .. }) = self;
-        let (there, held) = (self.path().join(LOCK).metadata()?, lock.metadata()?);
-        if same_file(&there, &held) { Ok(()) } else { Err(io::Error::other("it was replaced by another")) }
+        match same_file(&self.path.metadata()?, &self.found) {
+            true => Ok(()),
+            false => Err(io::Error::other("it was replaced by another")),
+        }
     }
 }
 
@@ -159,12 +162,12 @@ fn is_folder_of_same_owner(path: &Path, _: &Path) -> bool {
 }
 
 #[cfg(unix)]
-fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
+fn same_file(one: &Metadata, other: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
 #[cfg(not(unix))]
-fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
+fn same_file(one: &Metadata, other: &Metadata) -> bool {
     one.created().ok() == other.created().ok()
 }

@@ -137,7 +137,17 @@ async fn a_disk_that_fails_says_how() {
     assert!(write(files.incoming().blob("x"), b"x").await.is_err() || files.probe().is_err());
     let _ = std::fs::remove_dir_all(folder.path());
     std::fs::rename(&elsewhere, folder.path()).expect("moved back");
+    // another process may have removed it
+    std::fs::remove_file(folder.path().join("lock")).expect("there");
     assert_eq!(files.probe(), Ok(()));
+    for name in [UPLOADS, RESULTS] {
+        let path = folder.path().join(name);
+        std::fs::remove_dir_all(&path).expect("there");
+        std::fs::write(&path, "").expect("written");
+        assert!(files.probe().is_err(), "{name} takes no file");
+        std::fs::remove_file(&path).expect("there");
+        assert_eq!(files.probe(), Ok(()));
+    }
 }
 
 #[tokio::test]

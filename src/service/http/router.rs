@@ -15,7 +15,6 @@ use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::cors::CorsLayer;
 use tower_http::trace::TraceLayer;
 
-use crate::guard::access::Caller;
 use crate::guard::access_log;
 use crate::guard::problem;
 use crate::guard::traffic::sites::{self, Sites};
@@ -94,7 +93,6 @@ async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, nex
     let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());
     let status = response.status().as_u16();
     metrics.answered(&method, route, status, started.elapsed());
-    metrics.answered_to(response.extensions().get::<Caller>().and_then(Caller::tenant_name), status);
     complete(response.headers_mut());
     response
 }

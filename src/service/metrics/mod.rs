@@ -1,13 +1,12 @@
 //! Numbers for a dashboard: counted as things happen, written when Prometheus reads `/metrics`.
 //!
-//! [`families`] defines all metrics. Labels have few values: routes are templates, never paths; no job or address is a
-//! label, and only the first [`tenants`] are. `deploy/grafana.json` draws these; a test compares the names.
+//! [`families`] defines all metrics. Labels have few values: routes are templates, never paths; no job, address
+//! or tenant is a label. `deploy/grafana.json` draws these; a test compares the names.
 
 mod busy;
 mod families;
 pub(crate) mod lag;
 mod process;
-mod tenants;
 
 use std::borrow::Cow;
 use std::fmt;
@@ -27,7 +26,6 @@ use self::families::{
     DeviceLabels, Families,
 };
 use self::process::Process;
-use self::tenants::Tenants;
 use crate::files::Files;
 use crate::ops::health::{Health, Part, Severity};
 use crate::settings::Settings;
@@ -44,7 +42,6 @@ pub(crate) struct Metrics {
     registry: Registry,
     pub families: Families,
     process: Process,
-    tenants: Tenants,
     device_works: Busy,
     memory_meter: Mutex<Option<Meter>>,
     /// Average seconds between claim and end of a job; none before the first.
@@ -64,7 +61,7 @@ impl Metrics {
     /// Nothing counted yet, on that device.
     pub fn new(device: &DeviceInfo, settings: &Settings) -> Self {
         let mut registry = Registry::with_prefix("tesserae");
-        let (families, tenants) = (Families::register(&mut registry), Tenants::register(&mut registry));
+        let families = Families::register(&mut registry);
         families.build.get_or_create(&BuildLabels { version: env!("CARGO_PKG_VERSION") }).set(1);
         let kind = match device.kind {
             DeviceKind::Cpu => "cpu",
@@ -89,7 +86,6 @@ impl Metrics {
             registry,
             families,
             process: Process::new(),
-            tenants,
             device_works: Busy::default(),
             memory_meter: Mutex::default(),
             pace: Mutex::default(),
@@ -101,15 +97,7 @@ impl Metrics {
         self.families.poison.get_or_create(&ByReason { reason: kind.slug() }).inc();
     }
 
-    /// A request of `tenant` was answered.
-    pub fn answered_to(&self, tenant: Option<&str>, status: u16) {
-        if let Some(tenant) = tenant {
-            self.tenants.answered(tenant, status >= 400);
-        }
-    }
-
     pub fn accepted(&self, job: &Job) {
-        self.tenants.accepted(&job.spec.tenant);
         self.families.upload_bytes.inc_by(job.spec.bytes);
     }
 
@@ -117,7 +105,6 @@ impl Metrics {
         let claimed = job.started_at.unwrap_or_else(SystemTime::now);
         let waited = claimed.duration_since(job.created_at).unwrap_or_default();
         self.families.queue_wait.observe(waited.as_secs_f64());
-        self.tenants.claimed(&job.spec.tenant, waited);
     }
 
     /// An attempt at a job failed in a way that another may not.
@@ -132,7 +119,6 @@ impl Metrics {
     pub fn ended(&self, job: &Job, state: State, elapsed: Duration, error: Option<Kind>) {
         let algorithm = job.spec.parameters.algorithm.name();
         let seconds = elapsed.as_secs_f64();
-        self.tenants.ended(&job.spec.tenant, state.name(), elapsed);
         self.families.job_seconds.get_or_create(&ByEnd { algorithm, state: state.name() }).observe(seconds);
         if error == Some(Kind::DeviceLost) {
             self.families.device_lost.inc();

@@ -135,25 +135,3 @@ pub(crate) fn why_not_ready(conditions: &[Condition]) -> Option<String> {
     let reasons: Vec<String> = conditions.iter().filter_map(Condition::reason).collect();
     (!reasons.is_empty()).then(|| reasons.join("; "))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_what_fails_makes_the_service_not_ready() {
-        let health = Health::default();
-        assert_eq!(health.why_not_ready(), None);
-        health.degrade(Part::Device, "the cpu stands in for the gpu");
-        assert_eq!(health.why_not_ready(), None);
-        assert_eq!(health.conditions().len(), 1);
-        health.fail(Part::Disk, "full");
-        health.fail(Part::Store, "gone");
-        assert_eq!(health.why_not_ready().as_deref(), Some("store: gone; disk: full"));
-        assert_eq!(health.severity(Part::Device), Some(Severity::Degraded));
-        health.clear(Part::Store);
-        health.clear(Part::Disk);
-        assert_eq!(health.why_not_ready(), None);
-        assert_eq!(health.severity(Part::Disk), None);
-    }
-}

@@ -54,6 +54,8 @@ impl State {
 pub(crate) struct Standing {
     /// Where it is in its life.
     pub state: State,
+    /// Whether its upload is small: an attempt then begins with its claim.
+    pub is_small: bool,
     /// Claims so far: the fence of every write by a worker.
     pub attempt: u32,
     /// Of them, those that do not count: broken off without fault, or before the last retry.
@@ -84,11 +86,10 @@ pub(crate) enum Release {
 /// What happens to a job. A worker names its attempt.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Change {
-    /// A worker claims it; the attempt begins at once if the upload is small.
+    /// A worker claims it.
     Claim {
         worker: Arc<str>,
         lease: Duration,
-        is_small: bool,
     },
     /// The worker begins to read the mesh: from now on the attempt counts. Nothing happens when it has begun already.
     Begin {
@@ -137,9 +138,10 @@ pub(crate) struct Refused(pub State);
 
 impl Standing {
     /// A new job, and its first event.
-    pub fn created() -> (Self, Event) {
+    pub fn created(is_small: bool) -> (Self, Event) {
         let standing = Self {
             state: State::Queued,
+            is_small,
             attempt: 0,
             uncounted: 0,
             has_begun: false,
@@ -156,7 +158,7 @@ impl Standing {
     pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<Event>), Refused> {
         self.check(&change)?;
         let after = match change {
-            Change::Claim { worker, lease, is_small } => return Ok(self.claimed(worker, lease, is_small, now)),
+            Change::Claim { worker, lease } => return Ok(self.claimed(worker, lease, now)),
             Change::Begin { .. } => (Self { has_begun: true, ..self }, None),
             Change::Heartbeat { lease, .. } => (Self { lease_until: Some(now + lease), ..self }, None),
             Change::Release { release: Release::Failed(error), .. } => self.given_back(Some(error), rules, now),
@@ -194,12 +196,12 @@ impl Standing {
     }
 
     /// Starts the next attempt.
-    fn claimed(self, worker: Arc<str>, lease: Duration, is_small: bool, now: SystemTime) -> (Self, Option<Event>) {
+    fn claimed(self, worker: Arc<str>, lease: Duration, now: SystemTime) -> (Self, Option<Event>) {
         let attempt = self.attempt + 1;
         let claimed = Self {
             state: State::Running,
             attempt,
-            has_begun: is_small,
+            has_begun: self.is_small,
             not_before: None,
             started_at: Some(now),
             lease_until: Some(now + lease),

@@ -100,7 +100,7 @@ fn a_suspect_starts_alone_and_waits_for_that_in_bounded_time() {
     let due = now();
     let suspect = Suspect { number: 9, crashes: 2, not_before: due };
     let tenants = || vec![Tenant { suspect: Some(suspect), ..tenant("a", 0, 0.0, 0..2) }];
-    let (running, _) = Standing::created();
+    let (running, _) = Standing::created(false);
     let running = Standing { state: State::Running, started_at: Some(due), ..running };
     let picks = |mine: &[Standing], at, limit, is_least_busy| {
         let view = View { mine: mine.to_vec(), is_least_busy, ..view(tenants()) };
@@ -132,8 +132,8 @@ fn a_suspect_starts_alone_and_waits_for_that_in_bounded_time() {
 #[test]
 fn a_job_is_claimed_once_blamed_alone_and_begins_anew_with_a_retry() {
     let apply = |job: Standing, change| job.apply(change, &RULES, now());
-    let claim = Change::Claim { worker: "w".into(), lease: Duration::ZERO, is_small: true };
-    let (running, _) = apply(Standing::created().0, claim.clone()).expect("it waits");
+    let claim = Change::Claim { worker: "w".into(), lease: Duration::ZERO };
+    let (running, _) = apply(Standing::created(true).0, claim.clone()).expect("it waits");
     assert_eq!(apply(running, claim), Err(Refused(State::Running)));
     let claimed = Standing { has_begun: false, ..running };
     let blamed = |counts: [bool; 2]| counts.map(|counts| Change::Crashed { counts });

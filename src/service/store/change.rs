@@ -67,6 +67,7 @@ pub fn unplaced(row: &Row) -> Result<Job> {
 pub fn standing(row: &Row) -> Result<Standing> {
     Ok(Standing {
         state: row.get("state")?,
+        is_small: row.get("is_small")?,
         attempt: row.get("attempt")?,
         uncounted: row.get("uncounted")?,
         has_begun: row.get("begun")?,

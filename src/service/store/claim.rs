@@ -4,55 +4,92 @@
 //! over although its worker lives was given up by that worker. While the server of the database was stopped, no worker
 //! could prolong a lease, so a lease that was over when the server started is valid for another term.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, SystemTime};
 
-use tesserae_mesh::error::Result;
+use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::change::{Live, Transaction, standing, unplaced};
 use super::database::rows::{Abort, Query, Row, Rows, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
-use crate::queue::{self, Change, Claiming, Picks, Release, Standing, Suspect, Tenant, Turn, View, Waiting, crashed};
+use super::terms::What;
+use crate::queue::{
+    self, Change, Claiming, Picks, Refused, Release, Standing, Suspect, Tenant, Turn, View, Waiting, crashed,
+};
 
-/// Tenants with waiting jobs, each with its first one and its first suspect. Each step goes to the next tenant.
-const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
-        SELECT min(tenant) FROM jobs WHERE state = 'queued' \
-        UNION ALL SELECT (SELECT min(tenant) FROM jobs WHERE state = 'queued' AND tenant > names.tenant) \
-        FROM names WHERE names.tenant IS NOT NULL\
-    ) SELECT names.tenant AS tenant, \
+/// Tenants with waiting jobs. Each step goes to the next one.
+macro_rules! names {
+    ($($rest:expr),+) => {
+        concat!(
+            "WITH RECURSIVE names(tenant) AS (\
+                SELECT min(tenant) FROM jobs WHERE state = 'queued' \
+                UNION ALL SELECT (SELECT min(tenant) FROM jobs WHERE state = 'queued' AND tenant > names.tenant) \
+                FROM names WHERE names.tenant IS NOT NULL\
+            )",
+            $($rest),+
+        )
+    };
+}
+
+const TENANTS: &str = names!(
+    " SELECT names.tenant AS tenant, \
         (SELECT count(*) FROM jobs WHERE state = 'running' AND tenant = names.tenant) AS running, \
         coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next, \
-        head.number AS number, head.urgency AS urgency, suspect.number AS suspect, \
-        suspect.suspicion AS crashes, suspect.not_before AS not_before \
-    FROM names \
-    LEFT JOIN jobs AS head ON head.number = (SELECT number FROM jobs \
-        WHERE state = 'queued' AND suspicion = 0 AND tenant = names.tenant ORDER BY urgency, number LIMIT 1) \
-    LEFT JOIN jobs AS suspect ON suspect.number = (SELECT number FROM jobs \
-        WHERE state = 'queued' AND suspicion > 0 AND tenant = names.tenant ORDER BY not_before, number LIMIT 1) \
-    WHERE names.tenant IS NOT NULL";
+        coalesce((SELECT max(served) FROM tenants), 0.0) AS clock \
+    FROM names WHERE names.tenant IS NOT NULL"
+);
 
-const CLOCK: &str = "SELECT coalesce(max(served), 0.0) AS clock FROM tenants";
+/// What the rules see of a job.
+macro_rules! columns {
+    () => {
+        "number, tenant, urgency, last_seq, state, is_small, attempt, uncounted, begun, suspicion, not_before, \
+        started_at, lease_until, cancel_requested"
+    };
+}
+
+/// The first `$1` waiting jobs of a tenant, and its first suspect.
+macro_rules! heads {
+    ($tenant:literal) => {
+        concat!(
+            "SELECT * FROM (SELECT ",
+            columns!(),
+            " FROM jobs WHERE state = 'queued' AND suspicion = 0 AND tenant = ",
+            $tenant,
+            " ORDER BY urgency, number LIMIT $1) AS head UNION ALL SELECT * FROM (SELECT ",
+            columns!(),
+            " FROM jobs WHERE state = 'queued' AND suspicion > 0 AND tenant = ",
+            $tenant,
+            " ORDER BY not_before, number LIMIT 1) AS suspect"
+        )
+    };
+}
+
+const HEADS_OF_TENANT: &str = heads!("$2");
+
+/// Those of all tenants.
+const HEADS: &str = names!(" SELECT heads.* FROM names CROSS JOIN LATERAL (", heads!("names.tenant"), ") AS heads");
 
 /// The running jobs of a worker.
-const MINE: &str = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
-
-/// The first waiting jobs of a tenant.
-const HEADS: &str = "SELECT urgency, number FROM jobs \
-    WHERE state = 'queued' AND suspicion = 0 AND tenant = $1 ORDER BY urgency, number LIMIT $2";
+const MINE: &str = concat!("SELECT ", columns!(), " FROM jobs WHERE state = 'running' AND worker_id = $1");
 
 /// Workers that run jobs, and no suspect.
 const BUSY: &str = "SELECT worker_id, count(*) AS jobs FROM jobs WHERE state = 'running' \
     GROUP BY worker_id HAVING max(suspicion) = 0";
 
-const TAKE: &str = "SELECT * FROM jobs WHERE number = $1 FOR UPDATE";
+/// The event of a start. A client may change a waiting job during the claim, which every such change tells by an event.
+const TELL: &str = "INSERT INTO events (job, seq, kind, data) SELECT number, last_seq + 1, $3, $4 FROM jobs \
+    WHERE number = $1 AND last_seq = $2 FOR UPDATE";
+
+const START: &str = "UPDATE jobs SET last_seq = last_seq + 1, state = $3, attempt = $4, begun = $5, not_before = $6, \
+    started_at = $7, lease_until = $8, worker = $9, worker_id = $10 WHERE number = $1 AND last_seq = $2 RETURNING *";
 
 const TURN: &str = "INSERT INTO tenants (name, served, next) VALUES ($1, $2, $3) \
     ON CONFLICT (name) DO UPDATE SET served = excluded.served, next = excluded.next";
 
 /// A turn that is over is the same as none.
-const FORGET: &str = "DELETE FROM tenants WHERE next < $1";
+const FORGET: &str = "DELETE FROM tenants WHERE next < (SELECT max(served) FROM tenants)";
 
 const ALIVE: &str = "INSERT INTO workers (id, name, version, started_at, seen_at, lease, alive_until) \
     VALUES ($1, $2, $3, $4, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
@@ -114,7 +151,7 @@ impl Store {
         let (me, known) = (self.me, self.held.lock().clone());
         let given_back = self.change("release", move |change| {
             // the claim may still be under way
-            change.rows.lock_queue(None);
+            change.rows.lock_queue(false);
             let mut jobs = 0;
             let mine = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1 FOR UPDATE";
             for row in change.rows.query(mine, values![me])? {
@@ -161,44 +198,66 @@ fn claim(
     claiming: &Claiming,
     is_alone: bool,
 ) -> Result<(Vec<Taken>, Option<Duration>), Abort> {
-    change.rows.lock_queue(Some(change.me));
-    let view = view(change, claiming, is_alone)?;
-    let (now, clock) = (change.now()?, view.clock);
+    change.rows.lock_queue(true);
+    let (view, heads) = view(change, claiming, is_alone)?;
+    let now = change.now()?;
     let Picks { numbers, turns, again } = queue::claim(view, claiming, &change.rules, now);
     let wait = again.map(|again| again.duration_since(now).unwrap_or_default());
     if numbers.is_empty() {
         return Ok((Vec::new(), wait));
     }
-    let queries: Vec<Query> = numbers.iter().map(|number| (TAKE, values![*number])).collect();
-    let mut taken = Vec::new();
-    for row in change.rows.all(&queries)?.iter().flatten() {
-        taken.extend(start(change, claiming, row)?);
+    let mut starts = Vec::new();
+    for row in numbers.iter().filter_map(|number| heads.get(number)) {
+        starts.push(start(change, claiming, row, now)?);
     }
     for Turn { tenant, served, next } in turns {
         change.rows.write(TURN, values![tenant, served, next])?;
     }
-    change.rows.write(FORGET, values![clock])?;
     let Claiming { worker, lease, .. } = claiming;
     let version = env!("CARGO_PKG_VERSION");
-    change.rows.write(ALIVE, values![change.me, &**worker, version, now, *lease, now + *lease])?;
+    let alive = (ALIVE, values![change.me, &**worker, version, now, *lease, now + *lease]);
+    let mut taken = Vec::new();
+    for row in change.rows.conclude(&starts, alive)?.iter().flatten() {
+        let (live, job) = (Live::of(row)?, unplaced(row)?);
+        change.pulse(&live);
+        taken.push((live.ticket(), live.last_seq, job));
+    }
     Ok((taken, wait))
 }
 
-/// What the rules see of the queue.
-fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<View, Abort> {
-    let me = change.me;
-    let found = change.rows.all(&[(TENANTS, Vec::new()), (CLOCK, Vec::new()), (MINE, values![me])])?;
-    let mut found = found.into_iter();
+/// What the rules see of the queue, and the jobs that they choose from by their numbers.
+fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<(View, HashMap<i64, Row>), Abort> {
+    let (me, most) = (change.me, claiming.limit + claiming.newcomers);
+    let mut queries = vec![(TENANTS, Vec::new()), (MINE, values![me])];
+    queries.extend(change.rows.knows_lateral().then(|| (HEADS, values![most])));
+    let mut found = change.rows.all(&queries)?.into_iter();
     let mut next = || found.next().unwrap_or_default();
-    let (tenants, clock, mine) = (next(), next(), next());
+    let (tenants, mine) = (next(), next());
+    let clock = tenants.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
     let mut tenants = tenants.iter().map(tenant).collect::<Result<Vec<_>>>()?;
-    let most = claiming.limit + claiming.newcomers;
-    if most > 1 {
-        let queries: Vec<Query> = tenants.iter().map(|tenant| (HEADS, values![&*tenant.name, most])).collect();
-        for (tenant, rows) in tenants.iter_mut().zip(change.rows.all(&queries)?) {
-            tenant.waiting = rows.iter().map(waiting).collect::<Result<_>>()?;
+    let heads = match found.next() {
+        Some(heads) => heads,
+        None => {
+            let of_tenant = |tenant: &Tenant| (HEADS_OF_TENANT, values![most, &*tenant.name]);
+            let queries: Vec<Query> = tenants.iter().map(of_tenant).collect();
+            change.rows.all(&queries)?.into_iter().flatten().collect()
         }
+    };
+    let places: HashMap<String, usize> = tenants.iter().map(|tenant| tenant.name.clone()).zip(0..).collect();
+    let mut by_number = HashMap::new();
+    for row in heads {
+        let Some(&place) = places.get(row.text("tenant")?) else { continue };
+        let (standing, number) = (standing(&row)?, row.get("number")?);
+        match standing.suspicion {
+            0 => tenants[place].waiting.push(Waiting { urgency: row.get("urgency")?, number }),
+            crashes => {
+                let not_before = standing.not_before.unwrap_or(SystemTime::UNIX_EPOCH);
+                tenants[place].suspect = Some(Suspect { number, crashes, not_before });
+            }
+        }
+        by_number.insert(number, row);
     }
+    tenants.iter_mut().for_each(|tenant| tenant.waiting.sort());
     let is_least_busy = match is_alone || tenants.iter().all(|tenant| tenant.suspect.is_none()) {
         true => true,
         false => {
@@ -208,46 +267,46 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
             loads.collect::<Result<Vec<(u64, String)>>>()?.iter().all(|other| load <= *other)
         }
     };
-    let clock = clock.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
-    Ok(View { tenants, clock, mine: mine.iter().map(standing).collect::<Result<_>>()?, is_least_busy })
+    Ok((View { tenants, clock, mine: mine.iter().map(standing).collect::<Result<_>>()?, is_least_busy }, by_number))
 }
 
 fn tenant(row: &Row) -> Result<Tenant> {
-    let suspect = |number| -> Result<Suspect> {
-        let not_before = row.get::<Option<SystemTime>>("not_before")?.unwrap_or(SystemTime::UNIX_EPOCH);
-        Ok(Suspect { number, crashes: row.get("crashes")?, not_before })
-    };
-    let head: Option<i64> = row.get("number")?;
-    Ok(Tenant {
-        name: row.get("tenant")?,
-        running: row.get("running")?,
-        next: row.get("next")?,
-        waiting: head.map(|_| waiting(row)).transpose()?.into_iter().collect(),
-        suspect: row.get::<Option<i64>>("suspect")?.map(suspect).transpose()?,
-    })
+    let (name, running, next) = (row.get("tenant")?, row.get("running")?, row.get("next")?);
+    Ok(Tenant { name, running, next, waiting: Vec::new(), suspect: None })
 }
 
-fn waiting(row: &Row) -> Result<Waiting> {
-    Ok(Waiting { urgency: row.get("urgency")?, number: row.get("number")? })
-}
-
-/// Starts the next attempt at a job; none where it was cancelled in this moment.
-fn start(change: &mut Transaction<'_>, claiming: &Claiming, row: &Row) -> Result<Option<Taken>, Abort> {
-    let mut live = Live::of(row)?;
-    let job = unplaced(row)?;
-    live.worker = Some(claiming.worker.to_string());
-    live.worker_id = Some(change.me);
-    let (worker, lease, is_small) = (claiming.worker.clone(), claiming.lease, job.spec.is_small);
-    let Ok(live) = change.apply(live, Change::Claim { worker, lease, is_small }, None)? else { return Ok(None) };
-    let Standing { state, attempt, started_at, .. } = live.standing;
-    let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..job };
-    Ok(Some((live.ticket(), live.last_seq, job)))
+/// Tells the start of the next attempt at a job; the statement that starts it, unless a client changed the job.
+fn start(change: &mut Transaction<'_>, claiming: &Claiming, row: &Row, now: SystemTime) -> Result<Query, Abort> {
+    let (number, last_seq): (i64, u64) = (row.get("number")?, row.get("last_seq")?);
+    let Claiming { worker, lease, .. } = claiming;
+    let claim = Change::Claim { worker: worker.clone(), lease: *lease };
+    let refused = |Refused(_)| Error::new(Kind::Internal, "a job was picked that does not wait");
+    let (standing, event) = standing(row)?.apply(claim, &change.rules, now).map_err(refused)?;
+    if let Some(event) = event {
+        let [kind, data] = What::from(event).columns()?;
+        change.rows.write(TELL, values![number, last_seq, kind, data])?;
+    }
+    let Standing { state, attempt, has_begun, not_before, started_at, lease_until, .. } = standing;
+    let values = values![
+        number,
+        last_seq,
+        state,
+        attempt,
+        has_begun,
+        not_before,
+        started_at,
+        lease_until,
+        &**worker,
+        change.me,
+    ];
+    Ok((START, values))
 }
 
 /// Gives back jobs whose lease is over; the tickets that held them.
 fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
-    change.rows.lock_queue(None);
+    change.rows.lock_queue(false);
     let now = change.now()?;
+    change.rows.write(FORGET, Vec::new())?;
     let rows = change.rows.query(OVER, values![now])?;
     if rows.is_empty() {
         return Ok(Vec::new());

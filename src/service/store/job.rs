@@ -105,9 +105,8 @@ pub(crate) struct Referred {
 /// The priorities that a job may have.
 pub(crate) const PRIORITIES: std::ops::RangeInclusive<i8> = -100..=100;
 
-/// How far a running job is.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
+/// How far a job is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Progress {
     /// Iterations made.
     pub iterations: u32,
@@ -115,7 +114,7 @@ pub(crate) struct Progress {
     pub phase: Option<Phase>,
     /// Hierarchies: rounds made.
     pub rounds: u32,
-    /// Hierarchies: clusters left.
+    /// Hierarchies: clusters left after the last of them.
     pub clusters_left: Option<u64>,
     /// Energy after the last iteration or round.
     pub energy: Option<f64>,

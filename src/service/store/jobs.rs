@@ -22,8 +22,8 @@ const BY_ID: &str = jobs!("WHERE id = $1");
 /// Counts the jobs that wait, to the limit at most.
 const WAITING: &str = "SELECT count(*) AS jobs FROM (SELECT 1 FROM jobs WHERE state = 'queued' LIMIT $1) AS waiting";
 
-const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, progress, idempotency_key, request_digest, \
-    created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, 0) \
+const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, is_small, progress, idempotency_key, \
+    request_digest, created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, $10, 0) \
     ON CONFLICT DO NOTHING RETURNING number";
 
 /// The waiting jobs of a tenant, and the place of a new one among them.
@@ -233,7 +233,8 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     let key = idempotency.as_ref().map(|wanted| &*wanted.key);
     let request = idempotency.as_ref().map(|wanted| &*wanted.request);
     let (text, progress) = (json(spec)?, json(&job.progress)?);
-    let values = values![*id, &*spec.tenant, text, spec.webhook.clone(), progress, key, request, created_at, urgency];
+    let (webhook, is_small) = (spec.webhook.clone(), spec.is_small);
+    let values = values![*id, &*spec.tenant, text, webhook, is_small, progress, key, request, created_at, urgency];
     let Some(row) = change.rows.first(CREATE, values)? else {
         // another service took the key in this moment; or this job was created before, and the answer was lost
         return match (find(change.rows, *id)?, idempotency) {
@@ -245,7 +246,7 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
             (None, None) => Err(Error::new(Kind::Internal, "a new job was not stored").into()),
         };
     };
-    let (standing, event) = Standing::created();
+    let (standing, event) = Standing::created(spec.is_small);
     let mut live = Live {
         id: *id,
         number: row.get("number")?,

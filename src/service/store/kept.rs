@@ -2,7 +2,7 @@
 //! mesh is in memory, and the mesh itself, of which every output can be made later.
 
 use serde::{Deserialize, Serialize};
-use tesserae_mesh::artifacts::{ALL, Artifact, Form, Need};
+use tesserae_mesh::artifacts::{ALL, Artifact, Form, MESH, Need};
 use tesserae_mesh::error::{Error, Quoted, Result};
 use tesserae_mesh::parameters::{Name, Parameters};
 
@@ -65,7 +65,7 @@ impl Kept {
                 Name::SUBDIVIDE
             )));
         }
-        match self.outputs.first().filter(|_| !Need::Labels.is_met(parameters)) {
+        match self.outputs.first().filter(|_| MESH.lacks(parameters) == Some(Need::Labels)) {
             Some(name) => Err(Error::parameter(format_args!(
                 "a whole hierarchy has labels at every number of clusters: give clusters, or keep_mesh=true instead of \
                  outputs, {name}"

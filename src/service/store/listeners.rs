@@ -3,7 +3,6 @@
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
 use parking_lot::Mutex;
@@ -43,7 +42,7 @@ pub struct Listeners {
     pub endings: Signal,
     /// Of a store that several services share.
     pub outbox: Option<Outbox>,
-    counters: Counters,
+    statistics: Mutex<Statistics>,
 }
 
 /// Notifications for the other services.
@@ -57,16 +56,6 @@ pub struct Outbox {
 pub const ARRIVAL: &str = "arrival";
 pub const ENDING: &str = "ending";
 
-#[derive(Debug, Default)]
-struct Counters {
-    commits: AtomicU64,
-    commands: AtomicU64,
-    failures: AtomicU64,
-    busy_us: AtomicU64,
-    attempts_failed: AtomicU64,
-    given_up: AtomicU64,
-}
-
 impl Listeners {
     /// Of a store that several services share.
     #[cfg(feature = "postgres")]
@@ -76,8 +65,10 @@ impl Listeners {
 
     /// Does what follows from changes.
     pub fn publish(&self, effects: Effects) {
-        self.counters.attempts_failed.fetch_add(effects.attempts_failed, Relaxed);
-        self.counters.given_up.fetch_add(effects.given_up, Relaxed);
+        let mut statistics = self.statistics.lock();
+        statistics.attempts_failed += effects.attempts_failed;
+        statistics.given_up += effects.given_up;
+        drop(statistics);
         if let Some(outbox) = &self.outbox {
             outbox.put(&effects);
         }
@@ -97,26 +88,21 @@ impl Listeners {
 
     /// Counts a transaction of so many commands.
     pub fn committed(&self, commands: usize, time: Duration) {
-        self.counters.commits.fetch_add(1, Relaxed);
-        self.counters.commands.fetch_add(commands as u64, Relaxed);
-        self.counters.busy_us.fetch_add(time.as_micros() as u64, Relaxed);
+        let mut statistics = self.statistics.lock();
+        statistics.commits += 1;
+        statistics.commands += commands as u64;
+        statistics.commit_seconds += time.as_secs_f64();
     }
 
     /// Counts a transaction that failed.
     pub fn failed(&self, time: Duration) {
-        self.counters.failures.fetch_add(1, Relaxed);
-        self.counters.busy_us.fetch_add(time.as_micros() as u64, Relaxed);
+        let mut statistics = self.statistics.lock();
+        statistics.failures += 1;
+        statistics.commit_seconds += time.as_secs_f64();
     }
 
     pub fn statistics(&self) -> Statistics {
-        Statistics {
-            commits: self.counters.commits.load(Relaxed),
-            commands: self.counters.commands.load(Relaxed),
-            failures: self.counters.failures.load(Relaxed),
-            commit_seconds: self.counters.busy_us.load(Relaxed) as f64 / 1e6,
-            attempts_failed: self.counters.attempts_failed.load(Relaxed),
-            given_up: self.counters.given_up.load(Relaxed),
-        }
+        *self.statistics.lock()
     }
 }
 

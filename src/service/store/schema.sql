@@ -7,6 +7,7 @@ CREATE TABLE jobs (
     state            TEXT    NOT NULL,
     spec             TEXT    NOT NULL,                  -- JSON
     webhook          TEXT,                              -- of the spec
+    is_small         INTEGER NOT NULL,                  -- of the spec
     progress         TEXT    NOT NULL,                  -- JSON
     problem          TEXT,                              -- JSON
     summary          TEXT,                              -- JSON

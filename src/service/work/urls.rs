@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use tesserae_mesh::artifacts::Artifact;
+use tesserae_mesh::artifacts::{Artifact, HIERARCHY};
 use utoipa::ToSchema;
 
 use crate::store::{Job, JobId, kept};
@@ -45,7 +45,7 @@ impl Urls {
     /// Those of a job.
     pub fn of(job: &Job) -> Self {
         let path = path(job.id);
-        let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
+        let is_hierarchical = HIERARCHY.is_made(&job.spec.parameters);
         let given = kept::made_of_mesh().filter(|artifact| job.spec.kept.gives(artifact));
         Self {
             events: format!("{path}/events"),

@@ -5,7 +5,7 @@
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;
-use tesserae_mesh::artifacts::{CutKind, LABELS, LABELS_BIN, LABELS_NPY, Need};
+use tesserae_mesh::artifacts::{CutKind, HIERARCHY, LABELS, LABELS_BIN, LABELS_NPY, Need};
 use tesserae_mesh::error::{Error, Kind};
 use utoipa::IntoParams;
 
@@ -62,7 +62,7 @@ pub(crate) async fn labels(
     let LabelsQuery { clusters, iteration, format } = query::read(&uri)?;
     let summary = succeeded(&job)?;
     let parameters = &job.spec.parameters;
-    let is_hierarchical = Need::Hierarchy.is_met(parameters);
+    let is_hierarchical = HIERARCHY.is_made(parameters);
     if let Some(iteration) = iteration.filter(|_| is_hierarchical) {
         return Err(Error::new(
             Kind::Conflict,
@@ -74,7 +74,7 @@ pub(crate) async fn labels(
         .into());
     }
     check_clusters(&job, &summary, clusters)?;
-    if !Need::Faces.is_met(parameters) {
+    if LABELS.lacks(parameters) == Some(Need::Faces) {
         let message = "this job divided the faces of the mesh before it clustered them (subdivide): there are no \
                        labels of its faces, only the named outputs";
         return Err(Error::new(Kind::Conflict, message).into());

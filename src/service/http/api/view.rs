@@ -6,13 +6,12 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::Parameters;
-use tesserae_mesh::report::Phase;
 use utoipa::ToSchema;
 
 use crate::guard::problem::Problem;
 use crate::http::state::Shared;
 use crate::ops::timestamp::rfc3339;
-use crate::store::{Job, JobId, State};
+use crate::store::{Job, JobId, Progress, State};
 use crate::work::urls::{self, Urls};
 
 /// A job.
@@ -35,7 +34,7 @@ pub(crate) struct JobView {
     /// Name of the process that makes, or made, that attempt; null before the first.
     worker: Option<String>,
     /// How far it is.
-    progress: ProgressView,
+    progress: Progress,
     /// Whether its cancellation was requested.
     cancel_requested: bool,
     /// Why it failed.
@@ -64,22 +63,6 @@ pub(crate) struct JobView {
     keep_mesh: bool,
     /// Where everything about it is.
     urls: Urls,
-}
-
-/// How far a job is.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Progress)]
-pub(crate) struct ProgressView {
-    /// Iterations made.
-    iterations: u32,
-    /// Phase of the last of them.
-    phase: Option<Phase>,
-    /// Hierarchies: rounds made.
-    rounds: u32,
-    /// Hierarchies: clusters left after the last of them.
-    clusters_left: Option<u64>,
-    /// Energy after the last iteration or round.
-    energy: Option<f64>,
 }
 
 /// What a job gave.
@@ -134,13 +117,7 @@ impl JobView {
             priority: job.spec.priority,
             attempt: job.attempt,
             worker: job.worker,
-            progress: ProgressView {
-                iterations: job.progress.iterations,
-                phase: job.progress.phase,
-                rounds: job.progress.rounds,
-                clusters_left: job.progress.clusters_left,
-                energy: job.progress.energy,
-            },
+            progress: job.progress,
             cancel_requested: job.cancel_requested,
             problem: job.problem.map(|error| Problem::new(&error, &path)),
             result: job.summary.map(|summary| ResultView { faces: summary.faces, clusters: summary.clusters }),

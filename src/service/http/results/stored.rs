@@ -8,7 +8,7 @@ use axum::http::header;
 use axum::response::Response;
 use futures_util::future::BoxFuture;
 use object_store::GetRange;
-use tesserae_mesh::artifacts::Need;
+use tesserae_mesh::artifacts::{HIERARCHY, LABELS, Need};
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::body::streamed;
@@ -39,7 +39,7 @@ pub(crate) fn succeeded(job: &Job) -> Result<Summary> {
 pub(crate) fn check_clusters(job: &Job, summary: &Summary, clusters: Option<u64>) -> Result<()> {
     let parameters = &job.spec.parameters;
     match clusters {
-        Some(clusters) if !Need::Hierarchy.is_met(parameters) => Err(Error::new(
+        Some(clusters) if !HIERARCHY.is_made(parameters) => Err(Error::new(
             Kind::Conflict,
             format_args!(
                 "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
@@ -47,7 +47,7 @@ pub(crate) fn check_clusters(job: &Job, summary: &Summary, clusters: Option<u64>
                 summary.clusters
             ),
         )),
-        None if !Need::Labels.is_met(parameters) => Err(Error::new(
+        None if LABELS.lacks(parameters) == Some(Need::Labels) => Err(Error::new(
             Kind::Conflict,
             format_args!(
                 "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, from {} \

@@ -89,7 +89,7 @@ impl Stored for Model {
     }
 
     async fn create(&mut self, new: New) {
-        let (standing, event) = Standing::created();
+        let (standing, event) = Standing::created(new.is_small);
         let waiting = Waiting { urgency: -i16::from(new.priority), number: self.rows.len() as i64 };
         self.rows.push(Row { new, waiting, standing, worker: 0, events: vec![event] });
     }
@@ -102,7 +102,7 @@ impl Stored for Model {
         for number in numbers {
             let job = number as usize;
             let Claiming { worker: name, lease, .. } = claiming.clone();
-            let change = Change::Claim { worker: name, lease, is_small: self.rows[job].new.is_small };
+            let change = Change::Claim { worker: name, lease };
             assert!(self.change(job, change).await, "{job} waits");
             self.rows[job].worker = worker;
             claimed.push((job, self.rows[job].standing.attempt));

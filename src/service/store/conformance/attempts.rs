@@ -22,31 +22,13 @@ pub(super) async fn a_released_job_runs_again_in_its_place(store: &Store) {
     let claimed = store.claim(9, LEASE).await.expect("claimable");
     assert_eq!(claimed.iter().map(|(ticket, _)| ticket.job).collect::<Vec<_>>(), [first, second]);
     assert_eq!((claimed[0].0.attempt, claimed[0].1.attempt), (2, 2));
+    arrivals.borrow_and_update();
     store.finish(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
+    assert!(arrivals.has_changed().expect("still there"), "an end may let another job of the tenant start");
     let whats: Vec<_> = events(store, first, 0, 99).await;
     assert_eq!(whats.iter().map(|event| event.seq).collect::<Vec<_>>(), (1..=6).collect::<Vec<_>>());
     assert_eq!(whats[3].what, What::State(State::Queued));
     assert_eq!(whats[4].what, What::Started(2, "test".to_owned()));
-}
-
-pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &Store) {
-    let id = create(store).await.id;
-    let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
-    for attempt in 1..=4 {
-        let (ticket, _) = claim(store).await;
-        assert_eq!(ticket.attempt, attempt);
-        store.begin(ticket).await.expect("begun");
-        // the second attempt is broken off without fault
-        let release = if attempt == 2 { Release::Free } else { failure() };
-        let expected = if attempt == 4 { State::Failed } else { State::Queued };
-        assert_eq!(store.release(ticket, release).await, Ok(expected), "attempt {attempt}");
-    }
-    let job = get(store, id).await;
-    assert_eq!(job.state, State::Failed);
-    let problem = job.problem.expect("a reason");
-    assert_eq!(problem.kind, Kind::Poison);
-    assert!(problem.message.contains("3 attempts") && problem.message.contains("the card fell out"), "{problem}");
-    assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
 }
 
 pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &Store) {
@@ -85,14 +67,6 @@ pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &Store) {
         assert_eq!(count(), expected);
     }
     assert!(get(store, id).await.keeps_upload(), "it was given up");
-}
-
-pub(super) async fn a_released_job_that_was_to_end_ends(store: &Store) {
-    let id = create(store).await.id;
-    let (ticket, _) = claim(store).await;
-    store.cancel(id).await.expect("asked");
-    assert_eq!(store.release(ticket, Release::Free).await, Ok(State::Cancelled));
-    assert_eq!(get(store, id).await.state, State::Cancelled);
 }
 
 /// Everything that was answered is there after a crash; what ran waits again, which counts.
@@ -144,20 +118,6 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
     let next = create(again).await;
     let page = again.list(&first(1)).await.expect("listed");
     assert_eq!(page.jobs[0].id, next.id);
-}
-
-pub(super) async fn claims_that_never_began_count_for_nothing(store: &Store) {
-    let id = create(store).await.id;
-    let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
-    for _ in 0..5 {
-        let (ticket, _) = claim(store).await;
-        assert_eq!(store.release(ticket, failure()).await, Ok(State::Queued));
-        let (ticket, _) = claim(store).await;
-        assert_eq!(store.heartbeat(&[ticket], Duration::ZERO).await, Ok(vec![]));
-        assert_eq!(store.reclaim().await, Ok(vec![ticket]));
-        assert_eq!(store.begin(ticket).await.expect_err("it is over").kind, Kind::Conflict);
-    }
-    assert_eq!(get(store, id).await.state, State::Queued);
 }
 
 pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(store: &Store) {
@@ -214,51 +174,4 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     let seqs: Vec<_> = events(store, id, 0, 99).await.into_iter().map(|event| event.seq).collect();
     assert_eq!(seqs, (1..=seqs.len() as u64).collect::<Vec<_>>());
     assert_eq!(store.retry(id, None).await, Ok(Retried::NotFailed(State::Succeeded)));
-}
-
-/// A job that kills the process whenever it has begun, and its neighbours.
-pub(super) async fn crashes_count_for_the_job_that_caused_them_only(subject: &dyn Subject) {
-    let mut store = subject.empty(RULES).await;
-    let killer = create(store.as_ref()).await.id;
-    let mut innocent = Vec::new();
-    for _ in 0..8 {
-        innocent.push(create(store.as_ref()).await.id);
-    }
-    let mut crashes = 0;
-    while get(store.as_ref(), killer).await.state != State::Failed {
-        // jobs begin one after the other, the killer after as many as may run beside it
-        let claimed = store.claim(9, LEASE).await.expect("claimable");
-        assert!(!claimed.is_empty(), "there is always a job that may run");
-        let mut kills = false;
-        for (ticket, _) in claimed {
-            store.begin(ticket).await.expect("begun");
-            kills |= ticket.job == killer;
-            if !kills && crashes > 0 {
-                store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
-            }
-        }
-        if kills {
-            crashes += 1;
-            match subject.after_crash(RULES).await {
-                Some(again) => store = again,
-                None => return,
-            }
-        }
-        assert!(crashes < 20, "the killer is found");
-    }
-    assert_eq!(store.statistics().given_up, 1);
-    let problem = get(store.as_ref(), killer).await.problem.expect("a reason");
-    assert!(problem.kind == Kind::Poison && problem.message.contains("after 3 attempts"), "{problem}");
-    loop {
-        let claimed = store.claim(9, LEASE).await.expect("claimable");
-        if claimed.is_empty() {
-            break;
-        }
-        for (ticket, _) in claimed {
-            store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
-        }
-    }
-    for id in innocent {
-        assert_eq!(get(store.as_ref(), id).await.state, State::Succeeded);
-    }
 }

@@ -21,10 +21,27 @@ pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
     assert_eq!((ticket.job, job.id), (first.id, first.id));
     assert_eq!((job.state, job.queue_position), (State::Running, None));
     assert!(job.started_at.is_some());
+    assert_eq!((&first.worker, job.worker.as_deref()), (&None, Some("test")));
     assert_eq!(get(store, second.id).await.queue_position, Some(1));
     assert_eq!(claim(store).await.0.job, second.id);
     assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
     assert_eq!(store.counts().await.expect("counted"), [0, 2, 0, 0, 0]);
+}
+
+pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &Store) {
+    let mut ids = Vec::new();
+    for (tenant, priority) in [("a", -100), ("a", 0), ("a", 0), ("a", 100), ("b", 50)] {
+        let spec = Spec { tenant: tenant.to_owned(), priority, ..spec("x") };
+        ids.push(add(store, JobId::random(), spec).await.id);
+    }
+    let [low, old, new, high, other] = ids[..] else { panic!("five were made") };
+    for (place, id) in (1..).zip([high, old, new, low]) {
+        assert_eq!(get(store, id).await.queue_position, Some(place));
+    }
+    assert_eq!(get(store, other).await.queue_position, Some(1), "jobs of other tenants are not counted");
+    let claimed = store.claim(9, LEASE).await.expect("claimable");
+    let claimed: Vec<_> = claimed.into_iter().map(|(ticket, _)| ticket.job).collect();
+    assert_eq!(claimed, [high, other, old, new, low]);
 }
 
 pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {

@@ -13,15 +13,14 @@ use tesserae_mesh::report::Phase;
 
 use super::terms::Page;
 use super::{
-    Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice,
-    Progress, Release, Retried, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
+    Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice, Progress,
+    Release, Retried, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
 };
 use crate::store::kept::Kept;
 
 mod at_once;
 mod attempts;
 mod claims;
-mod fairness;
 mod histories;
 mod life;
 mod lists;
@@ -72,20 +71,13 @@ pub(crate) async fn run(subject: &dyn Subject) {
     at_once::a_key_stands_for_one_request(make(9).await.as_ref()).await;
     at_once::the_same_key_at_once_gives_one_job(Arc::from(make(1000).await)).await;
     attempts::a_released_job_runs_again_in_its_place(make(9).await.as_ref()).await;
-    attempts::a_job_that_fails_too_often_is_given_up(make(9).await.as_ref()).await;
     attempts::a_lease_that_is_over_is_reclaimed(make(9).await.as_ref()).await;
     attempts::attempts_whose_lease_is_over_are_counted(make(9).await.as_ref()).await;
-    attempts::a_released_job_that_was_to_end_ends(make(9).await.as_ref()).await;
-    attempts::claims_that_never_began_count_for_nothing(make(9).await.as_ref()).await;
     attempts::a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(make(2).await.as_ref()).await;
-    fairness::a_tenant_with_many_jobs_holds_no_other_tenant_up(make(99).await.as_ref()).await;
-    fairness::weights_limits_and_newcomers_are_kept(make(99).await.as_ref()).await;
-    fairness::priorities_order_the_jobs_of_a_tenant(make(9).await.as_ref()).await;
-    fairness::the_worker_is_known(make(9).await.as_ref()).await;
+    life::priorities_order_the_jobs_of_a_tenant(make(9).await.as_ref()).await;
     workers::a_worker_is_known_with_its_jobs(make(9).await.as_ref()).await;
     lists::ended_jobs_are_found_by_their_age(make(9).await.as_ref()).await;
     attempts::a_crash_loses_nothing(subject).await;
-    attempts::crashes_count_for_the_job_that_caused_them_only(subject).await;
 }
 
 const RULES: Rules = Rules { max_queued: 9, max_attempts: 3, crash_pause: Duration::ZERO };
@@ -126,11 +118,8 @@ async fn create(store: &Store) -> Job {
 }
 
 async fn add(store: &Store, id: JobId, spec: Spec) -> Job {
-    match store
-        .create(NewJob { id, spec, idempotency: None, upload: Vec::new(), most_waiting: None })
-        .await
-        .expect("created")
-    {
+    let new = NewJob { id, spec, idempotency: None, upload: Vec::new(), most_waiting: None };
+    match store.create(new).await.expect("created") {
         Created::New(job) => job,
         Created::Known(job) => panic!("no key was given: {job:?}"),
     }

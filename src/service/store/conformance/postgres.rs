@@ -9,6 +9,7 @@ use super::super::database::rows::values;
 use super::super::tests::{RULES, new_job};
 use super::server::Server;
 use super::*;
+use crate::queue::Change;
 
 /// A service on a database.
 pub async fn open(url: &StoreUrl, rules: Rules) -> Store {
@@ -128,6 +129,33 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_job_that_is_cancelled_during_its_claim_is_not_claimed() {
+    let Some(server) = Server::start() else { return };
+    let url = server.database();
+    let (client, worker) = (open(&url, RULES).await, open(&url, RULES).await);
+    let (first, second) = (create(&client).await.id, create(&client).await.id);
+    let held = Arc::new(tokio::sync::Notify::new());
+    let holds = Arc::clone(&held);
+    let cancelled = client.change("test", move |change| {
+        let live = change.find(first)?.expect("a job");
+        holds.notify_one();
+        // the claim sees that the job waits, and is held up by its row
+        std::thread::sleep(Duration::from_millis(500));
+        change.worked(live, Change::Cancel, None).map(drop)
+    });
+    let claimed = async {
+        held.notified().await;
+        worker.claim(9, LEASE).await
+    };
+    let (cancelled, claimed) = tokio::join!(cancelled, claimed);
+    cancelled.expect("cancelled");
+    let claimed: Vec<_> = claimed.expect("claimable").into_iter().map(|(ticket, _)| ticket.job).collect();
+    assert_eq!(claimed, [second]);
+    let whats: Vec<_> = events(&client, first, 0, 9).await.into_iter().map(|event| (event.seq, event.what)).collect();
+    assert_eq!(whats, [(1, What::State(State::Queued)), (2, What::End(State::Cancelled, None))]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn changes_whose_answer_was_lost_are_not_made_twice() {
     let Some(server) = Server::start() else { return };
     let store = open(&server.database(), RULES).await;
@@ -159,7 +187,8 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_stops_is_unavailable_and_loses_nothing() {
     let Some(server) = Server::start() else { return };
-    let store = open(&server.database(), RULES).await;
+    let url = server.database();
+    let (store, idle) = (open(&url, RULES).await, open(&url, RULES).await);
     let kept = create(&store).await.id;
     let ticket = claim(&store).await.0;
     let pulses = store.watch(kept).await.expect("watchable").expect("a job");
@@ -174,6 +203,12 @@ async fn a_server_that_stops_is_unavailable_and_loses_nothing() {
         assert_eq!(error.kind, Kind::Unavailable, "{error}");
     }
     assert!(store.statistics().failures >= 4);
+    let noticed = async {
+        while idle.statistics().failures == 0 {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), noticed).await.expect("by its looks, without an operation");
     server.up();
     store.probe().await.expect("it works again");
     assert_eq!(store.reclaim().await, Ok(vec![]), "no lease is over");

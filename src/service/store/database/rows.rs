@@ -71,9 +71,16 @@ pub trait Rows {
     /// Now by the clock of the database.
     fn now(&mut self) -> Result<SystemTime, Abort>;
 
-    /// Waits until no other transaction holds the lock of the queue; to be called first. With the id of a worker, the
-    /// lock is not held while the commit waits for the disk: the worker waits afterwards, by a change of its row.
-    fn lock_queue(&mut self, worker: Option<Uuid>);
+    /// Waits until no other transaction holds the lock of the queue; to be called first. A brief lock is not held while
+    /// the commit waits for the disk: the change ends with [`conclude`](Self::conclude).
+    fn lock_queue(&mut self, is_brief: bool);
+
+    /// The rows of the last queries of a change, which is committed. Then `last` runs: once it is on the disk, so is
+    /// the change.
+    fn conclude(&mut self, queries: &[Query], last: Query) -> Result<Vec<Vec<Row>>, Abort>;
+
+    /// Whether a query in `FROM` may name rows beside it.
+    fn knows_lateral(&self) -> bool;
 
     /// When the database was started, or a time before.
     fn up_since(&mut self) -> Result<SystemTime, Abort>;

@@ -173,7 +173,7 @@ impl Pipeline {
         let (open, memory, prepared) = match memory.may_be_small() {
             true => {
                 let slot = slot.clone();
-                let work = move || open_small(open, memory, &slot);
+                let work = move || open_with(open, memory, None, &slot);
                 self.small.thread().await?.run(work).await?
             }
             false => (open, Some(memory), None),
@@ -181,7 +181,7 @@ impl Pipeline {
         let mut prepared = match (prepared, memory) {
             (None, Some(memory)) => {
                 let wait = Waiting { runtime: Handle::current(), broken_off };
-                blocking(move || caught(|| open_in_turn(open, memory, wait, &slot))).await??
+                blocking(move || caught(|| open_with(open, memory, Some(&wait), &slot))).await??.2
             }
             (prepared, _) => prepared,
         }
@@ -241,38 +241,28 @@ fn open(spec: &Spec, contents: &Contents, limits: Limits, admits: &mut Admits<'_
     }
 }
 
-/// Reads a mesh that may be small. Gives back what reads it, and its memory, when it is not. Waits for nothing: what a
-/// thread for small meshes waits for may itself wait for such a thread.
-fn open_small<F>(open: F, memory: Reading, slot: &Slot) -> Result<(F, Option<Reading>, Option<Prepared>)>
+/// Reads a mesh, on all threads once it has its memory. Without a `wait`, it gives back what reads the mesh, and its
+/// memory, if that is not small: what a thread for small meshes waits for may itself wait for such a thread.
+fn open_with<F>(
+    open: F,
+    memory: Reading,
+    wait: Option<&Waiting>,
+    slot: &Slot,
+) -> Result<(F, Option<Reading>, Option<Prepared>)>
 where
     F: Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
 {
     let mut left = Some(memory);
     let prepared = open(&mut |need| {
         let Some(memory) = left.take() else { return Ok(true) };
-        match memory.build_small(need) {
-            Ok(held) => slot.holds(held),
-            Err(memory) => left = Some(memory),
+        match (memory.build_small(need), wait) {
+            (Ok(held), _) => slot.holds(held),
+            (Err(memory), Some(wait)) => slot.holds(wait.until(memory.build(need))?),
+            (Err(memory), None) => left = Some(memory),
         }
         Ok(left.is_none())
     })?;
     Ok((open, left, prepared))
-}
-
-/// Reads a mesh, on all threads once it has its memory.
-fn open_in_turn(
-    open: impl Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
-    memory: Reading,
-    wait: Waiting,
-    slot: &Slot,
-) -> Result<Option<Prepared>> {
-    let mut left = Some(memory);
-    open(&mut |need| {
-        if let Some(memory) = left.take() {
-            slot.holds(wait.until(memory.build(need))?);
-        }
-        Ok(true)
-    })
 }
 
 /// About how much work a job is, to tell short ones from long ones: faces, times what hierarchies and sequential

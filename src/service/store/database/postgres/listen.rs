@@ -113,8 +113,11 @@ impl Hints {
                 continue;
             }
             let sql = "SELECT FROM jobs WHERE state = 'queued' LIMIT 1";
-            if self.rows(sql, &[]).await.is_some_and(|rows| !rows.is_empty()) {
-                self.listeners.arrivals.notify();
+            let started = Instant::now();
+            match self.rows(sql, &[]).await {
+                Some(rows) if rows.is_empty() => {}
+                Some(_) => self.listeners.arrivals.notify(),
+                None => self.listeners.failed(started.elapsed()),
             }
             if turns.is_multiple_of(SELDOM) {
                 self.listeners.endings.notify();

@@ -17,32 +17,27 @@ use tokio::time::{Instant, timeout_at};
 use tokio_postgres::types::{IsNull, ToSql, Type, to_sql_checked};
 use tokio_postgres::{SimpleQueryMessage, Statement};
 use tokio_util::bytes::{Bytes, BytesMut};
-use uuid::Uuid;
 
 use super::super::rows::{Abort, Query, Row, Rows, Value, time};
 use super::connections::{Connections, failure};
 
 macro_rules! clock {
-    ($before:literal) => {
-        concat!($before, "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now")
+    ($before:literal, $after:literal) => {
+        concat!($before, "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now", $after)
     };
 }
 
-const CLOCK: &str = clock!("");
+const CLOCK: &str = clock!("", "");
 
 /// A transaction begins with a look at the clock.
-const BEGIN: &str = clock!("BEGIN; ");
+const BEGIN: &str = clock!("BEGIN; ", "");
 
-/// One transaction at a time holds the lock of the queue.
-const LOCK: &str = clock!("BEGIN; SELECT pg_advisory_xact_lock(1953723250, 1); ");
+/// One transaction at a time holds the lock of the queue; it then looks at the clock.
+const LOCK: &str = clock!("BEGIN; ", " FROM pg_advisory_xact_lock(1953723250, 1)");
 
 /// The same for a commit that does not wait for the disk.
 const LOCK_BRIEFLY: &str =
-    clock!("BEGIN; SET LOCAL synchronous_commit = off; SELECT pg_advisory_xact_lock(1953723250, 1); ");
-
-/// The change that waits for the disk: both commits are in one log, so this one is on the disk only if that of the
-/// claim is.
-const SECURE: &str = "UPDATE workers SET seen_at = seen_at WHERE id = $1";
+    clock!("BEGIN; SET LOCAL synchronous_commit = off; ", " FROM pg_advisory_xact_lock(1953723250, 1)");
 
 /// Where a session is in its transaction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,8 +59,6 @@ pub struct Session<'c> {
     now: SystemTime,
     /// Changes that are not sent yet.
     changes: Vec<Query>,
-    has_changed: bool,
-    worker: Option<Uuid>,
 }
 
 impl Drop for Session<'_> {
@@ -87,7 +80,7 @@ impl<'c> Session<'c> {
     ) -> Self {
         let stage = if is_change { Stage::Next(BEGIN) } else { Stage::None };
         let (client, now, changes) = (Some(client), SystemTime::UNIX_EPOCH, Vec::new());
-        Self { connections, client, handle, deadline, stage, now, changes, has_changed: false, worker: None }
+        Self { connections, client, handle, deadline, stage, now, changes }
     }
 
     /// Commits, or does nothing where nothing began.
@@ -95,28 +88,27 @@ impl<'c> Session<'c> {
         if self.stage == Stage::None || (self.stage != Stage::Begun && self.changes.is_empty()) {
             return Ok(());
         }
-        self.send(&[], Some("COMMIT"))?;
-        self.stage = Stage::None;
-        if let Some(worker) = self.worker.filter(|_| self.has_changed) {
-            // not to be repeated together with the claim
-            self.query(SECURE, vec![worker.into()]).map_err(|abort| Abort::Broken(abort.into_error()))?;
-        }
-        Ok(())
+        self.end(&[], "COMMIT", None).map(drop)
     }
 
     /// Undoes what was done.
     pub fn roll_back(&mut self) -> Result<(), Abort> {
         self.changes.clear();
         if self.stage == Stage::Begun {
-            self.send(&[], Some("ROLLBACK"))?;
-            self.stage = Stage::None;
+            self.end(&[], "ROLLBACK", None)?;
         }
         Ok(())
     }
 
-    fn send(&mut self, queries: &[Query], end: Option<&str>) -> Result<Vec<Vec<Row>>, Abort> {
+    /// Ends the transaction after some queries.
+    fn end(&mut self, queries: &[Query], end: &str, last: Option<&Query>) -> Result<Vec<Vec<Row>>, Abort> {
+        let found = self.send(queries, Some((end, last)))?;
+        self.stage = Stage::None;
+        Ok(found)
+    }
+
+    fn send(&mut self, queries: &[Query], end: Option<End<'_>>) -> Result<Vec<Vec<Row>>, Abort> {
         let changes = std::mem::take(&mut self.changes);
-        self.has_changed |= !changes.is_empty();
         let begin = match self.stage {
             Stage::Next(sql) => Some(sql),
             Stage::None | Stage::Begun => None,
@@ -128,7 +120,7 @@ impl<'c> Session<'c> {
         let sent = timeout_at(self.deadline, send(client, begin, &changes, queries, end));
         match self.handle.block_on(sent) {
             Ok(answer) => {
-                let (now, rows) = answer.map_err(failure)?;
+                let (now, rows) = answer?;
                 self.now = now.map_or(self.now, time);
                 rows.into_iter().map(read).collect()
             }
@@ -136,6 +128,9 @@ impl<'c> Session<'c> {
         }
     }
 }
+
+/// How a transaction ends, and a statement after it.
+type End<'e> = (&'e str, Option<&'e Query>);
 
 fn lost() -> Error {
     Error::new(Kind::Internal, "a transaction has no connection")
@@ -149,11 +144,12 @@ async fn send(
     begin: Option<&str>,
     changes: &[Query],
     queries: &[Query],
-    end: Option<&str>,
-) -> Result<Answer, tokio_postgres::Error> {
+    end: Option<End<'_>>,
+) -> Result<Answer, Abort> {
     let mut statements = Vec::new();
-    for (sql, values) in changes.iter().chain(queries) {
-        statements.push((client.prepare_cached(sql).await?, values));
+    let last = end.and_then(|(_, last)| last);
+    for (sql, values) in changes.iter().chain(queries).chain(last) {
+        statements.push((client.prepare_cached(sql).await.map_err(failure)?, values));
     }
     let begin = async {
         match begin {
@@ -161,21 +157,28 @@ async fn send(
             None => Ok(Vec::new()),
         }
     };
+    let inside = changes.len() + queries.len();
     let mut requests = Vec::<Request<'_>>::new();
-    for (statement, values) in &statements {
+    for (statement, values) in &statements[..inside] {
         requests.push(Box::pin(run(client, statement, values)));
     }
-    if let Some(sql) = end {
+    if let Some((sql, _)) = end {
         requests.push(Box::pin(async move { client.batch_execute(sql).await.map(|()| Vec::new()) }));
     }
-    let (begun, rows) = join(begin, in_order(requests)).await;
-    let now = begun?.iter().rev().find_map(|message| match message {
+    for (statement, values) in &statements[inside..] {
+        requests.push(Box::pin(run(client, statement, values)));
+    }
+    let (begun, mut rows) = join(begin, in_order(requests)).await;
+    let now = begun.map_err(failure)?.iter().rev().find_map(|message| match message {
         SimpleQueryMessage::Row(row) => row.get("now")?.parse().ok(),
         _ => None,
     });
+    let after = rows.split_off(inside + usize::from(end.is_some()));
     // the first statement that failed says why
-    let mut rows = rows.into_iter().collect::<Result<Vec<_>, _>>()?;
-    rows.truncate(statements.len());
+    let mut rows = rows.into_iter().collect::<Result<Vec<_>, _>>().map_err(failure)?;
+    // what was committed is not to be done again
+    after.into_iter().collect::<Result<Vec<_>, _>>().map_err(|error| Abort::Broken(failure(error).into_error()))?;
+    rows.truncate(inside);
     Ok((now, rows.split_off(changes.len())))
 }
 
@@ -270,9 +273,17 @@ impl Rows for Session<'_> {
         Ok(self.now)
     }
 
-    fn lock_queue(&mut self, worker: Option<Uuid>) {
-        self.stage = Stage::Next(if worker.is_some() { LOCK_BRIEFLY } else { LOCK });
-        self.worker = worker;
+    fn lock_queue(&mut self, is_brief: bool) {
+        self.stage = Stage::Next(if is_brief { LOCK_BRIEFLY } else { LOCK });
+    }
+
+    fn knows_lateral(&self) -> bool {
+        true
+    }
+
+    /// Both commits are in one log, so the one of `last` is on the disk only if that of the change is.
+    fn conclude(&mut self, queries: &[Query], last: Query) -> Result<Vec<Vec<Row>>, Abort> {
+        self.end(queries, "COMMIT", Some(&last))
     }
 
     fn up_since(&mut self) -> Result<SystemTime, Abort> {

@@ -7,7 +7,6 @@ use std::time::SystemTime;
 use rusqlite::types::{ToSqlOutput, ValueRef};
 use rusqlite::{Connection, ToSql, params_from_iter};
 use tokio_util::bytes::Bytes;
-use uuid::Uuid;
 
 use super::super::rows::{Abort, Query, Row, Rows, Value, micros, time};
 
@@ -92,7 +91,17 @@ impl Rows for Session {
     }
 
     /// One thread writes.
-    fn lock_queue(&mut self, _worker: Option<Uuid>) {}
+    fn lock_queue(&mut self, _is_brief: bool) {}
+
+    fn knows_lateral(&self) -> bool {
+        false
+    }
+
+    fn conclude(&mut self, queries: &[Query], (sql, values): Query) -> Result<Vec<Vec<Row>>, Abort> {
+        let found = self.all(queries)?;
+        self.write(sql, values)?;
+        Ok(found)
+    }
 
     /// Leases go on while the file is not open.
     fn up_since(&mut self) -> Result<SystemTime, Abort> {
