@@ -175,7 +175,7 @@ fn density_changes_labels_alike() {
         let mesh = generate(sample, faces).expect("a sample");
         let weights: Vec<f64> = (0..mesh.faces.len()).map(|face| 1.0 + (face % 97) as f64 * 0.3).collect();
         let wanted = Wanted { weights: Some(&weights), curvature_exponent: Some(1.5) };
-        let surface = Surface::build_with(&mesh, false, wanted).expect("a surface");
+        let surface = Surface::build_with(&mesh, false, wanted, None).expect("a surface");
         compare(&mut gpu, sample.name(), &surface, (80, &Seeds::Morton, 0), ALL);
     }
 }

@@ -265,7 +265,7 @@ proptest! {
 
 #[test]
 fn an_attribute_comes_with_the_vertices_it_belongs_to() {
-    use tesserae_mesh::mesh::{Format, Limits, NoResources, Source, open};
+    use tesserae_mesh::mesh::{Format, Limits, NoResources, ReadMesh, Source, open};
     let (mut document, mut binary) = square();
     // two placements; weights as normalized bytes
     document["scenes"][0]["nodes"] = json!([0, 1]);
