@@ -57,6 +57,8 @@ struct Edges<'a> {
     face_of_corner: Vec<u32>,
     /// Whether a face has two corners at one position. Only such a face can run along an edge twice.
     has_degenerate: bool,
+    /// What separates faces, if anything does.
+    features: Option<&'a Features<'a>>,
 }
 
 impl<'a> Links<'a> {
@@ -67,8 +69,8 @@ impl<'a> Links<'a> {
     /// both sides, as at the slit of a polygon with a hole or in a spike. Links do not depend on the number of times.
     ///
     /// `positions` has a number below `vertices` for each corner. Faces that features separate are not linked.
-    pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32, features: Option<&Features<'_>>) -> Self {
-        let mut edges = Edges::new(faces, positions);
+    pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32, features: Option<&'a Features<'a>>) -> Self {
+        let mut edges = Edges::new(faces, positions, features);
         let degenerate_faces = edges.degenerate_faces();
         edges.has_degenerate = degenerate_faces > 0;
         let linked: Vec<AtomicU32> =
@@ -78,16 +80,7 @@ impl<'a> Links<'a> {
         let bound = |range: usize| (vertices * range / ranges) as u32;
         let found: Vec<Found> = (0..ranges)
             .into_par_iter()
-            .map(|range| {
-                let buckets = Buckets::new(&edges, &linked, bound(range)..bound(range + 1));
-                match features {
-                    None => buckets.link(vertices, &|_, _| false),
-                    Some(features) => buckets.link(vertices, &|corners, low| {
-                        let are_alike = edges.ends_at(corners[0], low) == edges.ends_at(corners[1], low);
-                        features.separate(corners.map(|corner| edges.face(corner)), are_alike)
-                    }),
-                }
-            })
+            .map(|range| Buckets::new(&edges, &linked, bound(range)..bound(range + 1)).link(vertices))
             .collect();
         let mut counts = Counts { degenerate_faces, ..Counts::default() };
         let (mut chained, mut crowded, mut features) = (Vec::new(), Vec::new(), Vec::new());
@@ -148,7 +141,7 @@ impl<'a> Links<'a> {
 }
 
 impl<'a> Edges<'a> {
-    fn new(faces: &'a Faces, positions: Vec<u32>) -> Self {
+    fn new(faces: &'a Faces, positions: Vec<u32>, features: Option<&'a Features<'a>>) -> Self {
         let mut face_of_corner = Vec::new();
         if !faces.are_triangles() {
             face_of_corner.reserve_exact(positions.len());
@@ -156,7 +149,7 @@ impl<'a> Edges<'a> {
                 face_of_corner.resize(faces.corner_range(face).end, face as u32);
             }
         }
-        Self { faces, positions, face_of_corner, has_degenerate: false }
+        Self { faces, positions, face_of_corner, has_degenerate: false, features }
     }
 
     /// The positions of a face's corners.
@@ -170,9 +163,11 @@ impl<'a> Edges<'a> {
         if self.face_of_corner.is_empty() { corner / 3 } else { self.face_of_corner[corner as usize] }
     }
 
-    /// Whether the half-edge at `corner` ends at this position.
-    fn ends_at(&self, corner: u32, position: u32) -> bool {
-        self.positions[corner as usize] == position
+    /// Whether two half-edges, given by their corners and their lower end, are of a feature.
+    fn is_feature(&self, corners: [u32; 2], low: u32) -> bool {
+        let [one, other] = corners.map(|corner| self.positions[corner as usize] == low);
+        let faces = corners.map(|corner| self.face(corner));
+        self.features.is_some_and(|features| features.separate(faces, one == other))
     }
 
     /// The end of the half-edge at `corner` that is not `low`.

@@ -4,7 +4,8 @@
 //! An edge is one when the normals of its faces differ by more than an angle, or when the faces are of different groups.
 //! The normals are those of faces that run along the edge in opposite directions, as faces of a surface that is
 //! oriented do: one is turned where they do not. Of an edge of more than two faces, each two that are linked are
-//! compared.
+//! compared. A face that is too thin to have a normal is at no feature by angle, so a cluster may cross a sharp edge
+//! where one covers it.
 //!
 //! Normals are computed of each face by itself, scaled by its size, and rounded to multiples of 2⁻²⁶. The comparison is
 //! of integers: |n − m|² = 2 − 2·cos of the angle, which is exact for faces in one plane however small the angle is.
@@ -30,9 +31,13 @@ const BITS: i32 = 26;
 /// Faces that a thread has the normals of at once, at least.
 const PIECE: usize = 1 << 12;
 
+/// Faces of less area than this part of the square of their extent are thin: their normals may be rounding errors.
+const THIN: f64 = 1e-12;
+
 /// What decides which edges are features.
+#[derive(Debug)]
 pub struct Features<'a> {
-    /// One a face, zero without area; none where no angle is wanted.
+    /// One a face, zero for a thin one; none where no angle is wanted.
     normals: Vec<[i32; 3]>,
     /// Squared distances between normals that are above this make features.
     most: i64,
@@ -55,6 +60,11 @@ impl<'a> Features<'a> {
         Ok(Self { normals, most, groups: wanted.groups })
     }
 
+    /// Whether the angle of a face with others is known, or none is wanted.
+    pub fn can_compare(&self, face: u32) -> bool {
+        self.normals.get(face as usize).is_none_or(|&normal| normal != [0; 3])
+    }
+
     /// Whether an edge of two faces is a feature. `are_alike`: the faces run along it in the same direction.
     pub fn separate(&self, faces: [u32; 2], are_alike: bool) -> bool {
         let [one, other] = faces.map(|face| face as usize);
@@ -71,7 +81,7 @@ impl<'a> Features<'a> {
     }
 }
 
-/// The unit normal of a face, rounded to multiples of 2^−[`BITS`]; zero if it has no area.
+/// The unit normal of a face, rounded to multiples of 2^−[`BITS`]; zero if it is thin.
 fn normal(mesh: MeshView<'_>, face: usize) -> [i32; 3] {
     let corners = mesh.faces.corners(face);
     // halves first: the difference of two finite numbers may not be finite
@@ -85,7 +95,7 @@ fn normal(mesh: MeshView<'_>, face: usize) -> [i32; 3] {
     let fan = 1..corners.len().saturating_sub(1);
     let area = fan.map(|corner| scaled(corner).cross(scaled(corner + 1))).fold(DVec3::ZERO, |sum, area| sum + area);
     let length = area.length_squared().sqrt();
-    if length <= 0.0 {
+    if length < THIN {
         return [0; 3];
     }
     (area / length).to_array().map(|coordinate| libm::rint(libm::ldexp(coordinate, BITS)) as i32)

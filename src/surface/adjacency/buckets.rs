@@ -75,16 +75,17 @@ impl<'a> Buckets<'a> {
         Self { edges, linked, first, last }
     }
 
-    /// Puts the links of the half-edges in place of the lists, but those of two half-edges, given by their corners and
-    /// their lower end, that are of a feature.
-    pub fn link(&self, positions: usize, is_feature: &impl Fn([u32; 2], u32) -> bool) -> Found {
-        match self.edges.faces.are_triangles() {
-            true => self.link_all::<true>(positions, is_feature),
-            false => self.link_all::<false>(positions, is_feature),
+    /// Puts the links of the half-edges in place of the lists.
+    pub fn link(&self, positions: usize) -> Found {
+        match (self.edges.faces.are_triangles(), self.edges.features.is_some()) {
+            (true, false) => self.link_all::<true, false>(positions),
+            (true, true) => self.link_all::<true, true>(positions),
+            (false, false) => self.link_all::<false, false>(positions),
+            (false, true) => self.link_all::<false, true>(positions),
         }
     }
 
-    fn link_all<const TRIANGLES: bool>(&self, positions: usize, is_feature: &impl Fn([u32; 2], u32) -> bool) -> Found {
+    fn link_all<const TRIANGLES: bool, const FEATURES: bool>(&self, positions: usize) -> Found {
         let edges = self.edges;
         let face = |corner: u32| if TRIANGLES { corner / 3 } else { edges.face(corner) };
         let mut found = Found::default();
@@ -109,7 +110,7 @@ impl<'a> Buckets<'a> {
             }
             if !is_plain || corner != NONE {
                 ends[..count].iter().for_each(|&end| edge_at[end as usize] = Edge::default());
-                self.sort(low, last, is_feature, &mut found);
+                self.sort(low, last, &mut found);
                 continue;
             }
             for (&end, &corner) in ends[..count].iter().zip(&corners) {
@@ -117,7 +118,7 @@ impl<'a> Buckets<'a> {
                 let is_pair = edge.uses() == 2;
                 let other = edge.others(corner);
                 let mut link = if is_pair { face(other) } else { NONE };
-                if is_pair && is_feature([corner, other], low) {
+                if FEATURES && is_pair && edges.is_feature([corner, other], low) {
                     if corner < other {
                         found.features.push([face(corner), link]);
                     }
@@ -132,7 +133,7 @@ impl<'a> Buckets<'a> {
 
     /// Links a bucket of any kind.
     #[cold]
-    fn sort(&self, low: u32, last: u32, is_feature: &impl Fn([u32; 2], u32) -> bool, found: &mut Found) {
+    fn sort(&self, low: u32, last: u32, found: &mut Found) {
         let mut half_edges: Vec<(u32, u32)> = Vec::new();
         let mut corner = last;
         while corner != NONE {
@@ -142,25 +143,30 @@ impl<'a> Buckets<'a> {
         }
         half_edges.sort_unstable();
         for edge in half_edges.chunk_by(|a, b| a.0 == b.0) {
-            self.link_edge(edge, |corners| is_feature(corners, low), found);
+            self.link_edge(low, edge, found);
         }
     }
 
     /// Links the faces of an edge, given its half-edges by corner, to the faces before and after them. The first
-    /// half-edge of each face stands for the edge.
-    fn link_edge(&self, edge: &[(u32, u32)], is_feature: impl Fn([u32; 2]) -> bool, found: &mut Found) {
+    /// half-edge of each face stands for the edge. Of more than two faces, those too thin to have a normal are left out
+    /// where normals are compared: they would stand between the others.
+    fn link_edge(&self, low: u32, edge: &[(u32, u32)], found: &mut Found) {
         let mut odd_faces = 0;
         let uses = edge.chunk_by(|a, b| self.edges.face(a.1) == self.edges.face(b.1));
-        let firsts: Vec<(u32, u32)> = uses
+        let mut firsts: Vec<(u32, u32)> = uses
             .map(|uses| {
                 odd_faces += uses.len() % 2;
                 (uses[0].1, self.edges.face(uses[0].1))
             })
             .collect();
+        if firsts.len() > 2 {
+            found.crowded.extend(firsts.iter().map(|&(_, face)| face));
+            firsts.retain(|&(_, face)| self.edges.features.is_none_or(|features| features.can_compare(face)));
+        }
         let mut before = NONE;
         for (at, &(corner, face)) in firsts.iter().enumerate() {
             let after = match firsts.get(at + 1) {
-                Some(&(next, after)) if is_feature([corner, next]) => {
+                Some(&(next, after)) if self.edges.is_feature([corner, next], low) => {
                     found.features.push([face, after]);
                     NONE
                 }
@@ -176,9 +182,6 @@ impl<'a> Buckets<'a> {
             };
             self.linked[corner as usize].store(link, Ordering::Relaxed);
             before = if after == NONE { NONE } else { face };
-        }
-        if firsts.len() > 2 {
-            found.crowded.extend(firsts.iter().map(|&(_, face)| face));
         }
         found.boundary_edges += u64::from(odd_faces == 1);
         found.non_manifold_edges += u64::from(odd_faces > 2);
