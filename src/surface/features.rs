@@ -98,5 +98,5 @@ fn normal(mesh: MeshView<'_>, face: usize) -> [i32; 3] {
     if length < THIN {
         return [0; 3];
     }
-    (area / length).to_array().map(|coordinate| libm::rint(libm::ldexp(coordinate, BITS)) as i32)
+    (area / length * f64::from(1 << BITS)).to_array().map(|coordinate| coordinate.round_ties_even() as i32)
 }

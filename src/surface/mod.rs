@@ -176,13 +176,15 @@ impl Surface {
             let scales = lattice::scales(|face| gathered.geometry[face].area, &runs, lattice::MAX_EXPONENT_SPREAD);
             (gathered, scales)
         };
-        let internal = order::inverse(&upload_face, faces);
-        let (rows, (gathered, scales)) = rayon::join(|| links.compressed(&upload_face, &internal), gather);
+        let compress = || {
+            let internal = order::inverse(&upload_face, faces);
+            let features = links.features.iter().map(|pair| pair.map(|face| internal[face as usize])).collect();
+            (links.compressed(&upload_face, &internal), features)
+        };
+        let ((rows, features), (gathered, scales)): ((_, Vec<_>), _) = rayon::join(compress, gather);
         counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
         counts.duplicate_faces = links.duplicates(&rows.repeating);
-        let mut features = std::mem::take(&mut links.features);
-        features.as_flattened_mut().iter_mut().for_each(|face| *face = internal[*face as usize]);
-        drop((links, internal));
+        drop(links);
         let neighbours = (rows.offsets, rows.neighbours);
         let density_unit = density.map(|density| density.unit);
         let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
