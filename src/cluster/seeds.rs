@@ -177,7 +177,7 @@ pub(super) fn check_number<E: Functional>(items: &Items<E>, name: Name, number: 
     }
     if number < components && items.has_features {
         return Err(Error::parameter(format_args!(
-            "{name} must be at least the number of regions, {components}, into which {} divide the mesh, because a \
+            "{name} must be at least the number of regions, {components}, into which {} divides the mesh, because a \
              cluster does not cross them (a larger angle makes fewer): {number}",
             Name::FEATURES
         )));

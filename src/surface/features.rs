@@ -52,9 +52,10 @@ impl<'a> Features<'a> {
             return Err(Error::mesh(format_args!("there must be one group a face, {faces}, not {}", groups.len())));
         }
         let (mut normals, mut most) = (Vec::new(), i64::MAX);
-        if let Some(angle) = wanted.angle {
-            let cosine = libm::cos(angle.to_radians());
-            most = libm::ldexp(1.0 - cosine, 2 * BITS + 1) as i64;
+        // no angle is above 180 degrees
+        if let Some(angle) = wanted.angle.filter(|&angle| angle < 180.0) {
+            let cosine = libm::ldexp(libm::cos(angle.to_radians()), 2 * BITS).floor() as i64;
+            most = 2 * ((1 << (2 * BITS)) - cosine);
             normals = (0..faces).into_par_iter().with_min_len(PIECE).map(|face| normal(mesh, face)).collect();
         }
         Ok(Self { normals, most, groups: wanted.groups })

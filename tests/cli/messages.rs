@@ -78,7 +78,7 @@ fn parameters_are_spelled_as_flags() {
         ("cluster parts.obj -k 3", "(--bridge-components joins them): 3"),
         ("cluster parts.obj --algorithm pml -k 3", "(--bridge-components joins them): 3"),
         ("cluster parts.obj --algorithm hr --linkage x.npy", "--bridge-components joins them"),
-        ("cluster s.obj -k 3 --features 1", "into which --features divide the mesh"),
+        ("cluster s.obj -k 3 --features 1", "into which --features divides the mesh"),
         ("cluster s.obj -k 3 --features sharp", "--features must be an angle from 0 to 180 degrees (40 is safe)"),
         ("cluster s.obj -k 3 --features 30 --bridge-components", "joins what --features keeps apart"),
         ("cluster s.obj", "--clusters is missing"),

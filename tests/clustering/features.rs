@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::common::zoo;
-use tesserae_mesh::dev::sample::hard::stacked_boxes;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::device::cpu::CpuDevice;
@@ -130,7 +129,7 @@ fn the_sides_of_a_cube_are_six_regions_for_every_algorithm() {
 fn lines_that_end_inside_a_region_are_counted_and_divide_nothing() {
     let mut inside = 0;
     let samples = [Sample::Knot, Sample::Terrain, Sample::Quads, Sample::Parts].map(|sample| generate(sample, 900));
-    for mesh in samples.into_iter().map(|mesh| mesh.expect("a sample")).chain([stacked_boxes(30)]) {
+    for mesh in samples.map(|mesh| mesh.expect("a sample")) {
         for angle in [12.0, 25.0, 40.0] {
             let surface = surface(&mesh, Some(angle), None);
             let clusters = surface.components.len() as u64 + 20;
@@ -216,6 +215,13 @@ fn angles_depend_on_the_shape_alone() {
     for mesh in [&mesh, &turned, &with_point, &scaled(1.7e308), &scaled(1e-300)] {
         assert_eq!([0.0, 30.0, 90.0, 180.0].map(|angle| regions(mesh, angle)), [6, 6, 1, 1]);
     }
+    let [a, b, c] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.3], [0.2, 1.0, 0.7]];
+    let folded = zoo::mesh(&[a, b, c], &[&[0, 1, 2], &[2, 1, 0]]);
+    assert_eq!([0.0, 179.9, 180.0].map(|angle| regions(&folded, angle)), [2, 2, 1]);
+    // a face of two positions does not join the sides of the edge that it lies on
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let with_thin = zoo::mesh(&corners, &[&[0, 1, 2], &[0, 1, 1], &[1, 0, 3]]);
+    assert_eq!([30.0, 100.0].map(|angle| regions(&with_thin, angle)), [2, 1]);
     assert_eq!(regions(&generate(Sample::Plane, 50).expect("a sample"), 0.0), 1);
 }
 
