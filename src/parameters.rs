@@ -1,6 +1,7 @@
 //! The parameters of a job: defined once, for the command line, the query string and the JSON part.
 
 mod check;
+mod features;
 mod levels;
 mod neighbours;
 mod subdivide;
@@ -9,6 +10,7 @@ use clap::builder::{OsStringValueParser, TypedValueParser};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+pub use self::features::Features;
 use self::heading::{CLUSTERS, COMPARISON, HIERARCHIES, OUTPUTS, REMESH};
 pub use self::levels::Levels;
 pub use self::neighbours::Neighbours;
@@ -103,6 +105,13 @@ pub struct Parameters {
     /// clusters than parts
     #[arg(long, help_heading = CLUSTERS, hide_short_help = true)]
     pub bridge_components: bool,
+
+    /// Do not let clusters cross edges at which the surface bends by more than so many degrees (40 is safe), or, with
+    /// groups, at which OBJ groups or materials or glTF primitives meet; 30,groups is both. Clusters are shared among
+    /// the regions that such edges enclose
+    #[arg(long, value_name = "ANGLE,groups", allow_negative_numbers = true, help_heading = CLUSTERS,
+          hide_short_help = true)]
+    pub features: Option<Features>,
 
     /// Keep the labels at iterations of a flat clustering: N for every N-th, or a list, 0,6,46 (a single one with a
     /// comma behind it); 0 is the initial growth

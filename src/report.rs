@@ -27,6 +27,8 @@ pub struct Report {
     /// Clusters that are in several pieces across shared edges; counted on the final labels. An edge of more than two
     /// faces connects them as a chain, in the order of their numbers: each with the one before and the one after.
     pub disconnected_clusters: u64,
+    /// Feature edges with one cluster on both sides, of the final labels: those of lines that end inside a region.
+    pub feature_edges_inside: u64,
     /// The energy before and after.
     pub energy: Energy,
     /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels. Row 0 of a flat
@@ -119,7 +121,7 @@ pub struct MeshInput {
     /// glTF: vertices that were moved to a vertex of another part, from which only rounding kept them apart: parts with
     /// different transforms meet there. 0 for other formats.
     pub joined_across_parts: u64,
-    /// Sets of faces connected across shared edges, loose faces aside.
+    /// Sets of faces connected across shared edges that are no feature edges, loose faces aside.
     pub components: u64,
     /// Edges of exactly one face. A face that runs along an edge several times counts once for an odd number of times
     /// and not at all for an even one: there and back, as at the slit of a polygon with a hole, it has itself on both
@@ -135,6 +137,9 @@ pub struct MeshInput {
     pub loose_faces: u64,
     /// Faces whose set of corner positions an earlier face has; extra copies only.
     pub duplicate_faces: u64,
+    /// Edges that clusters do not cross (`features`); of an edge of more than two faces, each two that it would connect
+    /// count.
+    pub feature_edges: u64,
     /// Where runs of faces come from.
     pub parts: Vec<Part>,
 }

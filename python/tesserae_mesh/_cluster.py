@@ -47,6 +47,7 @@ def cluster(
     refine: Literal["on", "none"] = "on",
     allow_disconnected: bool = False,
     bridge_components: bool = False,
+    features: Union[float, str, None] = None,
     snapshots: Union[int, Sequence[int], str, None] = None,
     curvature_exponent: Optional[float] = None,
     weights: Optional[ArrayLike] = None,
@@ -105,6 +106,10 @@ def cluster(
         Accept clusters in several pieces, as the optimisation left them.
     bridge_components : bool
         Join separate parts where they are nearest, as if they shared an edge.
+    features : float or str, optional
+        Do not let clusters cross edges at which the surface bends by more than this angle in degrees, 0 to 180 (40 is
+        safe). Files: ``"groups"``, or both as ``"40,groups"``, also keeps OBJ groups and materials and glTF primitives
+        apart.
     snapshots : int, sequence of int, or str, optional
         Keep the labels at every N-th iteration of a flat clustering, or at these; 0 is the initial growth.
     curvature_exponent : float, optional
@@ -188,6 +193,7 @@ def cluster(
             refine=refine,
             allow_disconnected=allow_disconnected,
             bridge_components=bridge_components,
+            features=features,
             snapshots=snapshots,
             curvature_exponent=curvature_exponent,
             weight_attribute=weight_attribute,

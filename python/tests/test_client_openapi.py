@@ -155,6 +155,7 @@ EVERYTHING: Document = {
     "refine": "none",
     "allow_disconnected": True,
     "bridge_components": True,
+    "features": "30,groups",
     "snapshots": [0],
     "subdivide": 1,
     "curvature_exponent": 1.0,

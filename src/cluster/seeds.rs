@@ -175,6 +175,13 @@ pub(super) fn check_number<E: Functional>(items: &Items<E>, name: Name, number: 
             }
         )));
     }
+    if number < components && items.has_features {
+        return Err(Error::parameter(format_args!(
+            "{name} must be at least the number of regions, {components}, into which {} divides the mesh, because a \
+             cluster does not cross them (a larger angle makes fewer): {number}",
+            Name::FEATURES
+        )));
+    }
     if number < components {
         return Err(Error::parameter(format_args!(
             "{name} must be at least the number of connected components, {components}, because a cluster cannot \

@@ -40,6 +40,7 @@ names! {
     COLLAPSE_FRACTION "collapse_fraction",
     COMPACTNESS "compactness",
     CURVATURE_EXPONENT "curvature_exponent",
+    FEATURES "features",
     GRAPH "graph",
     LEVELS "levels",
     MAX_CLUSTERS "max_clusters",

@@ -44,6 +44,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         explained: energies.total.and_then(|total| finite(1.0 - energies.last / total)),
         hexagon_ratio: energies.hexagon_ratio,
     };
+    let feature_edges_inside = prepared.subject.mesh().map_or(0, |surface| surface.feature_edges_inside(&labels));
     let (labels, labels_sha256) = if spec.clustering.has_labels() {
         let Numbered { labels, number_of_cluster } = numbered?;
         let labels = prepared.subject.with_masked(labels);
@@ -79,6 +80,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         device: clustered.device,
         clusters: clusters as u64,
         disconnected_clusters,
+        feature_edges_inside,
         energy,
         iterations: clustered.iterations,
         levels: clustered.levels,

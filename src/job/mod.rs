@@ -50,7 +50,7 @@ use crate::error::{Error, Result};
 use crate::hierarchy::Tree;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::divide::Origin;
-use crate::mesh::{self, Format, Limits, NoResources, PolygonMesh, Resources};
+use crate::mesh::{self, Format, Limits, NoResources, PolygonMesh, ReadMesh, Resources};
 use crate::parameters::Parameters;
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 
@@ -237,7 +237,8 @@ pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Res
     let attribute = checked.spec.weight_attribute.clone();
     let attribute = attribute.as_deref();
     let keeps_mesh = request.outputs.iter().any(|output| output.needs.contains(&Need::Mesh));
-    mesh::open(mesh::Source { bytes, format, resources, limits, attribute }, |mesh| {
+    let groups = checked.spec.features.is_some_and(|features| features.groups);
+    mesh::open(mesh::Source { bytes, format, resources, limits, attribute, groups }, |mesh| {
         then(Opened { mesh, checked, format, limits: *limits, keeps_mesh })
     })
     .map_err(Refusal::of(InputFile::Mesh))
@@ -264,12 +265,16 @@ impl Opened<'_> {
         tell(Preparing::Mesh);
         let foreseen = self.faces();
         let Self { mesh, mut checked, limits, keeps_mesh, .. } = self;
-        let (mut mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
+        let ReadMesh { mut mesh, numbers: weights, mut groups } = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
         let origin = divide::divide(&mut mesh, &mut checked.spec, &limits, foreseen);
         let origin = origin.map_err(Refusal::of(InputFile::Mesh))?.map(Arc::new);
         let warnings = std::mem::take(&mut mesh.warnings);
-        let about = About { format: Some(mesh.format), adjusted: mesh.adjusted, parts: mesh.parts.clone() };
-        let prepared = checked.prepare((&mesh).into(), weights_of_attribute, about, warnings, tell)?;
+        if let (Some(of_read), Some(origin)) = (&mut groups, &origin) {
+            *of_read = (0..mesh.faces.len() as u32).map(|face| of_read[origin.face(face) as usize]).collect();
+        }
+        let (format, adjusted, parts) = (Some(mesh.format), mesh.adjusted, mesh.parts.clone());
+        let about = About { format, adjusted, parts, weights, groups };
+        let prepared = checked.prepare((&mesh).into(), about, warnings, tell)?;
         Ok(Prepared { mesh: keeps_mesh.then(|| Arc::new(mesh)), origin, ..prepared })
     }
 }

@@ -6,9 +6,9 @@ use super::{Clustering, InputFile, JobSpec, Plan, Prepared, Preparing, Refusal, 
 use crate::energy::Functional;
 use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
-use crate::parameters::{Name, Parameters};
+use crate::parameters::{Features, Name, Parameters};
 use crate::report::{Input, MeshInput, Timings, WeightedBy};
-use crate::surface::{Items, Surface, Wanted};
+use crate::surface::{Items, Surface, Wanted, WantedFeatures};
 
 /// A job on a mesh that this program has in memory; a [`Request`](super::Request) has the bytes of a file.
 #[derive(Debug, Clone, Copy)]
@@ -41,13 +41,26 @@ pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
             Name::SUBDIVIDE
         ))));
     }
+    if checked.spec.features.is_some_and(|features| features.groups) {
+        return Err(Refusal::from(Error::parameter(format_args!(
+            "groups go with OBJ and glTF files, not with a mesh in memory: leave groups out of {}",
+            Name::FEATURES
+        ))));
+    }
     job.limits.check_faces(job.mesh.faces.len() as u64).map_err(Refusal::of(InputFile::Mesh))?;
-    checked.prepare(job.mesh, None, About::default(), Vec::new(), &mut |_| ())
+    checked.prepare(job.mesh, About::default(), Vec::new(), &mut |_| ())
 }
 
 /// Prepares a surface that the caller built of a mesh in memory, such as one of its points; without seeds and weights.
 pub fn prepare_surface(parameters: &Parameters, mesh: MeshView<'_>, surface: Surface) -> Result<Prepared, Refusal> {
-    Checked::new(parameters, None, None)?.plan(mesh, surface, Instant::now(), About::default(), Vec::new())
+    let checked = Checked::new(parameters, None, None)?;
+    if let Some(features) = checked.spec.features {
+        return Err(Refusal::from(Error::parameter(format_args!(
+            "{} goes with faces, not with the points of a mesh: {features}",
+            Name::FEATURES
+        ))));
+    }
+    checked.plan(mesh, surface, Instant::now(), About::default(), Vec::new())
 }
 
 /// A job whose parameters, seeds and weights were read and checked.
@@ -63,6 +76,10 @@ pub(super) struct About {
     pub format: Option<Format>,
     pub adjusted: Adjusted,
     pub parts: Vec<Part>,
+    /// Weights of an attribute.
+    pub weights: Option<Vec<f64>>,
+    /// One a face, if features are at the edges of groups.
+    pub groups: Option<Vec<u32>>,
 }
 
 impl Checked {
@@ -92,18 +109,19 @@ impl Checked {
     pub fn prepare(
         mut self,
         mesh: MeshView<'_>,
-        weights_of_attribute: Option<Vec<f64>>,
-        about: About,
+        mut about: About,
         warnings: Vec<String>,
         tell: &mut dyn FnMut(Preparing),
     ) -> Result<Prepared, Refusal> {
         tell(Preparing::Surface);
         let parsed = Instant::now();
         let are_listed = self.weights.is_some();
-        let weights = self.weights.take().or(weights_of_attribute);
+        let weights = self.weights.take().or(about.weights.take());
         let curvature_exponent = self.spec.curvature_exponent;
         let density = Wanted { weights: weights.as_deref(), curvature_exponent };
-        let surface = Surface::build_with(mesh, self.spec.bridge_components, density).map_err(|error| {
+        let wanted = |features: Features| WantedFeatures { angle: features.angle, groups: about.groups.as_deref() };
+        let features = self.spec.features.map(wanted);
+        let surface = Surface::build_with(mesh, self.spec.bridge_components, density, features).map_err(|error| {
             let of_weights = are_listed && error.kind == Kind::InvalidParameter;
             Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
         })?;
@@ -196,7 +214,7 @@ pub(super) fn plan<E: Functional>(items: &Items<E>, clustering: &Clustering) -> 
 
 /// What was read, for the report.
 fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
-    let About { format, adjusted, parts } = about;
+    let About { format, adjusted, parts, .. } = about;
     let counts = surface.counts;
     Input::Mesh(MeshInput {
         format,
@@ -211,6 +229,7 @@ fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
         degenerate_faces: counts.degenerate_faces,
         loose_faces: counts.loose_faces,
         duplicate_faces: counts.duplicate_faces,
+        feature_edges: surface.feature_edges(),
         parts,
     })
 }

@@ -4,7 +4,7 @@ use super::{InputFile, Refusal, seed_list};
 use crate::cluster::quality::Quality;
 use crate::cluster::{flat, hierarchy, relocation};
 use crate::error::Error;
-use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds, Snapshots, Subdivide};
+use crate::parameters::{Algorithm, Features, Name, Optimize, Parameters, Refine, Seeds, Snapshots, Subdivide};
 
 /// What a job does.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +13,8 @@ pub struct JobSpec {
     pub clustering: Clustering,
     /// Whether separate parts are joined where they are nearest.
     pub bridge_components: bool,
+    /// Edges that clusters do not cross.
+    pub features: Option<Features>,
     /// Power of the curvature that areas are multiplied by.
     pub curvature_exponent: Option<f64>,
     /// Attribute of the vertices that areas are multiplied by.
@@ -137,6 +139,7 @@ impl JobSpec {
         Ok(Self {
             clustering: Clustering::new(&settled, listed)?,
             bridge_components: settled.bridge_components,
+            features: settled.features,
             curvature_exponent: settled.curvature_exponent,
             weight_attribute: settled.weight_attribute.clone(),
             subdivide: settled.subdivide,

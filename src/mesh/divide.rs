@@ -46,9 +46,18 @@ pub struct Part {
 }
 
 impl Origin {
+    /// The face of the mesh that a face of the divided one is a part of.
+    pub fn face(&self, face: u32) -> u32 {
+        self.faces[self.triangle(face)]
+    }
+
+    fn triangle(&self, face: u32) -> usize {
+        (u64::from(face) >> (2 * self.times)) as usize
+    }
+
     /// What a face of the divided mesh is a part of.
     pub fn of(&self, face: u32) -> Part {
-        let triangle = (u64::from(face) >> (2 * self.times)) as usize;
+        let triangle = self.triangle(face);
         let mut corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         for division in (0..self.times).rev() {
             let middle = |one: usize, other: usize| [0, 1, 2].map(|i| (corners[one][i] + corners[other][i]) / 2.0);

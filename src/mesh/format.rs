@@ -48,6 +48,8 @@ struct Row {
     has_buffers: bool,
     /// Whether vertices may have attributes with names.
     has_attributes: bool,
+    /// Whether faces may be of groups or materials.
+    has_groups: bool,
     /// Whether no file of another kind is taken for one of this format by `is_it`.
     is_certain: bool,
     reader: Reader,
@@ -65,6 +67,7 @@ static TABLE: [Row; 6] = [
         check_head: |head, _| obj::check_head(head),
         has_buffers: false,
         has_attributes: false,
+        has_groups: true,
         // a comment begins other kinds of text, too
         is_certain: false,
         // a line of four-digit numbers
@@ -80,6 +83,7 @@ static TABLE: [Row; 6] = [
         check_head: gltf::check_binary_head,
         has_buffers: true,
         has_attributes: true,
+        has_groups: true,
         is_certain: true,
         // indices of two bytes, and half a vertex, uncompressed
         reader: gltf::open_binary,
@@ -94,6 +98,7 @@ static TABLE: [Row; 6] = [
         check_head: |head, _| gltf::check_json_head(head),
         has_buffers: true,
         has_attributes: true,
+        has_groups: true,
         is_certain: true,
         // as in a GLB, in buffers beside it
         reader: gltf::open_json,
@@ -108,6 +113,7 @@ static TABLE: [Row; 6] = [
         check_head: |head, _| ply::check_head(head),
         has_buffers: false,
         has_attributes: false,
+        has_groups: false,
         is_certain: true,
         // an index of a strip, and half a vertex
         reader: ply::open,
@@ -128,6 +134,7 @@ static TABLE: [Row; 6] = [
         check_head: stl::check_head,
         has_buffers: false,
         has_attributes: false,
+        has_groups: false,
         is_certain: true,
         // a triangle of a binary file
         reader: stl::open,
@@ -142,6 +149,7 @@ static TABLE: [Row; 6] = [
         check_head: |head, _| off::check_head(head),
         has_buffers: false,
         has_attributes: false,
+        has_groups: false,
         is_certain: true,
         // a triangle of four-digit numbers
         reader: off::open,
@@ -193,6 +201,11 @@ impl Format {
     /// Whether vertices may have attributes with names.
     pub fn has_attributes(self) -> bool {
         self.row().has_attributes
+    }
+
+    /// Whether faces may be of groups or materials.
+    pub fn has_groups(self) -> bool {
+        self.row().has_groups
     }
 
     /// What opens a file of this format.

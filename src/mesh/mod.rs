@@ -16,6 +16,7 @@ mod faces;
 mod format;
 mod frame;
 mod gltf;
+mod groups;
 pub(crate) mod number;
 mod obj;
 mod off;
@@ -38,6 +39,7 @@ use std::sync::Arc;
 use serde::{Serialize, Serializer};
 use utoipa::ToSchema;
 
+use crate::error::names::Name;
 use crate::error::{Error, Kind, Quoted, Result};
 
 /// A mesh as it was uploaded: its faces in upload order, positions not yet welded.
@@ -85,6 +87,13 @@ pub struct Part {
     pub first_face: u64,
     /// Number of faces in the run.
     pub faces: u64,
+}
+
+impl Part {
+    /// One past the last face of the run.
+    fn end(&self) -> usize {
+        (self.first_face + self.faces) as usize
+    }
 }
 
 /// A name for a part, cut short where it has more bytes than any sensible one: it may be repeated for every part.
@@ -150,8 +159,22 @@ fn without_mark(text: &[u8]) -> &[u8] {
 /// Bytes of a file that its format is recognised and checked by, before the rest is looked at.
 pub const HEAD_BYTES: usize = 4096;
 
-/// A mesh and, where an attribute was wanted, one number a vertex.
-pub type WithNumbers = (PolygonMesh, Option<Vec<f64>>);
+/// A mesh, and what else was wanted of its file.
+#[derive(Debug)]
+pub struct ReadMesh {
+    /// The mesh.
+    pub mesh: PolygonMesh,
+    /// The attribute: one number a vertex.
+    pub numbers: Option<Vec<f64>>,
+    /// The group of each face: a number.
+    pub groups: Option<Vec<u32>>,
+}
+
+impl From<PolygonMesh> for ReadMesh {
+    fn from(mesh: PolygonMesh) -> Self {
+        Self { mesh, numbers: None, groups: None }
+    }
+}
 
 /// A mesh file and how to read it.
 #[derive(Clone, Copy)]
@@ -166,16 +189,25 @@ pub struct Source<'a> {
     pub limits: &'a Limits,
     /// A glTF attribute that every primitive must have: one number a vertex.
     pub attribute: Option<&'a str>,
+    /// Whether the group of each face is wanted: of an OBJ its object, group and material, of a glTF its primitive.
+    pub groups: bool,
+}
+
+impl<'a> Source<'a> {
+    /// A mesh alone.
+    pub fn new(bytes: &'a [u8], format: Format, resources: &'a dyn Resources, limits: &'a Limits) -> Self {
+        Self { bytes, format, resources, limits, attribute: None, groups: false }
+    }
 }
 
 /// A mesh file that was opened: its faces are counted, and nothing is built of them yet.
 pub struct Opened<'b> {
     faces: u64,
-    read: Box<dyn FnOnce() -> Result<WithNumbers> + Send + 'b>,
+    read: Box<dyn FnOnce() -> Result<ReadMesh> + Send + 'b>,
 }
 
 impl<'b> Opened<'b> {
-    fn new(faces: u64, read: impl FnOnce() -> Result<WithNumbers> + Send + 'b) -> Self {
+    fn new(faces: u64, read: impl FnOnce() -> Result<ReadMesh> + Send + 'b) -> Self {
         Self { faces, read: Box::new(read) }
     }
 
@@ -186,7 +218,7 @@ impl<'b> Opened<'b> {
     }
 
     /// Reads the mesh. May run on another thread than [`open`].
-    pub fn read(self) -> Result<WithNumbers> {
+    pub fn read(self) -> Result<ReadMesh> {
         (self.read)()
     }
 }
@@ -211,6 +243,13 @@ pub fn open<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result
             Quoted(name)
         )));
     }
+    if source.groups && !format.has_groups() {
+        return Err(Error::parameter(format_args!(
+            "groups and materials are read of OBJ and glTF files, and this is {} file: leave groups out of {}",
+            format.noun(),
+            Name::FEATURES
+        )));
+    }
     let (mut then, mut result) = (Some(then), None);
     format.reader()(source, &mut |opened| result = then.take().map(|then| then(opened)))?;
     result.ok_or_else(|| {
@@ -220,8 +259,7 @@ pub fn open<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result
 
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
-    let (mesh, _) = open(Source { bytes, format, resources, limits, attribute: None }, |opened| opened.read())??;
-    Ok(mesh)
+    Ok(open(Source::new(bytes, format, resources, limits), |opened| opened.read())??.mesh)
 }
 
 #[cfg(test)]

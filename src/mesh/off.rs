@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::polygons::Polygons;
 use super::text::{self, Words, line_number, with_line_feeds};
-use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, Source, WithNumbers, without_mark};
+use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, ReadMesh, Source, without_mark};
 use crate::error::{Error, Quoted, Result};
 
 /// Bytes of a piece.
@@ -192,7 +192,7 @@ impl<'a> Rows<'a> {
         Ok(Self { text, vertices, faces, pieces, unread: lines - declared })
     }
 
-    fn read(&self, limits: &Limits) -> Result<WithNumbers> {
+    fn read(&self, limits: &Limits) -> Result<ReadMesh> {
         let parsed: Vec<Result<Contents, Fault>> = self.pieces.par_iter().map(|piece| self.parse(piece)).collect();
         let mut positions = Vec::with_capacity(self.vertices as usize);
         let mut polygons = Polygons::new(self.vertices, 0);
@@ -230,7 +230,7 @@ impl<'a> Rows<'a> {
         Ok(contents)
     }
 
-    fn finish(&self, positions: Vec<[f64; 3]>, polygons: Polygons, limits: &Limits) -> Result<WithNumbers> {
+    fn finish(&self, positions: Vec<[f64; 3]>, polygons: Polygons, limits: &Limits) -> Result<ReadMesh> {
         let Polygons { faces, short, .. } = polygons;
         if faces.is_empty() {
             return Err(no_faces(self.vertices));
@@ -246,7 +246,7 @@ impl<'a> Rows<'a> {
         if self.unread > 0 {
             warnings.push(format!("lines after the last face were ignored: {}", self.unread));
         }
-        Ok((mesh(positions, faces, warnings), None))
+        Ok(mesh(positions, faces, warnings).into())
     }
 }
 

@@ -58,6 +58,13 @@ impl Parameters {
         if self.quality != Quality::Default && !matches!(self.algorithm, Algorithm::Bb | Algorithm::Pml) {
             return Err(self.contradiction(Name::QUALITY, "bb and pml"));
         }
+        if let Some(features) = self.features.filter(|_| self.bridge_components) {
+            return Err(Error::parameter(format_args!(
+                "{} joins what {} keeps apart: leave one of them out; {features}",
+                Name::BRIDGE_COMPONENTS,
+                Name::FEATURES
+            )));
+        }
         match self.collapse_fraction {
             // no number is not above 0 either
             Some(percent) if !(percent > 0.0 && percent <= 50.0) => Err(Error::parameter(format_args!(
@@ -89,6 +96,7 @@ impl Parameters {
     pub fn check_points(&self) -> Result<()> {
         let of_meshes = [
             (Name::CURVATURE_EXPONENT, self.curvature_exponent.is_some()),
+            (Name::FEATURES, self.features.is_some()),
             (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
             (Name::SUBDIVIDE, self.subdivide.is_some()),
         ];

@@ -36,6 +36,7 @@ fn what_contradicts_itself_is_refused_and_named() {
         (json!({"clusters": 3, "subdivide": 2, "snapshots": 3}), ["subdivide", "snapshots"]),
         (json!({"clusters": 3, "subdivide": "auto", "weight_attribute": "_W"}), ["subdivide", "weight_attribute"]),
         (json!({"algorithm": "hr", "subdivide": 1}), ["subdivide", "hr"]),
+        (json!({"clusters": 3, "features": "30,groups", "bridge_components": true}), ["features", "bridge_components"]),
         (json!({"clusters": 3, "weight_attribute": "_"}), ["weight_attribute", "underscore"]),
         (json!({"algorithm": "pml", "clusters": 30, "levels": [100, 20]}), ["levels", "20"]),
     ] {

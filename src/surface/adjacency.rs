@@ -9,14 +9,16 @@
 //! edge of more than two faces, are sorted. Sorting all of them takes 1.09 times the instructions of a whole clustering
 //! of the bunny at quality fast.
 
+mod buckets;
 mod rows;
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
+use self::buckets::{Buckets, Found};
 use super::counts::Counts;
+use super::features::Features;
 use crate::mesh::Faces;
 
 /// Which faces are linked, by upload face.
@@ -31,6 +33,8 @@ pub struct Links<'a> {
     bridges: Vec<(u32, u32)>,
     /// Faces of edges that have more than two, maybe several times.
     crowded: Vec<u32>,
+    /// Pairs of faces that share an edge and are not linked, since it is a feature.
+    pub features: Vec<[u32; 2]>,
     /// Edges and degenerate faces; the other counts are 0.
     pub counts: Counts,
 }
@@ -53,6 +57,8 @@ struct Edges<'a> {
     face_of_corner: Vec<u32>,
     /// Whether a face has two corners at one position. Only such a face can run along an edge twice.
     has_degenerate: bool,
+    /// What separates faces, if anything does.
+    features: Option<&'a Features<'a>>,
 }
 
 impl<'a> Links<'a> {
@@ -62,9 +68,9 @@ impl<'a> Links<'a> {
     /// counts once when it does so an odd number of times, and not at all otherwise: there and back, it has itself on
     /// both sides, as at the slit of a polygon with a hole or in a spike. Links do not depend on the number of times.
     ///
-    /// `positions` has a number below `vertices` for each corner.
-    pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32) -> Self {
-        let mut edges = Edges::new(faces, positions);
+    /// `positions` has a number below `vertices` for each corner. Faces that features separate are not linked.
+    pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32, features: Option<&'a Features<'a>>) -> Self {
+        let mut edges = Edges::new(faces, positions, features);
         let degenerate_faces = edges.degenerate_faces();
         edges.has_degenerate = degenerate_faces > 0;
         let linked: Vec<AtomicU32> =
@@ -74,24 +80,19 @@ impl<'a> Links<'a> {
         let bound = |range: usize| (vertices * range / ranges) as u32;
         let found: Vec<Found> = (0..ranges)
             .into_par_iter()
-            .map(|range| {
-                let buckets = Buckets::new(&edges, &linked, bound(range)..bound(range + 1));
-                match faces.are_triangles() {
-                    true => buckets.link::<true>(vertices),
-                    false => buckets.link::<false>(vertices),
-                }
-            })
+            .map(|range| Buckets::new(&edges, &linked, bound(range)..bound(range + 1)).link(vertices))
             .collect();
         let mut counts = Counts { degenerate_faces, ..Counts::default() };
-        let (mut chained, mut crowded) = (Vec::new(), Vec::new());
+        let (mut chained, mut crowded, mut features) = (Vec::new(), Vec::new(), Vec::new());
         for found in found {
+            features.extend(found.features);
             chained.extend(found.chained);
             crowded.extend(found.crowded);
             counts.boundary_edges += found.boundary_edges;
             counts.non_manifold_edges += found.non_manifold_edges;
         }
         chained.sort_unstable();
-        Self { edges, linked, chained, bridges: Vec::new(), crowded, counts }
+        Self { edges, linked, chained, bridges: Vec::new(), crowded, features, counts }
     }
 
     /// Links further pairs of faces; they come last in the rows.
@@ -126,9 +127,9 @@ impl<'a> Links<'a> {
     /// Counts extra copies of faces with the same set of corner positions; degenerate faces are left out.
     ///
     /// Copies share all their edges. So a face can be one only if it shares several edges with one neighbour
-    /// (`repeating`), or an edge with more than one face; only such faces are compared.
+    /// (`repeating`), or an edge with more than two faces, or one that is a feature; only such faces are compared.
     pub fn duplicates(&self, repeating: &[u32]) -> u64 {
-        let mut suspects = [repeating, &self.crowded].concat();
+        let mut suspects = [repeating, &self.crowded, self.features.as_flattened()].concat();
         suspects.sort_unstable();
         suspects.dedup();
         let corners = suspects.iter().map(|&face| self.edges.corners(face as usize));
@@ -140,7 +141,7 @@ impl<'a> Links<'a> {
 }
 
 impl<'a> Edges<'a> {
-    fn new(faces: &'a Faces, positions: Vec<u32>) -> Self {
+    fn new(faces: &'a Faces, positions: Vec<u32>, features: Option<&'a Features<'a>>) -> Self {
         let mut face_of_corner = Vec::new();
         if !faces.are_triangles() {
             face_of_corner.reserve_exact(positions.len());
@@ -148,7 +149,7 @@ impl<'a> Edges<'a> {
                 face_of_corner.resize(faces.corner_range(face).end, face as u32);
             }
         }
-        Self { faces, positions, face_of_corner, has_degenerate: false }
+        Self { faces, positions, face_of_corner, has_degenerate: false, features }
     }
 
     /// The positions of a face's corners.
@@ -160,6 +161,13 @@ impl<'a> Edges<'a> {
     #[inline]
     fn face(&self, corner: u32) -> u32 {
         if self.face_of_corner.is_empty() { corner / 3 } else { self.face_of_corner[corner as usize] }
+    }
+
+    /// Whether two half-edges, given by their corners and their lower end, are of a feature.
+    fn is_feature(&self, corners: [u32; 2], low: u32) -> bool {
+        let [one, other] = corners.map(|corner| self.positions[corner as usize] == low);
+        let faces = corners.map(|corner| self.face(corner));
+        self.features.is_some_and(|features| features.separate(faces, one == other))
     }
 
     /// The end of the half-edge at `corner` that is not `low`.
@@ -238,162 +246,5 @@ fn has_many_repeated(numbers: &[u32]) -> bool {
             sorted.sort_unstable();
             sorted.windows(2).any(|pair| pair[0] == pair[1])
         }
-    }
-}
-
-/// The half-edges whose lower end is in a range of positions, a bucket for each.
-///
-/// A bucket is a list through `linked`: until an edge's links are known, each half-edge has the one before it there.
-struct Buckets<'a> {
-    edges: &'a Edges<'a>,
-    linked: &'a [AtomicU32],
-    /// First position of the range.
-    first: u32,
-    /// The last half-edge of each bucket.
-    last: Vec<u32>,
-}
-
-/// Largest bucket that is not sorted.
-const MOST_UNSORTED: usize = 32;
-
-/// The half-edges of an edge: its lower end, how many there are (at most 3), and their corners, combined by exclusive
-/// or. Lower ends and corners have 31 bits. An entry with another lower end than the current bucket's is stale.
-#[derive(Clone, Copy, Default)]
-struct Edge(u64);
-
-impl Edge {
-    /// Without half-edges, unless it is of the bucket of `low`.
-    #[inline]
-    fn in_bucket(self, low: u32) -> Self {
-        let is_stale = self.0 >> 33 != u64::from(low);
-        if is_stale { Self(u64::from(low) << 33) } else { self }
-    }
-
-    #[inline]
-    fn uses(self) -> u64 {
-        self.0 >> 31 & 3
-    }
-
-    /// All corners but `corner`, combined.
-    #[inline]
-    fn others(self, corner: u32) -> u32 {
-        (self.0 as u32 ^ corner) & (u32::MAX >> 1)
-    }
-
-    /// With one more half-edge; no more than three times.
-    #[inline]
-    fn with(self, corner: u32) -> Self {
-        Self((self.0 + (1 << 31)) ^ u64::from(corner))
-    }
-}
-
-/// What is found in a range of positions besides plain links.
-#[derive(Default)]
-struct Found {
-    chained: Vec<(u32, [u32; 2])>,
-    crowded: Vec<u32>,
-    boundary_edges: u64,
-    non_manifold_edges: u64,
-}
-
-impl<'a> Buckets<'a> {
-    fn new(edges: &'a Edges<'_>, linked: &'a [AtomicU32], range: Range<u32>) -> Self {
-        let (first, length) = (range.start, range.end - range.start);
-        let mut last = vec![NONE; length as usize];
-        edges.each(|low, _, corner| {
-            let bucket = low.wrapping_sub(first);
-            if bucket < length {
-                let before = std::mem::replace(&mut last[bucket as usize], corner);
-                linked[corner as usize].store(before, Ordering::Relaxed);
-            }
-        });
-        Self { edges, linked, first, last }
-    }
-
-    /// Puts the links of the half-edges in place of the lists.
-    fn link<const TRIANGLES: bool>(&self, positions: usize) -> Found {
-        let edges = self.edges;
-        let face = |corner: u32| if TRIANGLES { corner / 3 } else { edges.face(corner) };
-        let mut found = Found::default();
-        let mut edge_at = vec![Edge::default(); positions];
-        let (mut ends, mut corners) = ([0; MOST_UNSORTED], [0; MOST_UNSORTED]);
-        for (low, &last) in (self.first..).zip(&self.last) {
-            let mut count = 0;
-            let mut is_plain = true;
-            let mut corner = last;
-            while corner != NONE && is_plain && count < MOST_UNSORTED {
-                let end = edges.other_end::<TRIANGLES>(corner, low);
-                (ends[count], corners[count]) = (end, corner);
-                let known = &mut edge_at[end as usize];
-                let edge = known.in_bucket(low);
-                *known = edge.with(corner);
-                is_plain = edge.uses() < 2;
-                if edges.has_degenerate && edge.uses() == 1 {
-                    is_plain &= face(edge.others(0)) != face(corner);
-                }
-                corner = self.linked[corner as usize].load(Ordering::Relaxed);
-                count += 1;
-            }
-            if !is_plain || corner != NONE {
-                ends[..count].iter().for_each(|&end| edge_at[end as usize] = Edge::default());
-                self.sort(low, last, &mut found);
-                continue;
-            }
-            for (&end, &corner) in ends[..count].iter().zip(&corners) {
-                let edge = edge_at[end as usize];
-                let is_pair = edge.uses() == 2;
-                let link = if is_pair { face(edge.others(corner)) } else { NONE };
-                self.linked[corner as usize].store(link, Ordering::Relaxed);
-                found.boundary_edges += u64::from(!is_pair);
-            }
-        }
-        found
-    }
-
-    /// Links a bucket of any kind.
-    #[cold]
-    fn sort(&self, low: u32, last: u32, found: &mut Found) {
-        let mut half_edges: Vec<(u32, u32)> = Vec::new();
-        let mut corner = last;
-        while corner != NONE {
-            half_edges.push((self.edges.other_end::<false>(corner, low), corner));
-            // a half-edge that does not stand for an edge stays without a link
-            corner = self.linked[corner as usize].swap(NONE, Ordering::Relaxed);
-        }
-        half_edges.sort_unstable();
-        for edge in half_edges.chunk_by(|a, b| a.0 == b.0) {
-            self.link_edge(edge, found);
-        }
-    }
-
-    /// Links the faces of an edge, given its half-edges by corner, to the faces before and after them. The first
-    /// half-edge of each face stands for the edge.
-    fn link_edge(&self, edge: &[(u32, u32)], found: &mut Found) {
-        let mut odd_faces = 0;
-        let uses = edge.chunk_by(|a, b| self.edges.face(a.1) == self.edges.face(b.1));
-        let firsts: Vec<(u32, u32)> = uses
-            .map(|uses| {
-                odd_faces += uses.len() % 2;
-                (uses[0].1, self.edges.face(uses[0].1))
-            })
-            .collect();
-        let mut before = NONE;
-        for (at, &(corner, face)) in firsts.iter().enumerate() {
-            let after = firsts.get(at + 1).map_or(NONE, |&(_, face)| face);
-            let link = match (before, after) {
-                (NONE, other) | (other, NONE) => other,
-                both => {
-                    found.chained.push((corner, both.into()));
-                    CHAINED
-                }
-            };
-            self.linked[corner as usize].store(link, Ordering::Relaxed);
-            before = face;
-        }
-        if firsts.len() > 2 {
-            found.crowded.extend(firsts.iter().map(|&(_, face)| face));
-        }
-        found.boundary_edges += u64::from(odd_faces == 1);
-        found.non_manifold_edges += u64::from(odd_faces > 2);
     }
 }

@@ -21,6 +21,8 @@ pub struct Items<E: Functional = Energy> {
     pub(crate) moment: i128,
     /// From the lattice to the source.
     pub units: Units<E>,
+    /// Whether feature edges keep faces apart that share an edge.
+    pub has_features: bool,
     /// What messages call them.
     pub noun: &'static str,
 }
@@ -56,7 +58,7 @@ impl<E: Functional> Items<E> {
             moment << component.energy_shift
         };
         let moment = graph.components.iter().map(moment_of).sum();
-        Self { graph, upload_face, loose: Vec::new(), moment, units, noun: "faces" }
+        Self { graph, upload_face, loose: Vec::new(), moment, units, has_features: false, noun: "faces" }
     }
 
     /// Number of faces of the upload, loose ones included.

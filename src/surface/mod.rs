@@ -3,7 +3,7 @@
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
 //! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become components
 //! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
-//! order that keeps neighbours close in memory (`order`). Faces without area that share no edge are left out (`loose`).
+//! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours. Faces without area that share no edge are left out (`loose`).
 //! Where detail shall get smaller clusters, areas are first
 //! multiplied by a `density`, which may come from the `curvature`. [`points`] makes a surface whose items are the
 //! points of a triangle mesh in place of its faces. Everything up to the lattice is scalar f64 with + − × ÷ √ (and one
@@ -25,6 +25,7 @@ mod counts;
 mod curvature;
 mod density;
 pub(crate) mod detour;
+mod features;
 mod graph;
 mod items;
 pub(crate) mod lattice;
@@ -38,6 +39,7 @@ pub use coarse::{Coarse, Grouping};
 pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
+pub use features::WantedFeatures;
 pub use graph::{DualGraph, Moves};
 pub use items::{Items, Units};
 pub use loose::Loose;
@@ -54,6 +56,7 @@ use crate::mesh::{Frame, MeshView, PolygonMesh};
 use adjacency::Links;
 use components::NO_COMPONENT;
 use density::Density;
+use features::Features;
 use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
 use weld::UNUSED;
 
@@ -72,6 +75,8 @@ pub struct Surface {
     moment_inside_faces: f64,
     /// Whether areas are relative to a density.
     has_density: bool,
+    /// Pairs of faces at feature edges, internal numbers; [`NO_FACE`] of a loose one.
+    features: Vec<[u32; 2]>,
 }
 
 impl Surface {
@@ -86,14 +91,20 @@ impl Surface {
     ///
     /// Fails like [`build_with`](Self::build_with).
     pub fn build_bridged(mesh: &PolygonMesh, bridge: bool) -> Result<Self> {
-        Self::build_with(mesh, bridge, Wanted::default())
+        Self::build_with(mesh, bridge, Wanted::default(), None)
     }
 
-    /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much.
+    /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much;
+    /// faces at a feature are no neighbours.
     ///
-    /// Fails for meshes of more than 2³¹ faces or corners, and for weights that are not one a face or vertex, finite
-    /// and above 0. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
-    pub fn build_with<'a>(mesh: impl Into<MeshView<'a>>, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
+    /// Fails for meshes of more than 2³¹ faces or corners, for weights that are not one a face or vertex, finite and
+    /// above 0, and for groups that are not one a face. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
+    pub fn build_with<'a>(
+        mesh: impl Into<MeshView<'a>>,
+        bridge: bool,
+        wanted: Wanted<'_>,
+        features: Option<WantedFeatures<'_>>,
+    ) -> Result<Self> {
         let mesh = mesh.into();
         let faces = mesh.faces.len();
         if faces > 1 << 31 || mesh.faces.all_corners().len() > 1 << 31 {
@@ -103,14 +114,22 @@ impl Surface {
             )));
         }
         // from within the pool, parallel steps need not wake it
-        rayon::scope(|_| Self::build_in_pool(mesh, bridge, wanted))
+        rayon::scope(|_| {
+            let features = features.map(|wanted| Features::of(mesh, wanted)).transpose()?;
+            Self::build_in_pool(mesh, bridge, wanted, features)
+        })
     }
 
-    fn build_in_pool(mesh: MeshView<'_>, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
+    fn build_in_pool(
+        mesh: MeshView<'_>,
+        bridge: bool,
+        wanted: Wanted<'_>,
+        features: Option<Features<'_>>,
+    ) -> Result<Self> {
         let faces = mesh.faces.len();
         let connect = || {
             let (weld, positions) = weld::weld(mesh);
-            let links = Links::new(mesh.faces, positions, weld.vertices);
+            let links = Links::new(mesh.faces, positions, weld.vertices, features.as_ref());
             let components = components::label(faces, &links);
             (weld, links, components)
         };
@@ -157,15 +176,19 @@ impl Surface {
             let scales = lattice::scales(|face| gathered.geometry[face].area, &runs, lattice::MAX_EXPONENT_SPREAD);
             (gathered, scales)
         };
-        let (rows, (gathered, scales)) =
-            rayon::join(|| links.compressed(&upload_face, &order::inverse(&upload_face, faces)), gather);
+        let compress = || {
+            let internal = order::inverse(&upload_face, faces);
+            let features = links.features.iter().map(|pair| pair.map(|face| internal[face as usize])).collect();
+            (links.compressed(&upload_face, &internal), features)
+        };
+        let ((rows, features), (gathered, scales)): ((_, Vec<_>), _) = rayon::join(compress, gather);
         counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
         counts.duplicate_faces = links.duplicates(&rows.repeating);
         drop(links);
         let neighbours = (rows.offsets, rows.neighbours);
         let density_unit = density.map(|density| density.unit);
         let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
-        Ok(Self { items: Items { loose, ..surface.items }, ..surface })
+        Ok(Self { items: Items { loose, has_features: !features.is_empty(), ..surface.items }, features, ..surface })
     }
 
     /// Weighs the items that were gathered.
@@ -189,7 +212,15 @@ impl Surface {
             density: density_unit.unwrap_or(1.0),
         };
         let items = Items::new(graph, upload_face, units);
-        Self { items, counts, geometry, frame, moment_inside_faces, has_density: density_unit.is_some() }
+        Self {
+            items,
+            counts,
+            geometry,
+            frame,
+            moment_inside_faces,
+            has_density: density_unit.is_some(),
+            features: Vec::new(),
+        }
     }
 
     /// Log₂ of the longest side of the bounding box in source units, rounded up.
@@ -202,6 +233,18 @@ impl Surface {
     /// there is one.
     pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         self.in_source_units(self.lattice_energy(labels, clusters))
+    }
+
+    /// Number of feature edges. Each two linked faces count, of an edge of more than two.
+    pub fn feature_edges(&self) -> u64 {
+        self.features.len() as u64
+    }
+
+    /// Number of feature edges that have one cluster on both sides; labels in internal order.
+    pub fn feature_edges_inside(&self, labels: &[u32]) -> u64 {
+        let label = |face: u32| labels.get(face as usize);
+        let is_inside = |pair: &&[u32; 2]| label(pair[0]).is_some() && label(pair[0]) == label(pair[1]);
+        self.features.iter().filter(is_inside).count() as u64
     }
 
     fn in_source_units(&self, lattice_energy: f64) -> f64 {

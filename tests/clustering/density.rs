@@ -12,7 +12,7 @@ use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::surface::{Surface, Wanted};
 
 fn build(mesh: &PolygonMesh, wanted: Wanted<'_>) -> Surface {
-    Surface::build_with(mesh, false, wanted).expect("a surface")
+    Surface::build_with(mesh, false, wanted, None).expect("a surface")
 }
 
 fn weighted(weights: &[f64]) -> Wanted<'_> {
@@ -107,7 +107,7 @@ fn weights_that_make_no_sense_are_refused_with_numbers() {
     let mesh = generate(Sample::Sphere, 100).expect("a sample");
     let (faces, vertices) = (mesh.faces.len(), mesh.positions.len());
     let refused = |weights: &[f64]| -> String {
-        let built: Result<Surface> = Surface::build_with(&mesh, false, weighted(weights));
+        let built: Result<Surface> = Surface::build_with(&mesh, false, weighted(weights), None);
         built.map(|_| ()).expect_err("refused").message
     };
     let message = refused(&[1.0; 3]);

@@ -11,6 +11,7 @@ mod bounds;
 mod bridges;
 mod cube;
 mod density;
+mod features;
 mod hierarchy;
 mod labels;
 mod loose;

@@ -15,7 +15,7 @@ use tesserae_mesh::device::gpu::GpuDevice;
 use tesserae_mesh::device::{Cancel, Device, FLOOD_FROM};
 use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 use tesserae_mesh::parameters::Seeds;
-use tesserae_mesh::surface::{Surface, Wanted};
+use tesserae_mesh::surface::{Surface, Wanted, WantedFeatures};
 
 /// Compares a run on both devices.
 fn compare(
@@ -175,8 +175,22 @@ fn density_changes_labels_alike() {
         let mesh = generate(sample, faces).expect("a sample");
         let weights: Vec<f64> = (0..mesh.faces.len()).map(|face| 1.0 + (face % 97) as f64 * 0.3).collect();
         let wanted = Wanted { weights: Some(&weights), curvature_exponent: Some(1.5) };
-        let surface = Surface::build_with(&mesh, false, wanted).expect("a surface");
+        let surface = Surface::build_with(&mesh, false, wanted, None).expect("a surface");
         compare(&mut gpu, sample.name(), &surface, (80, &Seeds::Morton, 0), ALL);
+    }
+}
+
+#[test]
+fn feature_edges_keep_clusters_apart_alike() {
+    let mut gpu = device();
+    for (sample, angle) in [(Sample::Cube, 30.0), (Sample::Knot, 20.0), (Sample::Parts, 25.0)] {
+        let mesh = generate(sample, 2500).expect("a sample");
+        let groups: Vec<u32> = (0..mesh.faces.len() as u32).map(|face| face / 700).collect();
+        let features = WantedFeatures { angle: Some(angle), groups: Some(&groups) };
+        let surface = Surface::build_with(&mesh, false, Wanted::default(), Some(features)).expect("a surface");
+        assert!(surface.feature_edges() > 0);
+        let clusters = surface.components.len() as u64 + 40;
+        compare(&mut gpu, sample.name(), &surface, (clusters, &Seeds::Morton, 0), ALL);
     }
 }
 

@@ -103,13 +103,14 @@ fn an_opened_mesh_has_its_faces_counted_and_is_read_on_another_thread_without_lo
     let noting = Noting { bytes, ..Noting::default() };
     let document = document("a.bin");
     let limits = Limits::default();
-    let source = |bytes| Source { bytes, format: Format::Gltf, resources: &noting, limits: &limits, attribute: None };
-    let (mesh, _) = mesh::open(source(&document), |opened| {
+    let source = |bytes| Source::new(bytes, Format::Gltf, &noting, &limits);
+    let mesh = mesh::open(source(&document), |opened| {
         assert_eq!((opened.faces(), noting.asked.take().len()), (2, 1));
         std::thread::scope(|scope| scope.spawn(|| opened.read()).join().expect("a thread"))
     })
     .flatten()
-    .expect("a mesh");
+    .expect("a mesh")
+    .mesh;
     assert_eq!((mesh.positions, mesh.faces.len()), (SQUARE.to_vec(), 2));
     assert!(noting.asked.take().is_empty());
     let cut = &document[..document.len() / 2];

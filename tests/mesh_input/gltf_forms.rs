@@ -265,7 +265,7 @@ proptest! {
 
 #[test]
 fn an_attribute_comes_with_the_vertices_it_belongs_to() {
-    use tesserae_mesh::mesh::{Format, Limits, NoResources, Source, open};
+    use tesserae_mesh::mesh::{Format, Limits, NoResources, ReadMesh, Source, open};
     let (mut document, mut binary) = square();
     // two placements; weights as normalized bytes
     document["scenes"][0]["nodes"] = json!([0, 1]);
@@ -279,11 +279,11 @@ fn an_attribute_comes_with_the_vertices_it_belongs_to() {
     binary.extend([255, 51, 102, 255]);
     let read = |document: &Value, name: &str| {
         let bytes = &glb(document, &binary);
-        let (resources, limits) = (&NoResources, &Limits::default());
-        open(Source { bytes, format: Format::Glb, resources, limits, attribute: Some(name) }, |opened| opened.read())
-            .flatten()
+        let limits = Limits::default();
+        let source = Source { attribute: Some(name), ..Source::new(bytes, Format::Glb, &NoResources, &limits) };
+        open(source, |opened| opened.read()).flatten()
     };
-    let (mesh, numbers) = read(&document, "_WEIGHT").expect("a mesh");
+    let ReadMesh { mesh, numbers, .. } = read(&document, "_WEIGHT").expect("a mesh");
     assert_eq!(mesh.positions.len(), 8);
     assert_eq!(numbers, Some([1.0, 0.2, 0.4, 1.0].repeat(2)));
     let error = read(&document, "_OTHER").expect_err("no such attribute");

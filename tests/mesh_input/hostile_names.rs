@@ -77,9 +77,9 @@ fn no_name_of_a_gltf_reaches_a_message_raw_or_whole() {
         // and the attribute that the caller names
         let (document, binary) = square();
         let read = |format, bytes: &[u8]| {
-            let (resources, limits) = (&NoResources, &Limits::default());
-            mesh::open(Source { bytes, format, resources, limits, attribute: Some(&name) }, |opened| opened.read())
-                .flatten()
+            let limits = Limits::default();
+            let source = Source { attribute: Some(&name), ..Source::new(bytes, format, &NoResources, &limits) };
+            mesh::open(source, |opened| opened.read()).flatten()
         };
         check_message(&read(Format::Glb, &glb(&document, &binary)).expect_err("no attribute").message, 2500);
         check_message(&read(Format::Obj, b"v 0 0 0\nf 1 1 1\n").expect_err("no attribute").message, 2500);

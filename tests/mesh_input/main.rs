@@ -7,6 +7,7 @@ mod gltf_costs;
 mod gltf_forms;
 mod gltf_refused;
 mod gltf_scene;
+mod groups;
 mod hostile_names;
 mod joined;
 mod make;

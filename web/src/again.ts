@@ -25,6 +25,11 @@ export function explain(job: Job): { words: string; repairs: Repair[] } {
     const join: Repair = { text: "Join parts", change: { bridge_components: true } };
     return { words, repairs: [{ text: `Cluster with ${parts}`, change: { clusters: Number(parts) } }, join] };
   }
+  const regions = /number of regions, (\d+)/.exec(detail)?.[1];
+  if (regions) {
+    const words = `Feature edges divide the mesh into ${regions} regions: it takes at least ${regions} clusters.`;
+    return { words, repairs: [{ text: `Cluster with ${regions}`, change: { clusters: Number(regions) } }] };
+  }
   const missing = /a buffer that did not come with it.*: "(.*)"$/.exec(detail)?.[1];
   if (missing)
     return {

@@ -40,7 +40,7 @@ const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'
 
 /** Parameters of a job that every algorithm takes, as far as they are set. */
 export function settings(job: Job): [string, string | number | true][] {
-  const names = ["clusters", "quality", "seed", "subdivide", "curvature_exponent", "bridge_components"];
+  const names = ["clusters", "quality", "seed", "subdivide", "curvature_exponent", "bridge_components", "features"];
   const isSet = (value: unknown): value is string | number | true =>
     value === true || ((typeof value === "number" || typeof value === "string") && Boolean(value));
   return names.flatMap((name) => {

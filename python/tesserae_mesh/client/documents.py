@@ -134,6 +134,7 @@ class Input(TypedDict):
     degenerate_faces: int
     loose_faces: int
     duplicate_faces: int
+    feature_edges: int
     parts: list[Part]
 
 
@@ -238,6 +239,7 @@ class Report(TypedDict):
     device: DeviceInfo
     clusters: int
     disconnected_clusters: int
+    feature_edges_inside: int
     energy: Energy
     iterations: list[Iteration]
     levels: list[Level]

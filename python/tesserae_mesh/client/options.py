@@ -48,6 +48,9 @@ class Parameters(TypedDict, total=False):
     allow_disconnected: bool
     #: Join separate parts where they are nearest.
     bridge_components: bool
+    #: Do not let clusters cross edges sharper than this angle in degrees, or borders of groups: ``40``, ``"groups"``,
+    #: ``"40,groups"``.
+    features: float | str
     #: Keep the labels of every N-th iteration, or of the listed ones.
     snapshots: int | Sequence[int]
     #: Divide every triangle into four, this many times or until there are 30 faces a cluster: for remeshes.

@@ -10,7 +10,8 @@
 //! Vertices of different placements that are equal but for rounding are joined at the end (`join`).
 //!
 //! Triangles come by node, depth first, then by instance, by primitive, and in their own order. A mesh that is placed
-//! twice counts twice, each with its own vertices. Materials and animations are not looked at.
+//! twice counts twice, each with its own vertices. Materials and animations are not looked at:
+//! a primitive has one material, so groups of faces are those of primitives.
 
 mod accessor;
 mod buffers;
@@ -38,7 +39,8 @@ use self::document::Document;
 use self::primitive::{Primitive, Skipped};
 use self::scene::{Instances, Placement};
 use super::allowance::Allowance;
-use super::{Adjusted, Faces, Format, Opened, PolygonMesh, Source, WithNumbers, without_mark};
+use super::groups::Groups;
+use super::{Adjusted, Faces, Format, Opened, Part, PolygonMesh, ReadMesh, Source, without_mark};
 use crate::error::{Error, Result};
 
 /// Whether a file with these first bytes is a GLB.
@@ -72,7 +74,7 @@ pub fn open_json(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result
 
 /// Opens a document with its binary chunk, if it has one.
 fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
-    let Source { bytes, resources, limits, attribute, .. } = source;
+    let Source { bytes, resources, limits, attribute, groups, .. } = source;
     let document = &Document::parse(json)?;
     let buffers = Buffers::new(document, binary, resources, limits, bytes.len() as u64);
     let accessors = &Accessors::new(&buffers);
@@ -129,7 +131,7 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
     allowance.check_faces(triangles, limits.max_faces_per_byte)?;
     allowance.check_parts(parts)?;
     let placed = Placed { document, meshes, placements, instances, triangles, parts, allowance, skipped };
-    then(Opened::new(triangles, move || placed.build(source.format, attribute.is_some())));
+    then(Opened::new(triangles, move || placed.build(source.format, attribute.is_some(), groups)));
     Ok(())
 }
 
@@ -148,8 +150,8 @@ struct Placed<'b> {
 }
 
 impl Placed<'_> {
-    /// Builds the mesh, and the attribute if there is one.
-    fn build(self, format: Format, has_numbers: bool) -> Result<WithNumbers> {
+    /// Builds the mesh, with the attribute and the groups if these are wanted.
+    fn build(self, format: Format, has_numbers: bool, has_groups: bool) -> Result<ReadMesh> {
         let Self { document, meshes, placements, instances, triangles, parts, allowance, skipped } = self;
         let mut builder = Builder::new(document, triangles, parts, allowance, has_numbers);
         for placement in &placements {
@@ -171,6 +173,14 @@ impl Placed<'_> {
             warnings,
             adjusted,
         };
-        Ok((mesh, builder.numbers))
+        let groups = has_groups.then(|| groups(&mesh.parts));
+        Ok(ReadMesh { mesh, numbers: builder.numbers, groups })
     }
+}
+
+/// The group of each face: the primitive of the file that it is of, wherever that is placed. It has one material.
+fn groups(parts: &[Part]) -> Vec<u32> {
+    let mut groups = Groups::with_capacity(parts.last().map_or(0, Part::end));
+    parts.iter().for_each(|part| groups.add_to(part.end(), (part.mesh, part.primitive)));
+    groups.finish()
 }

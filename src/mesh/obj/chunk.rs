@@ -24,13 +24,24 @@ pub struct Chunk<'a> {
     pub free_form: u64,
 }
 
-/// A `g` or `o` statement.
+/// What a name is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `o`
+    Object,
+    /// `g`
+    Group,
+    /// `usemtl`
+    Material,
+}
+
+/// An `o`, `g` or `usemtl` statement.
 #[derive(Debug, Clone, Copy)]
 pub struct Name<'a> {
     /// First face of the piece that it concerns.
     pub face: u32,
-    /// Whether it names an object, not a group.
-    pub is_object: bool,
+    /// What it names.
+    pub kind: Kind,
     /// The name as it is written.
     pub text: &'a [u8],
 }
@@ -55,8 +66,8 @@ pub enum What {
     Face(usize),
 }
 
-/// Reads a piece that begins and ends with a statement.
-pub fn parse(text: &[u8]) -> Result<Chunk<'_>, Fault> {
+/// Reads a piece that begins and ends with a statement; with `materials`, names of materials too.
+pub fn parse(text: &[u8], materials: bool) -> Result<Chunk<'_>, Fault> {
     let mut chunk = Chunk::default();
     let mut cursor = Cursor { text, at: 0 };
     while cursor.at < text.len() {
@@ -77,13 +88,11 @@ pub fn parse(text: &[u8]) -> Result<Chunk<'_>, Fault> {
                 message,
             })?,
             keyword @ (Keyword::Group | Keyword::Object) => {
-                let name = Name {
-                    face: chunk.faces.len() as u32,
-                    is_object: keyword == Keyword::Object,
-                    text: cursor.skip_statement(),
-                };
-                chunk.rename(name);
+                let kind = if keyword == Keyword::Object { Kind::Object } else { Kind::Group };
+                chunk.rename(kind, cursor.skip_statement());
             }
+            // no line is joined to it: the name may be a path that ends with a backslash
+            Keyword::Material if materials => chunk.rename(Kind::Material, cursor.line()),
             Keyword::Element => {
                 chunk.elements += 1;
                 cursor.skip_line();
@@ -92,7 +101,7 @@ pub fn parse(text: &[u8]) -> Result<Chunk<'_>, Fault> {
                 chunk.free_form += 1;
                 cursor.skip_line();
             }
-            Keyword::Other => cursor.skip_line(),
+            Keyword::Material | Keyword::Other => cursor.skip_line(),
         }
     }
     Ok(chunk)
@@ -114,7 +123,7 @@ pub fn face_offset(text: &[u8], face: usize) -> usize {
             Keyword::Vertex | Keyword::Group | Keyword::Object => {
                 cursor.skip_statement();
             }
-            Keyword::Element | Keyword::FreeForm | Keyword::Other => cursor.skip_line(),
+            Keyword::Element | Keyword::FreeForm | Keyword::Material | Keyword::Other => cursor.skip_line(),
         }
     }
     text.len()
@@ -122,10 +131,10 @@ pub fn face_offset(text: &[u8], face: usize) -> usize {
 
 impl<'a> Chunk<'a> {
     /// Notes a name. One that no face carries is forgotten, so that names cannot outgrow the faces.
-    fn rename(&mut self, name: Name<'a>) {
-        let tail = self.names.len().saturating_sub(2);
-        let unused =
-            self.names[tail..].iter_mut().find(|last| last.face == name.face && last.is_object == name.is_object);
+    fn rename(&mut self, kind: Kind, text: &'a [u8]) {
+        let name = Name { face: self.faces.len() as u32, kind, text };
+        let tail = self.names.len().saturating_sub(3);
+        let unused = self.names[tail..].iter_mut().find(|last| last.face == name.face && last.kind == kind);
         match unused {
             Some(last) => *last = name,
             None => self.names.push(name),

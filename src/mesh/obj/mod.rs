@@ -4,13 +4,14 @@
 //! vertices came before it, whether a vertex exists) is settled when they are joined. The pieces have a fixed size, so
 //! the result, errors included, does not depend on the number of threads.
 //!
-//! Read are vertices (`v`), faces (`f`) and names (`g`, `o`). An index may refer to a vertex that comes later in the
-//! file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
+//! Read are vertices (`v`), faces (`f`) and names (`g`, `o`, and `usemtl` where groups are wanted). An index may refer to
+//! a vertex that comes later in the file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
 //!
 //! Most of the time goes into digits, which are read eight at a time (`mesh/number.rs`). `make bench` compares it with
 //! `tobj`.
 
 mod chunk;
+mod groups;
 mod text;
 
 use std::borrow::Cow;
@@ -20,10 +21,11 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use self::chunk::{Chunk, Fault, What};
+use self::chunk::{Chunk, Fault, Kind, What};
+use self::groups::Groups;
 use super::allowance::Allowance;
 use super::text::{line_number, with_line_feeds};
-use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, Source, part_name, without_mark};
+use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, ReadMesh, Source, part_name, without_mark};
 use crate::error::{Error, Result};
 
 /// Bytes of a piece.
@@ -56,7 +58,7 @@ pub fn check_head(head: &[u8]) -> Result<()> {
 
 /// Opens an OBJ file: counts the lines that begin like a face.
 pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
-    let Source { bytes, limits, .. } = source;
+    let Source { bytes, limits, groups, .. } = source;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Error::too_large(format_args!(
             "an OBJ file may have {MAX_BYTES} bytes (split it, or convert it to GLB): {}",
@@ -68,8 +70,9 @@ pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> 
     // small files are counted by the thread that opens them
     let faces = pieces.par_iter().with_min_len(COUNTED_AT_ONCE).map(|piece| face_lines(piece)).sum();
     then(Opened::new(faces, || {
-        let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
-        Ok((join(&text, &pieces, parsed, limits)?, None))
+        let parsed: Vec<Result<Chunk<'_>, Fault>> =
+            pieces.par_iter().map(|piece| chunk::parse(piece, groups)).collect();
+        join(&text, &pieces, parsed, limits, groups)
     }));
     Ok(())
 }
@@ -98,7 +101,13 @@ fn face_lines(text: &[u8]) -> u64 {
 }
 
 /// Joins the pieces in their order.
-fn join(text: &[u8], pieces: &[&[u8]], parsed: Vec<Result<Chunk<'_>, Fault>>, limits: &Limits) -> Result<PolygonMesh> {
+fn join(
+    text: &[u8],
+    pieces: &[&[u8]],
+    parsed: Vec<Result<Chunk<'_>, Fault>>,
+    limits: &Limits,
+    groups: bool,
+) -> Result<ReadMesh> {
     let mut chunks = Vec::with_capacity(parsed.len());
     let mut starts = vec![Start::default()];
     for (chunk, piece) in parsed.into_iter().zip(pieces) {
@@ -118,6 +127,7 @@ fn join(text: &[u8], pieces: &[&[u8]], parsed: Vec<Result<Chunk<'_>, Fault>>, li
     let mut positions = Vec::with_capacity(total.vertices);
     let mut faces = Faces::with_capacity(total.corners / 3);
     let mut parts = Parts::default();
+    let mut groups = groups.then(|| Groups::with_capacity(total.faces));
     let (mut elements, mut free_form) = (0, 0);
     for (index, mut chunk) in chunks.into_iter().enumerate() {
         let start = starts[index];
@@ -126,7 +136,9 @@ fn join(text: &[u8], pieces: &[&[u8]], parsed: Vec<Result<Chunk<'_>, Fault>>, li
             start.error(text, &fault)
         })?;
         for name in &chunk.names {
-            parts.rename(start.faces as u64 + u64::from(name.face), name);
+            let face = start.faces + name.face as usize;
+            parts.rename(face as u64, name);
+            groups.iter_mut().for_each(|groups| groups.rename(face, name));
         }
         positions.append(&mut chunk.positions);
         faces.append(&chunk.faces);
@@ -146,7 +158,8 @@ fn join(text: &[u8], pieces: &[&[u8]], parsed: Vec<Result<Chunk<'_>, Fault>>, li
     let mut parts = parts.finish(total.faces as u64);
     warnings.extend(Allowance::new(text.len() as u64).limit_names(&mut parts));
     let adjusted = Adjusted::default();
-    Ok(PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted })
+    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted };
+    Ok(ReadMesh { groups: groups.map(|groups| groups.finish(total.faces)), ..mesh.into() })
 }
 
 /// The error of a file without faces.
@@ -236,16 +249,19 @@ struct Parts {
 }
 
 impl Parts {
-    /// From face `face` on, faces are called otherwise.
+    /// From face `face` on, faces are called otherwise. Parts have no names of materials.
     fn rename(&mut self, face: u64, name: &chunk::Name<'_>) {
+        if name.kind == Kind::Material {
+            return;
+        }
         self.close(face);
         let text = String::from_utf8_lossy(name.text).replace("\\\r\n", " ").replace("\\\n", " ");
         let text = text.trim();
         let name_of = (!text.is_empty()).then(|| part_name(text).into_owned());
-        if name.is_object {
-            self.object = name_of;
-        } else {
-            self.group = name_of;
+        match name.kind {
+            Kind::Object => self.object = name_of,
+            Kind::Group => self.group = name_of,
+            Kind::Material => {}
         }
     }
 

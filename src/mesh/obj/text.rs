@@ -27,6 +27,8 @@ pub enum Keyword {
     Object,
     /// `p` or `l`: points and lines.
     Element,
+    /// `usemtl`
+    Material,
     /// `curv`, `curv2` or `surf`
     FreeForm,
     /// Anything else, a comment or an empty line included.
@@ -84,7 +86,7 @@ impl<'a> Cursor<'a> {
             (b'v', Some(b' ')) => (Keyword::Vertex, 1),
             (b'f', Some(b' ')) => (Keyword::Face, 1),
             (b'v', Some(b'n' | b't')) => (Keyword::Other, 0),
-            (b'v' | b'f' | b'g' | b'o' | b'p' | b'l' | b'c' | b's', _) => self.rare_keyword(),
+            (b'v' | b'f' | b'g' | b'o' | b'p' | b'l' | b'c' | b's' | b'u', _) => self.rare_keyword(),
             _ => (Keyword::Other, 0),
         };
         self.at += length;
@@ -93,7 +95,7 @@ impl<'a> Cursor<'a> {
 
     fn rare_keyword(&self) -> (Keyword, usize) {
         let rest = self.rest();
-        let known: [(&[u8], Keyword); 10] = [
+        let known: [(&[u8], Keyword); 11] = [
             (b"v", Keyword::Vertex),
             (b"f", Keyword::Face),
             (b"fo", Keyword::Face),
@@ -101,6 +103,7 @@ impl<'a> Cursor<'a> {
             (b"o", Keyword::Object),
             (b"p", Keyword::Element),
             (b"l", Keyword::Element),
+            (b"usemtl", Keyword::Material),
             (b"curv", Keyword::FreeForm),
             (b"curv2", Keyword::FreeForm),
             (b"surf", Keyword::FreeForm),
@@ -118,6 +121,13 @@ impl<'a> Cursor<'a> {
     #[inline]
     pub fn skip_line(&mut self) {
         self.at = line_end(self.text, self.at) + 1;
+    }
+
+    /// Moves to the line after this one, joined or not, and returns what was left of this.
+    pub fn line(&mut self) -> &'a [u8] {
+        let first = self.at;
+        self.skip_line();
+        self.text.get(first..self.at - 1).unwrap_or_default()
     }
 
     /// Moves behind the statement and returns what was left of it, comment and line end excluded.

@@ -28,7 +28,7 @@ use self::lines::Lines;
 use self::roles::Role;
 use super::polygons::Polygons;
 use super::text::with_line_feeds;
-use super::{Adjusted, Format, Limits, Opened, Part, PolygonMesh, Source, WithNumbers};
+use super::{Adjusted, Format, Limits, Opened, Part, PolygonMesh, ReadMesh, Source};
 use crate::error::{Error, Result};
 
 /// Fewest bytes of an index in a text: a digit and a blank.
@@ -114,7 +114,7 @@ fn most_faces(header: &Header<'_>, roles: &[Role], spare: u64, limits: &Limits) 
 }
 
 /// Makes the mesh.
-fn finish(contents: Contents, header: &Header<'_>, roles: &[Role], limits: &Limits) -> Result<WithNumbers> {
+fn finish(contents: Contents, header: &Header<'_>, roles: &[Role], limits: &Limits) -> Result<ReadMesh> {
     let Contents { positions, polygons: Polygons { faces, short, .. }, warning } = contents;
     if faces.is_empty() {
         return Err(Error::mesh("the mesh has no faces: no strip of the PLY file has three corners"));
@@ -132,7 +132,7 @@ fn finish(contents: Contents, header: &Header<'_>, roles: &[Role], limits: &Limi
     warnings.extend(warning);
     let parts = vec![Part { faces: faces.len() as u64, ..Part::default() }];
     let adjusted = Adjusted::default();
-    Ok((PolygonMesh { format: Format::Ply, positions, faces, parts, warnings, adjusted }, None))
+    Ok(PolygonMesh { format: Format::Ply, positions, faces, parts, warnings, adjusted }.into())
 }
 
 /// What is wrong with a row of an element.

@@ -11,7 +11,7 @@ mod solids;
 use rayon::prelude::*;
 
 use super::text::{is_space, with_line_feeds};
-use super::{Adjusted, Faces, Format, Opened, Part, PolygonMesh, Source, WithNumbers};
+use super::{Adjusted, Faces, Format, Opened, Part, PolygonMesh, ReadMesh, Source};
 use crate::error::{Error, Result};
 
 /// Bytes of the header of a binary file, before the number of triangles.
@@ -112,13 +112,13 @@ fn read(triangles: &[[u8; TRIANGLE]]) -> Result<Vec<[f64; 3]>> {
 }
 
 /// Makes the mesh: every three positions are a triangle.
-fn finish(positions: Vec<[f64; 3]>, parts: Vec<Part>, warnings: Vec<String>) -> Result<WithNumbers> {
+fn finish(positions: Vec<[f64; 3]>, parts: Vec<Part>, warnings: Vec<String>) -> Result<ReadMesh> {
     if positions.is_empty() {
         return Err(Error::mesh("the mesh has no faces: the STL file has no triangles"));
     }
     let faces = Faces::from_triangles((0..positions.len() as u32).collect());
     let adjusted = Adjusted::default();
-    Ok((PolygonMesh { format: Format::Stl, positions, faces, parts, warnings, adjusted }, None))
+    Ok(PolygonMesh { format: Format::Stl, positions, faces, parts, warnings, adjusted }.into())
 }
 
 fn check_triangles(triangles: u64) -> Result<()> {
