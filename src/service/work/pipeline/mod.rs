@@ -16,6 +16,7 @@ mod bounds;
 pub(crate) mod device_thread;
 mod leases;
 mod memory;
+mod opening;
 mod parts;
 mod patience;
 mod rows;

@@ -1,24 +1,22 @@
 //! The stages of one job.
 
-use std::collections::HashMap;
 use std::iter;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-use axum::body::Bytes;
 use parking_lot::Mutex;
-use tesserae_mesh::artifacts::{self, Artifact, Content};
+use tesserae_mesh::artifacts::{self, Content};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{self, Clustering, InputFormat, Outcome, PointsRequest, Prepared, milliseconds};
-use tesserae_mesh::mesh::{Limits, Resources};
+use tesserae_mesh::job::{Clustering, Outcome, Prepared, milliseconds};
 use tesserae_mesh::report::Input;
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::bounds::{AGAIN, caught};
-use super::memory::{Need, Reading};
+use super::memory::Reading;
+use super::opening::{Admits, Contents, Waiting, open, open_with};
 use super::parts::Pipeline;
 use super::patience::Patience;
 use super::rows::{Inbox, Log};
@@ -30,7 +28,7 @@ use crate::files::{job_blobs, kept_mesh};
 use crate::ops::blocking::blocking;
 use crate::store::kept::Kept;
 use crate::store::live;
-use crate::store::{Job, SmallBlob, Spec, Summary, Ticket};
+use crate::store::{Job, SmallBlob, Summary, Ticket};
 
 impl Pipeline {
     /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
@@ -199,72 +197,6 @@ struct Upload {
     milliseconds: f64,
 }
 
-/// What the files of an upload hold.
-struct Contents {
-    /// The mesh, then its buffers; or the points.
-    mesh: Vec<Bytes>,
-    seeds: Option<Bytes>,
-    weights: Option<Bytes>,
-    graph: Option<Bytes>,
-}
-
-/// Gets memory for what is to be built; false leaves it to a later call.
-type Admits<'a> = dyn FnMut(Need) -> Result<bool> + 'a;
-
-/// Reads the mesh or the points of a job, once there is memory for them.
-fn open(spec: &Spec, contents: &Contents, limits: Limits, admits: &mut Admits<'_>) -> Result<Option<Prepared>> {
-    let Contents { mesh, seeds, weights, graph } = contents;
-    let [seeds, weights, graph] = [seeds, weights, graph].map(Option::as_deref);
-    let (bytes, buffers) = mesh.split_first().map_or((&[][..], &[][..]), |(mesh, buffers)| (&mesh[..], buffers));
-    let parameters = &spec.parameters;
-    let outputs: Vec<&Artifact> = spec.kept.artifacts().collect();
-    let outputs = &outputs[..];
-    let is_hierarchical = parameters.algorithm.is_hierarchical();
-    match spec.format {
-        InputFormat::Mesh(format) => {
-            let resources = &Parts::new(&spec.buffers, buffers.iter().cloned());
-            let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
-            let build = |opened: job::Opened<'_>| match admits(Need::of_faces(opened.faces(), is_hierarchical))? {
-                true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
-                false => Ok(None),
-            };
-            job::open(&request, build).map_err(|refusal| refusal.error).flatten()
-        }
-        InputFormat::Points(format) => {
-            let request = PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
-            let size = request.size().map_err(|refusal| refusal.error)?;
-            match admits(Need::of_points(size, is_hierarchical))? {
-                true => job::prepare_points(&request).map(Some).map_err(|refusal| refusal.error),
-                false => Ok(None),
-            }
-        }
-    }
-}
-
-/// Reads a mesh, on all threads once it has its memory. Without a `wait`, it gives back what reads the mesh, and its
-/// memory, if that is not small: what a thread for small meshes waits for may itself wait for such a thread.
-fn open_with<F>(
-    open: F,
-    memory: Reading,
-    wait: Option<&Waiting>,
-    slot: &Slot,
-) -> Result<(F, Option<Reading>, Option<Prepared>)>
-where
-    F: Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
-{
-    let mut left = Some(memory);
-    let prepared = open(&mut |need| {
-        let Some(memory) = left.take() else { return Ok(true) };
-        match (memory.build_small(need), wait) {
-            (Ok(held), _) => slot.holds(held),
-            (Err(memory), Some(wait)) => slot.holds(wait.until(memory.build(need))?),
-            (Err(memory), None) => left = Some(memory),
-        }
-        Ok(left.is_none())
-    })?;
-    Ok((open, left, prepared))
-}
-
 /// About how much work a job is, to tell short ones from long ones: faces, times what hierarchies and sequential
 /// algorithms take longer (the order of magnitude; measured on 20,000 to 1,000,000 faces).
 fn cost(faces: u64, clustering: &Clustering) -> u64 {
@@ -274,23 +206,6 @@ fn cost(faces: u64, clustering: &Clustering) -> u64 {
         Clustering::Coarse(_) | Clustering::Seeded { .. } => 1,
     };
     faces.saturating_mul(factor)
-}
-
-/// How a blocking thread waits: for a future, or until the job is broken off.
-struct Waiting {
-    runtime: Handle,
-    broken_off: CancellationToken,
-}
-
-impl Waiting {
-    fn until<T>(&self, future: impl Future<Output = Result<T>>) -> Result<T> {
-        self.runtime.block_on(async {
-            tokio::select! {
-                done = future => done,
-                () = self.broken_off.cancelled() => Err(Error::cancelled()),
-            }
-        })
-    }
 }
 
 /// The error of an upload that cannot be read: it belongs to a job, so it must be there.
@@ -354,52 +269,4 @@ fn write(
         blobs: contents,
     };
     Ok((summary, blobs))
-}
-
-/// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.
-struct Parts {
-    contents: HashMap<String, Bytes>,
-}
-
-impl Parts {
-    fn new(names: &[String], contents: impl Iterator<Item = Bytes>) -> Self {
-        Self { contents: names.iter().cloned().zip(contents).collect() }
-    }
-}
-
-impl Resources for Parts {
-    fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
-        let content = self.contents.get(uri).ok_or_else(|| {
-            Error::mesh(format_args!(
-                "the mesh refers to a buffer that did not come with it (send it as a part named buffer with this file \
-                 name): {uri:?}"
-            ))
-        })?;
-        let bytes = content.len() as u64;
-        if bytes > max_bytes {
-            return Err(Error::too_large(format_args!(
-                "a buffer has more bytes than the limit of {max_bytes}, {bytes}: {uri:?}"
-            )));
-        }
-        Ok(content.to_vec())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_mesh_gets_at_the_parts_by_their_names_and_at_nothing_else() {
-        let contents = ["first", "second"].map(|content| Bytes::from_static(content.as_bytes()));
-        let parts = Parts::new(&["a/b c.bin".into(), "../x".into()], contents.into_iter());
-        assert_eq!(parts.load("a/b c.bin", 5).as_deref(), Ok(&b"first"[..]));
-        // a name is a name, whatever it looks like
-        assert_eq!(parts.load("../x", 9).as_deref(), Ok(&b"second"[..]));
-        assert_eq!(parts.load("a/b c.bin", 4).map_err(|error| error.kind), Err(Kind::TooLarge));
-        for uri in ["buffer-0", "mesh", "/etc/passwd", "../buffer-0", "b c.bin", ""] {
-            let error = parts.load(uri, 100).expect_err(uri);
-            assert_eq!(error.kind, Kind::InvalidMesh);
-        }
-    }
 }
