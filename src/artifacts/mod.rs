@@ -15,6 +15,7 @@ mod graph;
 mod hierarchy;
 mod image;
 mod labels;
+mod means;
 mod mesh;
 mod npy;
 mod remesh;
@@ -46,6 +47,7 @@ pub use clusters::CLUSTERS;
 pub use graph::GRAPH;
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
 pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, LABELS_PNG, Labels};
+pub use means::MEANS;
 pub use mesh::MESH;
 pub use remesh::{REMESH, REMESH_SOURCE};
 pub use report::{REPORT, REPORT_JSON};
@@ -53,7 +55,7 @@ pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
 pub use submeshes::SUBMESHES;
 
 /// Every output. The report is last: it has the time that writing the others took.
-pub static ALL: [&Artifact; 11] = [
+pub static ALL: [&Artifact; 12] = [
     &LABELS,
     &SNAPSHOTS,
     &HIERARCHY,
@@ -62,6 +64,7 @@ pub static ALL: [&Artifact; 11] = [
     &GRAPH,
     &BOUNDARIES,
     &CLUSTERS,
+    &MEANS,
     &REMESH,
     &REMESH_SOURCE,
     &REPORT,
@@ -144,6 +147,8 @@ pub enum Need {
     Report,
     /// Faces and positions of the mesh as they were read.
     Mesh,
+    /// The colours of an image.
+    Image,
 }
 
 impl Need {
@@ -156,7 +161,7 @@ impl Need {
             Need::Faces => parameters.subdivide.is_none(),
             Need::Snapshots => parameters.snapshots.is_some(),
             Need::Hierarchy => is_hierarchical,
-            Need::Report | Need::Mesh => true,
+            Need::Report | Need::Mesh | Need::Image => true,
         }
     }
 }
@@ -175,6 +180,11 @@ impl Artifact {
     /// Whether points cannot have it.
     pub fn is_of_meshes_alone(&self) -> bool {
         self.needs(Need::Mesh) && !self.is_of_points
+    }
+
+    /// Whether it is made of the mesh or the points, which are gone when the job has ended.
+    pub fn is_made_of_input(&self) -> bool {
+        self.needs(Need::Mesh) || self.needs(Need::Image)
     }
 
     /// Whether it is made of something.

@@ -63,7 +63,7 @@ impl Writes for OfJob {
 
 impl Writes for OfHierarchy {
     fn writes(artifact: &Artifact) -> bool {
-        !artifact.needs(Need::Mesh)
+        !artifact.is_made_of_input()
     }
 }
 

@@ -32,6 +32,16 @@ const XYZ_OF_RGB: [([f64; 3], f64); 3] = [
     ([0.019334, 0.119193, 0.950227], 1.08883),
 ];
 
+/// The rows of the inverse of that matrix.
+const RGB_OF_XYZ: [[f64; 3]; 3] = [
+    [3.240_481_34, -1.537_151_52, -0.498_536_33],
+    [-0.969_254_95, 1.875_99, 0.041_555_93],
+    [0.055_646_64, -0.204_041_34, 1.057_311_07],
+];
+
+/// [`root`] where it changes from the cube root to a line.
+const ROOT_OF_LINEAR: f64 = 0.206_893_03;
+
 /// An image in sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Image {
@@ -277,6 +287,24 @@ pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactn
 fn lab(rgb: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = XYZ_OF_RGB.map(|(row, white)| root((row[0] * rgb[0] + row[1] * rgb[1] + row[2] * rgb[2]) / white));
     [lightness(y), 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// The colour in sRGB of a mean of coordinates of pixels, which had this compactness.
+pub fn colour(mean: &[f64], compactness: f64) -> [u8; 3] {
+    let [l, a, b] = match mean {
+        [l, a, b, _, _] => [l * compactness, a * compactness, b * compactness],
+        [l, ..] => [l * compactness, 0.0, 0.0],
+        [] => [0.0; 3],
+    };
+    let y = (l + 16.0) / 116.0;
+    let cubed = |root: f64| if root > ROOT_OF_LINEAR { root * root * root } else { (root - 16.0 / 116.0) / 7.787 };
+    let white = XYZ_OF_RGB.map(|(_, white)| white);
+    let xyz = [cubed(y + a / 500.0) * white[0], cubed(y) * white[1], cubed(y - b / 200.0) * white[2]];
+    RGB_OF_XYZ.map(|row| {
+        let linear = row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2];
+        let value = if linear > 0.0031308 { 1.055 * libm::pow(linear, 1.0 / 2.4) - 0.055 } else { 12.92 * linear };
+        (value * 255.0).round().clamp(0.0, 255.0) as u8
+    })
 }
 
 /// L of the root of relative luminance.

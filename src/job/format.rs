@@ -63,6 +63,11 @@ impl Format {
         matches!(self, Self::Points(_))
     }
 
+    /// Whether it is one of images.
+    pub fn is_image(self) -> bool {
+        matches!(self, Self::Points(format) if format.is_image())
+    }
+
     /// Whether a file may refer to buffers in other files.
     pub fn has_buffers(self) -> bool {
         matches!(self, Self::Mesh(format) if format.has_buffers())

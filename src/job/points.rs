@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::prepare::plan;
 use super::subject::with_planned;
 use super::{InputFile, JobSpec, Planned, Points, Prepared, Refusal, Subject, Width, milliseconds};
-use crate::artifacts::{Artifact, Need};
+use crate::artifacts::Artifact;
 use crate::data::{
     self, ClusterEdge, Format, Graph, Laid, Members, PointCluster, PointSet, PointTable, image, lay, npz,
 };
@@ -76,7 +76,7 @@ pub fn prepare_points(request: &PointsRequest<'_>) -> Result<Prepared, Refusal> 
     let format = Some(format);
     let max_items = limits.max_faces;
     let prepared = prepare_points_in_memory(PointsInMemory { set, format, max_items, parameters, seeds, started })?;
-    Ok(Prepared { wants_table: request.outputs.iter().any(|output| output.needs(Need::Mesh)), ..prepared })
+    Ok(Prepared { wants_table: request.outputs.iter().any(|output| output.is_made_of_input()), ..prepared })
 }
 
 /// Checks what can be checked before the points are read: what their format does not go with. `has_graph` and

@@ -96,6 +96,8 @@ fn what_points_do_not_have_is_refused() {
         ("cluster q.obj -k 4 --graph knn:8 -o l.npy", "--graph goes with points, not with a mesh"),
         ("cluster flat.npy -k 8 -o l.png", "-o l.png is of labels in rows and columns"),
         ("cluster q.obj -k 4 -o l.png", "-o l.png is of labels in rows and columns"),
+        ("cluster q.obj -k 4 --means m.png", "--means is made of an image"),
+        ("cluster flat.npy -k 8 --means m.png", "--means is made of an image"),
         ("export flat.npy --labels x.npy -o c.ply", "these are points, not a mesh"),
     ] {
         let done = folder.run(&command.split(' ').collect::<Vec<_>>());

@@ -115,6 +115,11 @@ async fn every_output_of_the_table_has_its_route_with_exactly_its_media_types() 
         let mut types: Vec<&str> = artifact.forms.iter().map(|form| form.media_type).collect();
         types.dedup();
         assert_eq!(described, types, "{name}");
+        if artifact.needs.contains(&Need::Image) {
+            // no output of a mesh
+            assert!(job["urls"].get(name).is_none());
+            continue;
+        }
         let url = job["urls"][name].as_str().expect(name);
         for form in artifact.forms {
             // a closed surface in one cluster has no boundaries

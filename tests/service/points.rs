@@ -59,6 +59,8 @@ async fn images_and_arrays_are_clustered_by_media_type_by_content_and_as_parts()
         let report = json(service.get(&format!("{}/report", path(&job)))).await;
         assert_eq!((&report["input"]["graph"], &report["input"]["edges"]), (&"grid".into(), &448.into()));
     }
+    let job = ended(raw("clusters=6&outputs=means", "image/png", image())).await;
+    assert!(bytes(&service, text(&job["urls"]["means"])).await.starts_with(b"\x89PNG"));
     let job = ended(raw("clusters=6&graph=grid&algorithm=pml", "application/x-npy", array("(12, 20, 3)"))).await;
     let cut = bytes(&service, &format!("{}/labels?format=npy&clusters=9", path(&job))).await;
     assert!(String::from_utf8_lossy(&cut[..128]).contains("(12, 20)"));
@@ -97,6 +99,8 @@ async fn what_points_or_meshes_do_not_have_is_refused_before_there_is_a_job() {
         ("clusters=4&graph=knn:6", &[("points", &image)], "goes with arrays, not with images"),
         ("clusters=4", &[("points", &image), ("weights", &flat)], "goes with arrays, not with images"),
         ("algorithm=pml", &[("points", &image)], "clusters is missing"),
+        ("clusters=4&outputs=means.png", &[("points", &flat)], "means.png is made of an image"),
+        ("clusters=4&outputs=means", &[("mesh", &mesh)], "means.png is made of an image"),
         ("clusters=4", &[("mesh", &flat)], "send it as a part named points"),
         ("clusters=4", &[("points", &mesh)], "send it as a part named mesh"),
         ("clusters=4", &[("points", &flat), ("mesh", &mesh)], "more than one part named mesh or points"),

@@ -91,6 +91,7 @@ _ALL = [
     _of_job("getGraph", "graph", "format", "clusters"),
     _of_job("getBoundaries", "boundaries", "format", "clusters"),
     _of_job("getClusters", "clusters", "format", "clusters"),
+    _of_job("getMeans", "means", "format", "clusters"),
     _of_job("getRemesh", "remesh", "format", "clusters", "placement"),
     _of_job("getRemeshSource", "remesh-source", "format", "clusters", "placement"),
     Operation("listWorkers", "GET", "/v1/workers"),

@@ -139,7 +139,10 @@ impl Run<'_> {
                 job::prepare_points(&request)
             }
         };
-        if let InputFormat::Points(_) = format {
+        if !format.is_image() {
+            check_no_image(files).map_err(Failure::about(&mesh.source))?;
+        }
+        if format.is_of_points() {
             check_outputs_of_points(files).map_err(Failure::about(&mesh.source))?;
         }
         // ends with its thread joined: a process must not end while a driver is being opened
@@ -227,7 +230,7 @@ impl Run<'_> {
             if let Some(points) = points {
                 cut.labels = points.with_masked(cut.labels);
             }
-            let is_table = |file: &OutputFile| file.artifact.is_of_points && file.needs(Need::Mesh);
+            let is_table = |file: &OutputFile| file.artifact.is_of_points && file.artifact.is_made_of_input();
             let points = points.filter(|_| files.iter().any(is_table));
             let table = points.map(|points| points.table(&cut.labels, cut.clusters()));
             let remesh = OnceLock::new();
@@ -313,6 +316,17 @@ fn check_images(files: &Files, prepared: &Prepared) -> tesserae_mesh::error::Res
             "{} is of labels in rows and columns, of an image or a grid of two dimensions: take .npy",
             file.named()
         ))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses outputs that are made of an image.
+fn check_no_image(files: &Files) -> tesserae_mesh::error::Result<()> {
+    match files.all().find(|file| file.needs(Need::Image)) {
+        Some(file) => {
+            let file = file.named();
+            Err(Error::parameter(format_args!("{file} is made of an image, and this is none: leave it out")))
+        }
         None => Ok(()),
     }
 }

@@ -136,3 +136,16 @@ fn what_is_no_such_image_is_one_clear_line() {
         assert!(error.message.contains(words), "{error}");
     }
 }
+
+#[test]
+fn a_mean_of_one_colour_is_that_colour() {
+    for rgb in (0..125).map(|nth| [nth / 25, nth / 5 % 5, nth % 5].map(|step| (step * 63 + 1) as u8)) {
+        let image = Image { width: 1, height: 1, channels: 3, samples: Samples::U8(rgb.to_vec()) };
+        let set = superpixels(&image, None, 1, 7.0).expect("a pixel");
+        let mean: Vec<f64> = (0..5).map(|axis| set.at(0, axis)).collect();
+        assert_eq!(colour(&mean, 7.0), rgb);
+        let grey = Image { channels: 1, samples: Samples::U8(vec![rgb[0]]), ..image };
+        let set = superpixels(&grey, None, 1, 7.0).expect("a pixel");
+        assert_eq!(colour(&[set.at(0, 0), 0.0, 0.0], 7.0), [rgb[0]; 3]);
+    }
+}

@@ -10,7 +10,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use clap::ValueEnum as _;
 use serde_json::{Value, json};
-use tesserae_mesh::artifacts::{self, Artifact, Choice, Form, Need};
+use tesserae_mesh::artifacts::{self, Artifact, Choice, Form};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::Format;
@@ -155,7 +155,7 @@ fn operation_of(artifact: &Artifact) -> Operation {
         .summary(Some(format!("Get the {name}")))
         .operation_id(Some(format!("get{capitals}")))
         .response("200", ResponseBuilder::new().description(format!("The {name}")));
-    if !artifact.needs(Need::Mesh) {
+    if !artifact.is_made_of_input() {
         return operation.description(Some(format!("{} 409 before the job has succeeded.", artifact.about))).build();
     }
     let formats: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();

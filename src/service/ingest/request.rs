@@ -161,6 +161,9 @@ impl Wanted {
             self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
+        if !format.is_image() {
+            self.kept.check_no_image()?;
+        }
         match format {
             InputFormat::Points(format) => {
                 job::check_points(&self.parameters, format, has_graph, has_weights)?;

@@ -21,12 +21,12 @@ pub(crate) struct Kept {
 impl Kept {
     /// What needs the mesh while it is in memory.
     pub fn artifacts(&self) -> impl Iterator<Item = &'static Artifact> {
-        made_of_mesh().filter(|artifact| self.gives(artifact))
+        made_of_input().filter(|artifact| self.gives(artifact))
     }
 
     /// The forms of the named outputs.
     pub fn forms(&self) -> impl Iterator<Item = &'static Form> {
-        made_of_mesh().flat_map(|artifact| artifact.forms).filter(|form| self.has(form))
+        made_of_input().flat_map(|artifact| artifact.forms).filter(|form| self.has(form))
     }
 
     /// Whether a form is among the named outputs.
@@ -36,7 +36,24 @@ impl Kept {
 
     /// Whether some form of an output can be had.
     pub fn gives(&self, artifact: &Artifact) -> bool {
-        self.mesh || artifact.forms.iter().any(|form| self.has(form))
+        self.mesh && artifact.needs(Need::Mesh) || artifact.forms.iter().any(|form| self.has(form))
+    }
+
+    /// Refuses what is made of images.
+    pub fn check_no_image(&self) -> Result<()> {
+        match self.first_of(|artifact| artifact.needs(Need::Image)) {
+            Some(form) => Err(Error::parameter(format_args!(
+                "{} is made of an image, and this is none: leave it out of outputs",
+                form.file
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// The first named form of some outputs.
+    fn first_of(&self, are_meant: impl Fn(&Artifact) -> bool) -> Option<&'static Form> {
+        let meant = made_of_input().filter(|artifact| are_meant(artifact));
+        meant.flat_map(|artifact| artifact.forms).find(|form| self.has(form))
     }
 
     /// Refuses what points do not have.
@@ -46,8 +63,7 @@ impl Kept {
                 "keep_mesh goes with meshes, not with points: name what is to be made of them with outputs",
             ));
         }
-        let of_meshes = made_of_mesh().filter(|artifact| artifact.is_of_meshes_alone());
-        match of_meshes.flat_map(|artifact| artifact.forms).find(|form| self.has(form)) {
+        match self.first_of(Artifact::is_of_meshes_alone) {
             Some(form) => Err(Error::parameter(format_args!(
                 "{} is made of a mesh, and these are points: leave it out of outputs",
                 form.file
@@ -75,20 +91,21 @@ impl Kept {
     }
 }
 
-/// The outputs that are made of a mesh.
-pub(crate) fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {
-    ALL.into_iter().filter(|artifact| artifact.is_served && artifact.needs(Need::Mesh))
+/// The outputs that are made of the mesh or the points.
+pub(crate) fn made_of_input() -> impl Iterator<Item = &'static Artifact> {
+    ALL.into_iter().filter(|artifact| artifact.is_served && artifact.is_made_of_input())
 }
 
 /// The files that a list of names means: `mesh.ply` that file, `mesh` the first form of that output.
 pub(crate) fn files<'a>(names: impl Iterator<Item = &'a str>) -> Result<Vec<String>> {
     let mut files = Vec::new();
     for name in names.map(str::trim) {
-        let by_name = made_of_mesh().find(|artifact| artifact.name == name).and_then(|artifact| artifact.forms.first());
+        let by_name =
+            made_of_input().find(|artifact| artifact.name == name).and_then(|artifact| artifact.forms.first());
         let form =
-            by_name.or_else(|| made_of_mesh().flat_map(|artifact| artifact.forms).find(|form| form.file == name));
+            by_name.or_else(|| made_of_input().flat_map(|artifact| artifact.forms).find(|form| form.file == name));
         let form = form.ok_or_else(|| {
-            let known: Vec<&str> = made_of_mesh().flat_map(|artifact| artifact.forms).map(|form| form.file).collect();
+            let known: Vec<&str> = made_of_input().flat_map(|artifact| artifact.forms).map(|form| form.file).collect();
             Error::parameter(format_args!("outputs must be of {}, not {}", known.join(", "), Quoted(name)))
         })?;
         if !files.iter().any(|file| file == form.file) {
@@ -125,8 +142,8 @@ mod tests {
         assert!(named.check(&divided).is_ok());
         assert!(mesh.check(&divided).expect_err("another mesh").message.contains("outputs"));
         assert_eq!(named.forms().count(), 1);
-        for artifact in made_of_mesh() {
-            assert!(mesh.gives(artifact));
+        for artifact in made_of_input() {
+            assert_eq!(mesh.gives(artifact), artifact.needs(Need::Mesh));
             assert_eq!(named.gives(artifact), artifact.name == "mesh");
         }
     }

@@ -46,7 +46,7 @@ impl Urls {
     pub fn of(job: &Job) -> Self {
         let path = path(job.id);
         let is_hierarchical = HIERARCHY.is_made(&job.spec.parameters);
-        let given = kept::made_of_mesh().filter(|artifact| job.spec.kept.gives(artifact));
+        let given = kept::made_of_input().filter(|artifact| job.spec.kept.gives(artifact));
         Self {
             events: format!("{path}/events"),
             labels: format!("{path}/labels"),

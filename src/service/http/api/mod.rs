@@ -23,7 +23,7 @@ use std::sync::Arc;
 
 use axum::middleware::from_fn;
 use axum::routing::get;
-use tesserae_mesh::artifacts::{self, HIERARCHY, LABELS, Need};
+use tesserae_mesh::artifacts::{self, HIERARCHY, LABELS};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -41,7 +41,7 @@ pub(crate) fn routes() -> OpenApiRouter<Arc<Shared>> {
         .into_iter()
         .filter(|artifact| artifact.is_served && ![LABELS.name, HIERARCHY.name].contains(&artifact.name));
     let results = others.fold(results, |routes, artifact| {
-        let handler = match artifact.needs(Need::Mesh) {
+        let handler = match artifact.is_made_of_input() {
             true => get(move |shared, caller, id, uri, headers| {
                 derived::derived(artifact, shared, caller, id, uri, headers)
             }),
