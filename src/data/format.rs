@@ -29,6 +29,16 @@ impl Format {
         Self::ALL.into_iter().find(|format| bytes.starts_with(format.magic()))
     }
 
+    /// The format that a file's name suggests.
+    pub fn from_file_name(name: &str) -> Option<Self> {
+        let (_, extension) = name.rsplit_once('.')?;
+        let extension = extension.to_ascii_lowercase();
+        Self::ALL.into_iter().find(|format| match format {
+            Self::Jpeg => ["jpg", "jpeg"].contains(&&extension[..]),
+            format => format.name() == extension,
+        })
+    }
+
     /// The first bytes of its files.
     fn magic(self) -> &'static [u8] {
         match self {

@@ -44,7 +44,9 @@ pub fn parse<'a>(bytes: &'a [u8], what: &str, kinds: &[&'static str], wanted: &s
         _ => None,
     };
     let Some(kind) = kind else {
-        return Err(Error::parameter(format_args!("the .npy {what} must hold {wanted}: {header}")));
+        return Err(Error::parameter(format_args!(
+            "the .npy {what} must hold {wanted}, as numpy's astype makes them: {header}"
+        )));
     };
     let shape = shape_of(&literal).ok_or_else(malformed)?;
     let Some(&Literal::Truth(is_fortran)) = literal.get("fortran_order") else { return Err(malformed()) };

@@ -90,8 +90,11 @@ impl Format {
     /// The format of a file: that of points by its first bytes, that of a mesh by name, then by its first bytes and its
     /// length in bytes, where that is known.
     pub fn recognise(name: Option<&str>, head: &[u8], length: Option<u64>) -> Result<Self> {
-        match PointsFormat::of(head) {
-            Some(format) => Ok(Self::Points(format)),
+        if let Some(format) = PointsFormat::of(head) {
+            return Ok(Self::Points(format));
+        }
+        match name.and_then(PointsFormat::from_file_name) {
+            Some(format) => Self::Points(format).check_head(head, length).map(|()| Self::Points(format)),
             None => MeshFormat::recognise(name, head, length).map(Self::Mesh),
         }
     }
@@ -102,6 +105,9 @@ impl Format {
         match self {
             Self::Mesh(format) => format.check_head(head, length),
             Self::Points(format) if PointsFormat::of(head) == Some(format) => Ok(()),
+            Self::Points(format) if head.is_empty() => {
+                Err(Error::parameter(format_args!("this is not {} file: it is empty", format.noun())))
+            }
             Self::Points(format) => Err(Error::parameter(format_args!(
                 "this is not {} file: its first bytes are {}",
                 format.noun(),
@@ -145,6 +151,8 @@ mod tests {
     fn points_are_recognised_by_their_first_bytes_whatever_their_name() {
         let png = b"\x89PNG\r\n\x1a\n....";
         assert_eq!(Format::recognise(Some("a.obj"), png, None), Ok(Format::Points(PointsFormat::Png)));
+        let error = Format::recognise(Some("x.NPZ"), b"PK\x05\x06", None).expect_err("an empty archive");
+        assert!(error.message.starts_with("this is not an .npz file"), "{error}");
         assert_eq!(Format::recognise(Some("a.obj"), b"v 0 0 0", None), Ok(Format::Mesh(MeshFormat::Obj)));
         assert!(Format::Points(PointsFormat::Jpeg).check_head(png, None).is_err());
         assert_eq!(Format::Points(PointsFormat::Png).check_head(png, None), Ok(()));
