@@ -5,8 +5,8 @@
 //! the result, errors included, does not depend on the number of threads.
 //!
 //! Read are vertices (`v`), faces (`f`) and names (`g`, `o`, and `usemtl` where groups are wanted). An index may refer
-//! to a vertex that comes later in the file. Material libraries, texture coordinates and normals are not looked at; what
-//! else there is, is skipped.
+//! to a vertex that comes later in the file. Material libraries, texture coordinates and normals are not looked at;
+//! what else there is, is skipped.
 //!
 //! Most of the time goes into digits, which are read eight at a time (`mesh/number.rs`). `make bench` compares it with
 //! `tobj`.
