@@ -1,8 +1,8 @@
-//! Feature edges: edges that clusters do not cross. Faces at them are not linked, so that the regions which they enclose
-//! are components.
+//! Feature edges: edges that clusters do not cross. Faces at them are not linked, so that the regions which they
+//! enclose are components.
 //!
-//! An edge is one when the normals of its faces differ by more than an angle, or when the faces are of different groups.
-//! The normals are those of faces that run along the edge in opposite directions, as faces of a surface that is
+//! An edge is one when the normals of its faces differ by more than an angle, or when the faces are of different
+//! groups. The normals are those of faces that run along the edge in opposite directions, as faces of a surface that is
 //! oriented do: one is turned where they do not. Of an edge of more than two faces, each two that are linked are
 //! compared. A face that is too thin to have a normal is at no feature by angle, so a cluster may cross a sharp edge
 //! where one covers it.

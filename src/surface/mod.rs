@@ -3,7 +3,8 @@
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
 //! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become components
 //! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
-//! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours. Faces without area that share no edge are left out (`loose`).
+//! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours.
+//! Faces without area that share no edge are left out (`loose`).
 //! Where detail shall get smaller clusters, areas are first
 //! multiplied by a `density`, which may come from the `curvature`. [`points`] makes a surface whose items are the
 //! points of a triangle mesh in place of its faces. Everything up to the lattice is scalar f64 with + − × ÷ √ (and one
@@ -98,7 +99,8 @@ impl Surface {
     /// faces at a feature are no neighbours.
     ///
     /// Fails for meshes of more than 2³¹ faces or corners, for weights that are not one a face or vertex, finite and
-    /// above 0, and for groups that are not one a face. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
+    /// above 0, and for groups that are not one a face. Corners must be valid indices of finite positions, as
+    /// [`crate::mesh::read`] promises.
     pub fn build_with<'a>(
         mesh: impl Into<MeshView<'a>>,
         bridge: bool,

@@ -4,8 +4,9 @@
 //! vertices came before it, whether a vertex exists) is settled when they are joined. The pieces have a fixed size, so
 //! the result, errors included, does not depend on the number of threads.
 //!
-//! Read are vertices (`v`), faces (`f`) and names (`g`, `o`, and `usemtl` where groups are wanted). An index may refer to
-//! a vertex that comes later in the file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
+//! Read are vertices (`v`), faces (`f`) and names (`g`, `o`, and `usemtl` where groups are wanted). An index may refer
+//! to a vertex that comes later in the file. Material libraries, texture coordinates and normals are not looked at;
+//! what else there is, is skipped.
 //!
 //! Most of the time goes into digits, which are read eight at a time (`mesh/number.rs`). `make bench` compares it with
 //! `tobj`.
