@@ -10,9 +10,10 @@
 //! One claim at a time decides, under an advisory lock, so that fairness is exact over all services; a worker with
 //! several free places claims for all of them at once. Running and waiting jobs are counted by index: counters in a row
 //! for each tenant, locked by every change, would make the changes of a tenant wait for the disk one after the other.
+//!
 //! A claim takes two round trips: what the rules see of the queue; what they change, and the commit. The lock is not
-//! held while a commit waits for the disk: that of a claim is asynchronous, and the worker waits for the disk by a change
-//! of its own row, which is sent with the commit.
+//! held while a commit waits for the disk: that of a claim is asynchronous, and the worker waits for the disk by a
+//! change of its own row, which is sent with the commit.
 
 mod address;
 mod connections;
