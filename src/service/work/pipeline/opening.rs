@@ -133,6 +133,8 @@ impl Resources for Parts {
 
 #[cfg(test)]
 mod tests {
+    use tesserae_mesh::error::Kind;
+
     use super::*;
 
     #[test]
