@@ -20,6 +20,7 @@ use crate::cluster::quality::Quality;
 pub use crate::cluster::seeds::Seeds;
 pub use crate::cluster::snapshots::Snapshots;
 use crate::device::dual_edge::Ties;
+use crate::energy;
 pub use crate::error::names::{self, Name};
 use crate::error::{Error, Result};
 
@@ -54,6 +55,13 @@ pub struct Parameters {
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub algorithm: Algorithm,
 
+    /// Meshes: what clusters have little of
+    ///
+    /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared distance
+    /// of the unit normal to the mean normal, for clusters that are as flat as can be, on the cpu.
+    #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
+    pub energy: energy::Kind,
+
     /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
     // the command line has a list of them
     #[arg(skip)]
@@ -69,12 +77,13 @@ pub struct Parameters {
     pub quality: Quality,
 
     /// Where flat clusters start: coarse (begins with 33 percent more clusters on a coarser mesh, 20 with quality fast
-    /// and 50 with best, and merges the cheapest pairs), morton (stratified by area along a Morton curve), random (as
-    /// in the paper) or file:PATH with a list of face numbers; acvd and vc take morton for coarse
+    /// and 50 with best, and merges the cheapest pairs), merged (merges from single faces), morton (stratified by area
+    /// along a Morton curve), random (as in the paper) or file:PATH with a list of face numbers; acvd and vc take
+    /// morton for coarse, energies other than cvd merged
     #[arg(
         long,
         default_value_t,
-        value_name = "coarse|morton|random|file:PATH",
+        value_name = "coarse|merged|morton|random|file:PATH",
         help_heading = CLUSTERS,
         hide_short_help = true,
         value_parser = OsStringValueParser::new().try_map(Seeds::from_argument)
@@ -175,7 +184,8 @@ pub struct Parameters {
     #[arg(long, value_enum, default_value_t, help_heading = COMPARISON, hide_short_help = true)]
     pub ties: Ties,
 
-    /// pml: which of the pairs that chose each other merge in a round
+    /// pml: which of the pairs that chose each other merge in a round; energies other than cvd take eighth for
+    /// cheaper-half
     #[arg(long, value_enum, default_value_t, help_heading = COMPARISON, hide_short_help = true)]
     pub pairs: Pairs,
 
@@ -195,6 +205,14 @@ impl Parameters {
     /// Whether the rounds of a hierarchy optimise.
     pub fn optimizes(&self) -> bool {
         self.optimize == Optimize::On && self.algorithm != Algorithm::Hr
+    }
+
+    /// Which pairs merge in parallel rounds: energies by normals leave few out of half of the pairs where costs jump.
+    pub fn merging_pairs(&self) -> Pairs {
+        match self.pairs {
+            Pairs::CheaperHalf if self.energy.is_of_normals() => Pairs::Eighth,
+            pairs => pairs,
+        }
     }
 
     /// The numbers of clusters to stop at on the way.

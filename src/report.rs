@@ -144,11 +144,11 @@ pub struct MeshInput {
     pub parts: Vec<Part>,
 }
 
-/// Energies, in source units: area × length².
+/// Energies, in source units: area × length², of l21 area.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Energy {
     /// Name of the energy functional: `cvd`, the sum over faces of area × squared distance between the face's centroid
-    /// and its cluster's (centroidal Voronoi diagram).
+    /// and its cluster's (centroidal Voronoi diagram), or `l21`, the same of unit normals.
     pub functional: String,
     /// What areas are multiplied by, in these energies and wherever faces are weighed; empty where area alone counts.
     pub weighted_by: Vec<WeightedBy>,
@@ -167,8 +167,12 @@ pub struct Energy {
     pub explained: Option<f64>,
     /// `final` over the energy of a flat tiling by regular hexagons with as many clusters, less what lies inside the
     /// faces; null where that difference leaves less than half of the tiling's energy, and where `weighted_by` is not
-    /// empty.
+    /// empty, and of `l21`.
     pub hexagon_ratio: Option<f64>,
+    /// L2,1 of the final labels, whatever the functional: the sum over faces of area × squared distance between the
+    /// unit normal and the direction of its cluster's mean normal, over the squared diagonal of the bounding box
+    /// (Cohen-Steiner et al. 2004). Null for points.
+    pub l21: Option<f64>,
 }
 
 /// What areas are multiplied by.

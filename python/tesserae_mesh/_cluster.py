@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tesserae_mesh._progress import Progress
 
 Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
+Energy = Literal["cvd", "l21"]
 Quality = Literal["fast", "default", "best"]
 Device = Literal["auto", "cpu", "gpu"]
 
@@ -40,8 +41,9 @@ def cluster(
     clusters: Optional[int] = _CLUSTERS,
     *,
     algorithm: Algorithm = "bb",
+    energy: Energy = "cvd",
     quality: Quality = "default",
-    seeds: Union[Literal["coarse", "morton", "random"], ArrayLike] = "coarse",
+    seeds: Union[Literal["coarse", "merged", "morton", "random"], ArrayLike] = "coarse",
     seed: int = 0,
     max_iterations: Optional[int] = None,
     refine: Literal["on", "none"] = "on",
@@ -57,7 +59,7 @@ def cluster(
     switch_to_ml_at: Optional[int] = None,
     collapse_fraction: Optional[float] = None,
     ties: Literal["hash", "largest-id"] = "hash",
-    pairs: Literal["cheaper-half", "all"] = "cheaper-half",
+    pairs: Literal["cheaper-half", "all", "eighth"] = "cheaper-half",
     levels: Union[Sequence[int], str, None] = None,
     device: Device = "auto",
     adapter: Optional[str] = None,
@@ -90,10 +92,14 @@ def cluster(
         (parallel multilevel) and ``"ml"`` (multilevel; section 4) and ``"hr"`` (hierarchical, Garland et al. 2001)
         make hierarchies; ``"acvd"`` (Valette & Chassery 2004) and ``"vc"`` (Cohen-Steiner et al. 2004) are sequential
         references.
+    energy : {"cvd", "l21"}
+        What clusters have little of: ``"cvd"``, area x squared distance to their mean place, for compact clusters;
+        ``"l21"``, area x squared distance of the unit normal to their mean normal, for flat ones (on the cpu).
     quality : {"default", "fast", "best"}
         How much time to take for how low an energy; bb and pml.
-    seeds : {"coarse", "morton", "random"} or array_like of int
-        Where flat clusters start: on a coarser mesh, stratified by area along a Morton curve, on random faces (Parallel
+    seeds : {"coarse", "merged", "morton", "random"} or array_like of int
+        Where flat clusters start: on a coarser mesh, merged from single faces (energy l21 takes this for coarse),
+        stratified by area along a Morton curve, on random faces (Parallel
         Mesh Clustering, section 5.3), or on these faces. Cluster i then is the one of seed i.
     seed : int
         Number that the random choices of seeds are drawn from.
@@ -130,8 +136,9 @@ def cluster(
         place of one pair; above 0, at most 50.
     ties : {"hash", "largest-id"}
         Hierarchies: which of equally cheap pairs merges first; ``"largest-id"`` is the rule of the paper.
-    pairs : {"cheaper-half", "all"}
-        pml: which of the pairs that chose each other merge in a round; ``"all"`` as in the paper (section 5.4).
+    pairs : {"cheaper-half", "all", "eighth"}
+        pml: which of the pairs that chose each other merge in a round; ``"all"`` as in the paper (section 5.4);
+        ``"eighth"``, which energy l21 takes for cheaper-half, the cheapest, an eighth of the merges that are left.
     levels : sequence of int, or str, optional
         Hierarchies: numbers of clusters to stop at on the way and to optimise at until no move is left.
     device : {"auto", "cpu", "gpu"}
@@ -185,6 +192,7 @@ def cluster(
     job = _native.Job(
         as_json(
             algorithm=algorithm,
+            energy=energy,
             clusters=clusters,
             quality=quality,
             seeds=seeds if isinstance(seeds, str) else "listed",

@@ -115,7 +115,7 @@ class Clustering:
     energy : float
         Sum over faces of area x squared distance between the face's centroid and its cluster's (centroidal Voronoi
         diagram): area x length**2, in units of the mesh. Of points: weight x squared distance between the item and
-        the mean of its cluster. NaN where it overflows.
+        the mean of its cluster. With energy l21, of unit normals: area. NaN where it overflows.
     hexagon_ratio : float or None
         Energy over that of a flat tiling by regular hexagons; None where that is no measure, as with weights.
     """

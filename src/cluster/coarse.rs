@@ -283,7 +283,7 @@ impl Start {
 }
 
 /// Merges the cheaper half of the mutual pairs; in each component at most its surplus, which falls by that.
-pub(super) fn merge_cheaper_half<E: Functional>(
+fn merge_cheaper_half<E: Functional>(
     steps: &mut dyn MergeSteps<E>,
     component_of_cluster: &[u32],
     surplus: &mut [usize],

@@ -5,8 +5,8 @@
 //! Every face starts as a cluster. A round merges clusters and then optimises:
 //!
 //! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`crate::device::dual_edge`]: packed cost, then
-//!   the tie rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the
-//!   paper, all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster
+//!   the tie rule); of the pairs that chose each other, those that cost no more than their median merge, or others
+//!   ([`Pairs`]; in the paper, all), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster
 //!   with the largest number among those of the cheapest edges has a partner that chose it back), so there is always
 //!   such a pair while a dual edge is left.
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P,
@@ -38,6 +38,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::fast;
+use super::merging::chosen_pairs;
 use super::numbers;
 use super::relocation::{self, Relocation};
 use super::run::{Row, Run};
@@ -60,6 +61,28 @@ pub enum Pairs {
     CheaperHalf,
     /// All of them, as the paper does (Parallel Mesh Clustering, section 5.4)
     All,
+    /// The cheapest, an eighth of the merges that are left before the next stop: more rounds, and none merges across an
+    /// edge while cheaper merges wait. In place of cheaper-half for energies other than cvd
+    Eighth,
+}
+
+impl Pairs {
+    /// Keeps those of some pairs that merge in a round, `most` at most, the cheapest first.
+    pub fn choose(self, mutual: &mut Vec<Rank<u32>>, most: usize) {
+        let most = match self {
+            Pairs::All => most,
+            Pairs::CheaperHalf => {
+                keep_cheaper_half(mutual);
+                most
+            }
+            Pairs::Eighth => (most / 8).max(1),
+        };
+        if most < mutual.len() {
+            mutual.select_nth_unstable(most);
+            mutual.truncate(most);
+        }
+        mutual.par_sort_unstable();
+    }
 }
 
 /// What to build.
@@ -187,7 +210,9 @@ impl<E: Functional> Rounds<'_, E> {
             let wanted = self.options.collapse_fraction.map_or(1, |percent| (left as f64 * percent / 100.0) as u64);
             merge_cheapest(steps, *ties, wanted.clamp(1, left - stop), &mut self.builder)?
         } else {
-            merge_mutual(steps, self.options, left - stop, &mut self.builder)?
+            let pairs = chosen_pairs(steps, *ties, self.options.pairs, (left - stop) as usize)?;
+            merge(steps, &pairs, &mut self.builder)?;
+            pairs.len() as u64
         };
         self.left -= merges;
         let is_level = self.left == stop && (levels.contains(&stop) || *clusters == Some(stop));
@@ -231,7 +256,8 @@ impl<E: Functional> Rounds<'_, E> {
     ) -> Result<Option<(Vec<u32>, LatticeEnergy)>> {
         let before = steps.labels()?;
         let mut energy = None;
-        let relocation = Relocation { graph: self.builder.items, effort, cancel: self.cancel };
+        let Options { pairs, .. } = *self.options;
+        let relocation = Relocation { graph: self.builder.items, effort, pairs, cancel: self.cancel };
         let flat = || fast::labels(self.builder.items, self.left, 0, self.cancel);
         let after = relocation.labels_from(numbers::compact(&before), flat, &mut |phase, after, moves, _| {
             energy = Some(after);
@@ -265,27 +291,6 @@ pub fn check<E: Functional>(items: &Items<E>, options: &Options) -> Result<u64> 
         )));
     }
     Ok(target)
-}
-
-/// Merges mutual pairs, the cheapest first, `at_most` of them; returns how many.
-fn merge_mutual<E: Functional>(
-    steps: &mut dyn MergeSteps<E>,
-    options: &Options,
-    at_most: u64,
-    builder: &mut Builder<'_, E>,
-) -> Result<u64> {
-    let mut mutual = steps.mutual_dual_edges(options.ties)?;
-    if mutual.is_empty() {
-        return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
-    }
-    if options.pairs == Pairs::CheaperHalf {
-        keep_cheaper_half(&mut mutual);
-    }
-    mutual.par_sort_unstable();
-    mutual.truncate(at_most as usize);
-    let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
-    merge(steps, &pairs, builder)?;
-    Ok(pairs.len() as u64)
 }
 
 /// Merges the cheapest dual edge of all, `times` times; returns that number.

@@ -6,7 +6,7 @@
 //! | refinement by exact gains, beyond the paper | [`refinement`] |
 //! | connected clusters | [`connected`] |
 //! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`] |
-//! | where flat clusterings start | [`seeds`], [`coarse`] |
+//! | where flat clusterings start | [`seeds`], [`coarse`], [`merging`] |
 //! | how much time to take for how low an energy | [`quality`] |
 //! | the order of merges | [`crate::device::dual_edge`] |
 //! | moves of whole clusters in a coarse start | [`teleport`] |
@@ -24,6 +24,7 @@ pub mod connected;
 pub mod fast;
 pub mod flat;
 pub mod hierarchy;
+pub mod merging;
 pub mod numbers;
 pub mod quality;
 pub mod record;

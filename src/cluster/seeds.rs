@@ -24,6 +24,8 @@ pub enum Seeds {
     /// Merged from more clusters, coarse to fine ([`super::coarse`]).
     #[default]
     Coarse,
+    /// Merged from single faces ([`super::merging`]).
+    Merged,
     /// One random face in each of k strata of equal area along a Morton curve.
     Morton,
     /// Random faces, all equally likely (P§5.3).
@@ -38,6 +40,7 @@ impl fmt::Display for Seeds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Seeds::Coarse => f.write_str("coarse"),
+            Seeds::Merged => f.write_str("merged"),
             Seeds::Morton => f.write_str("morton"),
             Seeds::Random => f.write_str("random"),
             Seeds::File(path) => write!(f, "file:{}", path.display()),
@@ -52,13 +55,14 @@ impl FromStr for Seeds {
     fn from_str(text: &str) -> Result<Self> {
         match text {
             "coarse" => Ok(Seeds::Coarse),
+            "merged" => Ok(Seeds::Merged),
             "morton" => Ok(Seeds::Morton),
             "random" => Ok(Seeds::Random),
             "listed" => Ok(Seeds::Listed),
             _ => match text.strip_prefix("file:") {
                 Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
                 _ => Err(Error::parameter(format_args!(
-                    "{} must be coarse, morton, random or {}, not {text:?}",
+                    "{} must be coarse, merged, morton, random or {}, not {text:?}",
                     Name::SEEDS,
                     if names::are_flags() { "file:PATH" } else { "listed (a part named seeds)" }
                 ))),
@@ -140,7 +144,9 @@ pub fn choose<E: Functional>(
     }
     Ok(match seeds {
         Seeds::Random => each_component(&shares, |component, share, _| random(items, component, share, seed)),
-        Seeds::Coarse | Seeds::Morton | Seeds::File(_) | Seeds::Listed => stratified(items, &shares, seed),
+        Seeds::Coarse | Seeds::Merged | Seeds::Morton | Seeds::File(_) | Seeds::Listed => {
+            stratified(items, &shares, seed)
+        }
     })
 }
 

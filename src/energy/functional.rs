@@ -206,7 +206,7 @@ pub struct Merged {
     pub faces: u32,
     /// Its weight, as area.
     pub weight: f64,
-    /// Its weighted mean centroid.
+    /// Its weighted mean point, the first three coordinates.
     pub proxy: [f64; 3],
 }
 

@@ -40,6 +40,7 @@ names! {
     COLLAPSE_FRACTION "collapse_fraction",
     COMPACTNESS "compactness",
     CURVATURE_EXPONENT "curvature_exponent",
+    ENERGY "energy",
     FEATURES "features",
     GRAPH "graph",
     LEVELS "levels",

@@ -67,7 +67,7 @@ pub struct Node {
     /// Its area, source units. Null when it overflows.
     #[schema(value_type = Option<f64>)]
     pub weight: f64,
-    /// Its area-weighted mean centroid, source units.
+    /// Its area-weighted mean centroid, source units; with the energy l21, its mean normal.
     pub proxy: [f64; 3],
 }
 

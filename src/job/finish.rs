@@ -11,11 +11,10 @@ use sha2::{Digest, Sha256};
 use super::subject::with_items;
 use super::{Clustered, Outcome, Points, Prepared, Subject, finite, hierarchical, milliseconds};
 use crate::device::{FREE, pieces};
-use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::Stored;
 use crate::report::{Energy, Report, Timings};
-use crate::surface::Surface;
+use crate::surface::{Figures, OfFaces, Surface};
 
 /// Makes the results of what a device gave.
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
@@ -36,15 +35,16 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         },
     );
     let energy = Energy {
-        functional: crate::energy::Energy::NAME.to_owned(),
+        functional: spec.energy.name().to_owned(),
         weighted_by: prepared.weighted_by.clone(),
         initial: energies.initial.and_then(finite),
         final_: finite(energies.last),
         total: energies.total.and_then(finite),
         explained: energies.total.and_then(|total| finite(1.0 - energies.last / total)),
         hexagon_ratio: energies.hexagon_ratio,
+        l21: energies.l21.and_then(finite),
     };
-    let feature_edges_inside = prepared.subject.mesh().map_or(0, |surface| surface.feature_edges_inside(&labels));
+    let feature_edges_inside = prepared.subject.feature_edges_inside(&labels);
     let (labels, labels_sha256) = if spec.clustering.has_labels() {
         let Numbered { labels, number_of_cluster } = numbered?;
         let labels = prepared.subject.with_masked(labels);
@@ -64,8 +64,11 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         None => None,
     };
     let mut warnings = [prepared.warnings.clone(), clustered.warnings].concat();
-    if let Subject::Mesh(surface, _) = &prepared.subject {
-        warnings.extend(out_of_range(surface, energies.initial.unwrap_or(0.0).max(energies.last)));
+    let largest = energies.initial.unwrap_or(0.0).max(energies.last);
+    match &prepared.subject {
+        Subject::Mesh(surface, _) => warnings.extend(out_of_range(surface, largest)),
+        Subject::Normals(surface, _) => warnings.extend(out_of_range(surface, largest)),
+        Subject::Points(_) => {}
     }
     let timings_ms = Timings {
         upload: milliseconds(clustered.upload),
@@ -107,7 +110,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
 }
 
 /// A warning where the mesh is so large or small that its energies leave the range of f64.
-fn out_of_range(surface: &Surface, energy: f64) -> Option<String> {
+fn out_of_range<E: OfFaces>(surface: &Surface<E>, energy: f64) -> Option<String> {
     /// Lengths below 2 to this power have energies that f64 cannot hold exactly.
     const SMALL: i32 = -240;
     let exponent = surface.longest_side_exponent();
@@ -119,7 +122,7 @@ fn out_of_range(surface: &Surface, energy: f64) -> Option<String> {
         return None;
     };
     Some(format!(
-        "energies are {what}, since they grow with the fourth power of lengths; labels are not affected; scale the \
+        "energies are {what}, since they grow with powers of lengths; labels are not affected; scale the \
          mesh to a size near 1; its longest side is about 1e{}",
         (f64::from(exponent) * LOG10_2).round()
     ))
@@ -132,23 +135,27 @@ struct Energies {
     /// With one cluster, of points.
     total: Option<f64>,
     hexagon_ratio: Option<f64>,
+    l21: Option<f64>,
 }
 
 impl Energies {
     fn of(subject: &Subject, initial: Option<&[u32]>, labels: &[u32], clusters: usize) -> Self {
         match subject {
-            Subject::Mesh(surface, _) => {
-                let initial = initial.map(|labels| surface.source_energy(labels, clusters));
-                let (last, hexagon_ratio) = surface.energy_and_hexagon_ratio(labels, clusters);
-                Self { initial, last, total: None, hexagon_ratio }
-            }
+            Subject::Mesh(surface, _) => Self::of_faces(surface, initial, labels, clusters),
+            Subject::Normals(surface, _) => Self::of_faces(surface, initial, labels, clusters),
             Subject::Points(points) => {
                 let initial = initial.map(|labels| points.energy(|item| labels[item], clusters));
                 let (last, total) =
                     rayon::join(|| points.energy(|item| labels[item], clusters), || points.energy(|_| 0, 1));
-                Self { initial, last, total: Some(total), hexagon_ratio: None }
+                Self { initial, last, total: Some(total), hexagon_ratio: None, l21: None }
             }
         }
+    }
+
+    fn of_faces<E: OfFaces>(surface: &Surface<E>, initial: Option<&[u32]>, labels: &[u32], clusters: usize) -> Self {
+        let initial = initial.map(|labels| surface.source_energy(labels, clusters));
+        let Figures { energy: last, hexagon_ratio, l21 } = surface.figures(labels, clusters);
+        Self { initial, last, total: None, hexagon_ratio, l21 }
     }
 }
 

@@ -33,7 +33,7 @@ pub(super) struct Job<'a, E: Functional> {
     pub items: &'a Items<E>,
 }
 
-/// Runs boundary-based clustering, coarse to fine.
+/// Runs boundary-based clustering from many clusters that merge.
 pub(super) fn run_coarse<E: Functional>(
     job: Job<'_, E>,
     coarse: &Coarse<E>,
@@ -43,7 +43,7 @@ pub(super) fn run_coarse<E: Functional>(
 ) -> Result<Clustered> {
     let items = job.items;
     let started = Instant::now();
-    let start = coarse.start.labels(items, device, cancel)?;
+    let start = coarse.start(items, device, cancel)?;
     let mut run = Run::new(job, started, &start, on_row);
     let mut clustering = run.phases(device, |steps, keep, record| {
         flat::boundary_based(items, &start.labels, coarse.spec.options(), steps, cancel, keep, record)
@@ -51,7 +51,7 @@ pub(super) fn run_coarse<E: Functional>(
     if let Some(effort) = coarse.relocation_after(items.moves, clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
         let cheaper = &mut labels_of_cheaper(items, coarse.spec, cancel);
-        let relocation = Relocation { graph: items, effort, cancel };
+        let relocation = Relocation { graph: items, effort, pairs: coarse.spec.pairs(), cancel };
         let fast = || coarse.fast_labels(items, cancel);
         let (labels, ending) =
             relocation.labels(labels, device, fast, cheaper, &mut |phase, energy, moves, labels| {
@@ -82,14 +82,14 @@ impl<E: Functional> Coarse<E> {
     /// The labels of a run without a report.
     fn labels(&self, items: &Items<E>, cancel: &Cancel) -> Result<Vec<u32>> {
         let (device, record) = (&mut CpuDevice::new(), &mut Record::new(None));
-        let start = self.start.labels(items, device, cancel)?;
+        let start = self.start(items, device, cancel)?;
         let mut steps = device.open(items, &start.component_of_cluster)?;
         let options = self.spec.options();
         let run = flat::boundary_based(items, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
         drop(steps);
         match self.relocation_after(items.moves, run.ending) {
             Some(effort) => {
-                let relocation = Relocation { graph: items, effort, cancel };
+                let relocation = Relocation { graph: items, effort, pairs: self.spec.pairs(), cancel };
                 let cheaper = &mut labels_of_cheaper(items, self.spec, cancel);
                 let fast = || self.fast_labels(items, cancel);
                 Ok(relocation.labels(run.labels, device, fast, cheaper, &mut |_, _, _, _| Ok(()))?.0)
@@ -114,12 +114,13 @@ const FEW_ITEMS: usize = 10_000;
 const FEW_PAIRS: usize = 1 << 24;
 
 /// The jobs whose results a job of this quality mixes in. Clusters of few items are as good as their start, so that
-/// small sets of points have all of them.
+/// small sets of points have all of them, unless they start from merges.
 fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> &'static [Cheaper] {
     const ALL: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd];
     const OF_FEW: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd, Cheaper::Sequential];
     let pairs = || (0..items.faces() as u32).map(|item| items.neighbours_of(item).len().pow(2)).sum::<usize>();
-    let are_few = items.moves == Moves::Connected && items.faces() <= FEW_ITEMS && pairs() <= FEW_PAIRS;
+    let may_be_few = items.moves == Moves::Connected && !spec.is_merged;
+    let are_few = may_be_few && items.faces() <= FEW_ITEMS && pairs() <= FEW_PAIRS;
     match spec.quality {
         Quality::Best if are_few => OF_FEW,
         Quality::Best => ALL,

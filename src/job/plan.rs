@@ -1,9 +1,10 @@
 //! How a job goes about what it clusters: a [`Clustering`] and what the items decide.
 
 use super::{Clustering, CoarseSpec, Method};
-use crate::cluster::coarse::CoarseStart;
+use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{flat, hierarchy};
+use crate::device::{Cancel, Device};
 use crate::energy::{Energy, Functional};
 use crate::error::Result;
 use crate::surface::Items;
@@ -11,7 +12,7 @@ use crate::surface::Items;
 /// A [`Clustering`] with what the items decide: where clusters start, and where a hierarchy ends.
 #[derive(Debug)]
 pub enum Plan<E: Functional = Energy> {
-    /// Boundary-based clustering, coarse to fine.
+    /// Boundary-based clustering from many clusters that merge.
     Coarse(Coarse<E>),
     /// A flat clustering from these seeds.
     Seeded(Method, SeedFaces, flat::Options),
@@ -24,20 +25,31 @@ pub enum Plan<E: Functional = Energy> {
     },
 }
 
-/// A boundary-based clustering, coarse to fine.
+/// A boundary-based clustering from many clusters that merge.
 #[derive(Debug)]
 pub struct Coarse<E: Functional = Energy> {
-    /// Where it starts.
-    pub start: CoarseStart<E>,
+    /// The coarse start; none where single faces merge.
+    start: Option<CoarseStart<E>>,
     /// What follows.
     pub spec: CoarseSpec,
 }
 
 impl<E: Functional> Coarse<E> {
-    /// Builds the start.
+    /// Builds a coarse start. Refuses numbers of clusters that the items cannot have.
     pub(super) fn new(items: &Items<E>, spec: CoarseSpec) -> Result<Self> {
-        let start = CoarseStart::new(items, spec.clusters, spec.seed, spec.quality.start())?;
+        let start = match spec.is_merged {
+            true => seeds::shares(items, spec.clusters).map(|_| None)?,
+            false => Some(CoarseStart::new(items, spec.clusters, spec.seed, spec.quality.start())?),
+        };
         Ok(Self { start, spec })
+    }
+
+    /// Makes the start on a device.
+    pub(super) fn start(&self, items: &Items<E>, device: &mut dyn Device<E>, cancel: &Cancel) -> Result<Start> {
+        match &self.start {
+            Some(start) => start.labels(items, device, cancel),
+            None => Start::merged(items, self.spec.clusters, self.spec.pairs(), device, cancel),
+        }
     }
 }
 

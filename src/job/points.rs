@@ -155,7 +155,7 @@ pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Ref
     if let Some(listed) = spec.clustering.listed_seeds() {
         renumber(listed, &members).map_err(Refusal::of(InputFile::Seeds))?;
     }
-    let moves = if parameters.allow_disconnected { Moves::Free } else { Moves::Connected };
+    let moves = spec.moves();
     let bridge = spec.bridge_components;
     let of_points = Refusal::of(InputFile::Mesh);
     let clustering = &spec.clustering;

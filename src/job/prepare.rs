@@ -54,10 +54,11 @@ pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
 /// Prepares a surface that the caller built of a mesh in memory, such as one of its points; without seeds and weights.
 pub fn prepare_surface(parameters: &Parameters, mesh: MeshView<'_>, surface: Surface) -> Result<Prepared, Refusal> {
     let checked = Checked::new(parameters, None, None)?;
-    if let Some(features) = checked.spec.features {
+    let of_faces =
+        [(Name::FEATURES, checked.spec.features.is_some()), (Name::ENERGY, checked.spec.energy.is_of_normals())];
+    if let Some((name, _)) = of_faces.into_iter().find(|&(_, is_given)| is_given) {
         return Err(Refusal::from(Error::parameter(format_args!(
-            "{} goes with faces, not with the points of a mesh: {features}",
-            Name::FEATURES
+            "{name} goes with faces, not with the points of a mesh: leave it out"
         ))));
     }
     checked.plan(mesh, surface, Instant::now(), About::default(), Vec::new())
@@ -152,7 +153,6 @@ impl Checked {
         mut warnings: Vec<String>,
     ) -> Result<Prepared, Refusal> {
         let Self { spec, started, .. } = self;
-        let plan = plan(&surface.items, &spec.clustering)?;
         let counts = surface.counts;
         if counts.degenerate_faces > 0 {
             warnings.push(format!("degenerate faces, with two corners at one position: {}", counts.degenerate_faces));
@@ -168,15 +168,16 @@ impl Checked {
                 counts.loose_faces
             ));
         }
+        let input = describe(mesh, about, &surface);
+        let subject = Subject::of(surface, &spec)?;
         let timings = Timings {
             parse: milliseconds(parsed - started),
             topology: milliseconds(parsed.elapsed()),
             ..Timings::default()
         };
-        let input = describe(mesh, about, &surface);
         let weighted_by = Vec::new();
         Ok(Prepared {
-            subject: Subject::Mesh(Box::new(surface), plan),
+            subject,
             spec,
             input,
             weighted_by,

@@ -1,10 +1,13 @@
 //! What a job does, typed: made once from its parameters. No later stage asks which algorithm has which options.
 
 use super::{InputFile, Refusal, seed_list};
+use crate::cluster::hierarchy::Pairs;
 use crate::cluster::quality::Quality;
 use crate::cluster::{flat, hierarchy, relocation};
+use crate::energy;
 use crate::error::Error;
 use crate::parameters::{Algorithm, Features, Name, Optimize, Parameters, Refine, Seeds, Snapshots, Subdivide};
+use crate::surface::Moves;
 
 /// What a job does.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +16,8 @@ pub struct JobSpec {
     pub clustering: Clustering,
     /// Whether separate parts are joined where they are nearest.
     pub bridge_components: bool,
+    /// What it minimises.
+    pub energy: energy::Kind,
     /// Edges that clusters do not cross.
     pub features: Option<Features>,
     /// Power of the curvature that areas are multiplied by.
@@ -30,7 +35,7 @@ pub struct JobSpec {
 /// How a job clusters.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Clustering {
-    /// Boundary-based clustering, coarse to fine.
+    /// Boundary-based clustering from many clusters that merge: coarse to fine, or from single faces.
     Coarse(CoarseSpec),
     /// A flat clustering that starts from one face a cluster.
     Seeded {
@@ -51,7 +56,7 @@ pub enum Clustering {
     Hierarchy(hierarchy::Options),
 }
 
-/// What a boundary-based clustering does, coarse to fine.
+/// What a boundary-based clustering does from many clusters that merge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CoarseSpec {
     /// Number of clusters.
@@ -66,6 +71,10 @@ pub struct CoarseSpec {
     pub refine: bool,
     /// Leave clusters in the pieces that the optimisation left.
     pub allow_disconnected: bool,
+    /// Start from clusters that were merged from single faces, in place of the coarse start.
+    pub is_merged: bool,
+    /// What is minimised.
+    pub energy: energy::Kind,
 }
 
 impl CoarseSpec {
@@ -80,7 +89,12 @@ impl CoarseSpec {
 
     /// Which moves of whole clusters follow the phases, if any: pieces of clusters cannot be moved as a whole.
     pub fn relocation(&self) -> Option<relocation::Effort> {
-        (self.refine && !self.allow_disconnected).then(|| self.quality.relocation())
+        (self.refine && !self.allow_disconnected).then(|| relocation(self.quality, self.energy))
+    }
+
+    /// Which pairs merge in a round.
+    pub fn pairs(&self) -> Pairs {
+        self.of(Algorithm::Pml).merging_pairs()
     }
 
     /// A parallel hierarchy that ends with as many clusters.
@@ -94,7 +108,7 @@ impl CoarseSpec {
     }
 
     fn of(&self, algorithm: Algorithm) -> Parameters {
-        Parameters { algorithm, clusters: Some(self.clusters), ..Parameters::default() }
+        Parameters { algorithm, clusters: Some(self.clusters), energy: self.energy, ..Parameters::default() }
     }
 }
 
@@ -130,15 +144,22 @@ impl JobSpec {
         if settled.algorithm == Algorithm::Hr {
             settled.optimize = Optimize::None;
         }
+        if settled.algorithm == Algorithm::Pml {
+            settled.pairs = settled.merging_pairs();
+        }
+        let starts_coarse = settled.seeds == Seeds::Coarse;
         if settled.algorithm.is_reference() {
             settled.refine = Refine::None;
-            if settled.seeds == Seeds::Coarse {
+            if starts_coarse {
                 settled.seeds = Seeds::Morton;
             }
+        } else if starts_coarse && !settled.algorithm.is_hierarchical() && settled.energy.is_of_normals() {
+            settled.seeds = Seeds::Merged;
         }
         Ok(Self {
             clustering: Clustering::new(&settled, listed)?,
             bridge_components: settled.bridge_components,
+            energy: settled.energy,
             features: settled.features,
             curvature_exponent: settled.curvature_exponent,
             weight_attribute: settled.weight_attribute.clone(),
@@ -151,6 +172,15 @@ impl JobSpec {
     /// The parameters that the report repeats.
     pub fn reported(&self) -> &Parameters {
         &self.reported
+    }
+
+    /// How items move whose neighbours may be far from each other as the energy sees them.
+    pub(super) fn moves(&self) -> Moves {
+        // a settled round looks at all items, which a round of one merge cannot afford
+        let has_short_rounds =
+            matches!(&self.clustering, Clustering::Hierarchy(options) if options.optimise && options.sequential_at > 0);
+        let is_free = self.reported.allow_disconnected || has_short_rounds && self.energy.is_of_normals();
+        if is_free { Moves::Free } else { Moves::Connected }
     }
 
     /// The triangles were divided so often.
@@ -169,6 +199,15 @@ impl Clustering {
     /// Whether it makes a hierarchy.
     pub fn is_hierarchical(&self) -> bool {
         matches!(self, Self::Hierarchy(_))
+    }
+
+    /// Whether it begins with a cluster a face, which takes memory.
+    pub fn merges_faces(&self) -> bool {
+        match self {
+            Self::Hierarchy(_) => true,
+            Self::Coarse(coarse) => coarse.is_merged,
+            Self::Seeded { .. } => false,
+        }
     }
 
     /// Whether it starts from faces that the caller listed.
@@ -224,12 +263,23 @@ impl Clustering {
             max_iterations: parameters.max_iterations,
             refine: parameters.refine == Refine::On,
             allow_disconnected: parameters.allow_disconnected,
+            is_merged: parameters.seeds == Seeds::Merged,
+            energy: parameters.energy,
         };
         let CoarseSpec { clusters, seed, .. } = coarse;
         Ok(match parameters.seeds.clone() {
-            Seeds::Coarse => Self::Coarse(coarse),
+            Seeds::Coarse | Seeds::Merged => Self::Coarse(coarse),
             seeds => Self::Seeded { method, clusters, seeds, seed, listed, options: coarse.options() },
         })
+    }
+}
+
+/// Which moves of whole clusters follow. By normals, starts lie so low that the default only makes swaps: the other steps
+/// lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
+fn relocation(quality: Quality, energy: energy::Kind) -> relocation::Effort {
+    match quality {
+        Quality::Default if energy.is_of_normals() => relocation::Effort::Swaps,
+        quality => quality.relocation(),
     }
 }
 
@@ -245,11 +295,12 @@ fn hierarchical(parameters: &Parameters, sequential_at: u64) -> hierarchy::Optio
             .map(|usual| parameters.optimize_iterations.unwrap_or(usual)),
         optimised_from: parameters.quality.optimised_from(),
         ties: parameters.ties,
-        pairs: parameters.pairs,
+        pairs: parameters.merging_pairs(),
         clusters: parameters.clusters,
         levels: parameters.levels().to_vec(),
         allow_disconnected: parameters.allow_disconnected,
-        relocation: (refine && !parameters.allow_disconnected).then(|| parameters.quality.relocation()),
+        relocation: (refine && !parameters.allow_disconnected)
+            .then(|| relocation(parameters.quality, parameters.energy)),
     }
 }
 

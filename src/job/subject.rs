@@ -3,11 +3,11 @@
 use super::flat::Job;
 use super::prepare::plan;
 use super::watched::Watched;
-use super::{Clustered, Clustering, Plan, Prepared, Refusal, flat, hierarchical};
+use super::{Clustered, Clustering, JobSpec, Plan, Prepared, Refusal, flat, hierarchical};
 use crate::data::{Members, PointSet};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
-use crate::energy::{Functional, OfPoints};
+use crate::energy::{Functional, Normals, OfPoints};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceKind, Row};
 use crate::surface::{Items, Surface};
@@ -17,6 +17,8 @@ use crate::surface::{Items, Surface};
 pub enum Subject {
     /// The faces of a mesh, or its vertices.
     Mesh(Box<Surface>, Plan),
+    /// The faces of a mesh by their normals.
+    Normals(Box<Surface<Normals>>, Plan<Normals>),
     /// Points with neighbours.
     Points(Box<Points>),
 }
@@ -75,6 +77,10 @@ macro_rules! with_items {
                 let ($items, $plan) = (&surface.items, plan);
                 $body
             }
+            $crate::job::Subject::Normals(surface, plan) => {
+                let ($items, $plan) = (&surface.items, plan);
+                $body
+            }
             $crate::job::Subject::Points(points) => $crate::job::subject::with_planned!(&points.planned, |planned| {
                 let ($items, $plan) = (&planned.items, &planned.plan);
                 $body
@@ -85,6 +91,17 @@ macro_rules! with_items {
 pub(super) use with_items;
 
 impl Subject {
+    /// The faces of a mesh as the energy of a job sees them.
+    pub(super) fn of(surface: Surface, spec: &JobSpec) -> Result<Self, Refusal> {
+        if spec.energy.is_of_normals() {
+            let surface = surface.seen_by(spec.moves());
+            let plan = plan(&surface.items, &spec.clustering)?;
+            return Ok(Self::Normals(Box::new(surface), plan));
+        }
+        let plan = plan(&surface.items, &spec.clustering)?;
+        Ok(Self::Mesh(Box::new(surface), plan))
+    }
+
     /// Number of items that are clustered.
     pub fn items(&self) -> usize {
         with_items!(self, |items, _plan| items.faces())
@@ -98,11 +115,20 @@ impl Subject {
         })
     }
 
-    /// The surface, of a mesh.
+    /// The surface, of a mesh whose faces are seen by their places.
     pub fn mesh(&self) -> Option<&Surface> {
         match self {
             Self::Mesh(surface, _) => Some(surface),
-            Self::Points(_) => None,
+            Self::Normals(..) | Self::Points(_) => None,
+        }
+    }
+
+    /// Feature edges of a mesh that have one cluster on both sides; labels in internal order.
+    pub(super) fn feature_edges_inside(&self, labels: &[u32]) -> u64 {
+        match self {
+            Self::Mesh(surface, _) => surface.feature_edges_inside(labels),
+            Self::Normals(surface, _) => surface.feature_edges_inside(labels),
+            Self::Points(_) => 0,
         }
     }
 
@@ -110,6 +136,7 @@ impl Subject {
     fn of_three(&self) -> Option<(&Items, &Plan)> {
         match self {
             Self::Mesh(surface, plan) => Some((&surface.items, plan)),
+            Self::Normals(..) => None,
             Self::Points(points) => match &points.planned {
                 Width::D3(Planned { items, plan }) => Some((items, plan)),
                 Width::D8(_) | Width::D16(_) | Width::D32(_) | Width::D64(_) => None,
@@ -125,7 +152,7 @@ impl Subject {
     /// The points, of points.
     pub fn points(&self) -> Option<&Points> {
         match self {
-            Self::Mesh(..) => None,
+            Self::Mesh(..) | Self::Normals(..) => None,
             Self::Points(points) => Some(points),
         }
     }
@@ -133,7 +160,7 @@ impl Subject {
     /// Labels of what takes part as labels of all that was read.
     pub(super) fn with_masked(&self, labels: Vec<u32>) -> Vec<u32> {
         match self {
-            Self::Mesh(..) => labels,
+            Self::Mesh(..) | Self::Normals(..) => labels,
             Self::Points(points) => points.with_masked(labels),
         }
     }
@@ -142,6 +169,7 @@ impl Subject {
     pub(super) fn replan(&mut self, clustering: &Clustering) -> Result<(), Refusal> {
         match self {
             Self::Mesh(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
+            Self::Normals(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
             Self::Points(points) => with_planned!(&mut points.planned, |planned| {
                 planned.plan = plan(&planned.items, clustering)?;
             }),
@@ -163,7 +191,7 @@ impl Subject {
         if device.info().kind == DeviceKind::Gpu {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
-                "the device must be cpu or auto for points of more than 3 coordinates",
+                "the device must be cpu or auto for energies by normals and for points of more than 3 coordinates",
             ));
         }
         with_items!(self, |items, plan| cluster(prepared, items, plan, &mut CpuDevice::new(), cancel, on_row))

@@ -12,6 +12,8 @@ pub struct Frame {
     pub exponent: i32,
     /// 2^exponent as [`factors`].
     pub factors: [f64; 2],
+    /// Length of the diagonal of the bounding box, in this frame.
+    pub diagonal: f64,
 }
 
 impl Frame {
@@ -23,9 +25,12 @@ impl Frame {
         }
         // halves first: the sum and the difference of two finite numbers may not be finite
         let centre = low / 2.0 + high / 2.0;
-        let reach = (high / 2.0 - low / 2.0).max_element();
+        let half = high / 2.0 - low / 2.0;
+        let reach = half.max_element();
         let exponent = if reach > 0.0 { bits - libm::frexp(reach).1 } else { 0 };
-        Self { centre, exponent, factors: factors(exponent) }
+        let factors = factors(exponent);
+        let diagonal = if reach > 0.0 { (half * factors[0] * factors[1]).length() * 2.0 } else { 0.0 };
+        Self { centre, exponent, factors, diagonal }
     }
 
     /// A position of the source in this frame.

@@ -13,6 +13,13 @@ impl Parameters {
         if self.seeds == Seeds::Listed && !listed {
             return Err(Error::parameter("seeds are said to be listed, but no list came with the request"));
         }
+        if self.seeds == Seeds::Merged && self.algorithm.is_reference() {
+            return Err(Error::parameter(format_args!(
+                "{} goes with bb, not with the algorithm {}, which grows clusters from single faces",
+                Name::SEEDS.with("merged"),
+                self.algorithm.name()
+            )));
+        }
         let (goes_with, contradictions) = if self.algorithm.is_hierarchical() {
             ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
         } else {
@@ -99,6 +106,7 @@ impl Parameters {
             (Name::FEATURES, self.features.is_some()),
             (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
             (Name::SUBDIVIDE, self.subdivide.is_some()),
+            (Name::ENERGY, self.energy.is_of_normals()),
         ];
         match of_meshes.into_iter().find(|&(_, is_given)| is_given) {
             Some((name, _)) => {

@@ -29,12 +29,20 @@ pub struct FaceGeometry {
     pub centroid: DVec3,
     /// Sum of the areas of the fan's triangles; on a surface with density, times the relative density.
     pub area: f64,
+    /// Along the mean normal of the fan's triangles, as long as the area is large; 0 of a point.
+    pub normal: DVec3,
 }
 
 impl FaceGeometry {
-    /// A face of this area whose centroid is at a place.
+    /// A point of this area.
     pub fn new(centroid: DVec3, area: f64) -> Self {
-        Self { centroid, area }
+        Self { centroid, area, normal: DVec3::ZERO }
+    }
+
+    /// Multiplies the area by a relative density.
+    pub fn weigh(&mut self, density: f64) {
+        self.area *= density;
+        self.normal *= density;
     }
 }
 
@@ -47,24 +55,27 @@ impl Frame {
         let triangle = |corners: [usize; 3]| Triangle { corners: corners.map(|corner| position(corner).to_array()) };
         if let [_, _, _] = corners {
             let triangle = triangle([0, 1, 2]);
-            let area = triangle.area();
-            return (FaceGeometry { centroid: triangle.centroid().into(), area }, triangle.moment(area));
+            let (area, normal) = triangle.area();
+            let geometry = FaceGeometry { centroid: triangle.centroid().into(), area, normal: normal.into() };
+            return (geometry, triangle.moment(area));
         }
         let fan = (1..corners.len().saturating_sub(1)).map(|corner| triangle([0, corner, corner + 1]));
         let (mut weighted, mut area) = (DVec3::ZERO, 0.0);
         for triangle in fan.clone() {
-            weighted += triangle.area() * DVec3::from(triangle.centroid());
-            area += triangle.area();
+            let (of_triangle, _) = triangle.area();
+            weighted += of_triangle * DVec3::from(triangle.centroid());
+            area += of_triangle;
         }
         let centroid = match area > 0.0 {
             true => weighted / area,
             false => (0..corners.len()).map(position).sum::<DVec3>() / corners.len() as f64,
         };
         let inside = fan.map(|triangle| {
-            let area = triangle.area();
+            let (area, _) = triangle.area();
             triangle.moment(area) + area * DVec3::from(triangle.centroid()).distance_squared(centroid)
         });
-        (FaceGeometry { centroid, area }, inside.sum())
+        let normal = self.vector_area(mesh, face).normalize_or_zero() * area;
+        (FaceGeometry { centroid, area, normal }, inside.sum())
     }
 
     /// Calls `visit` with each index in `faces` and the centroid of the face there.
@@ -82,11 +93,12 @@ impl Frame {
     pub fn each_face(&self, mesh: MeshView<'_>, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
-            let area = triangles.area();
+            let (area, normal) = triangles.area();
             let moment = triangles.moment(area);
             (0..4).for_each(|lane| {
                 let centroid = DVec3::new(x.0[lane], y.0[lane], z.0[lane]);
-                visit(at + lane, FaceGeometry { centroid, area: area.0[lane] }, moment.0[lane]);
+                let normal = DVec3::from(normal.map(|axis| axis.0[lane]));
+                visit(at + lane, FaceGeometry { centroid, area: area.0[lane], normal }, moment.0[lane]);
             });
         });
         for at in four..faces.len() {
@@ -132,7 +144,7 @@ impl Frame {
     pub fn faces(&self, mesh: MeshView<'_>, density: impl Fn(usize) -> Option<f64>) -> Vec<FaceGeometry> {
         let geometry = |face: usize| {
             let (mut geometry, _) = self.face(mesh, face);
-            geometry.area *= density(face).unwrap_or(1.0);
+            geometry.weigh(density(face).unwrap_or(1.0));
             geometry
         };
         (0..mesh.faces.len()).map(geometry).collect()
@@ -160,12 +172,13 @@ impl<T: Real> Triangle<T> {
         std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / T::from(3.0))
     }
 
+    /// The area, and the normal of that length.
     #[inline]
-    fn area(&self) -> T {
+    fn area(&self) -> (T, [T; 3]) {
         let [a, b, c] = self.corners;
         let (u, v) = (sub(b, a), sub(c, a));
         let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        square(normal).sqrt() / T::from(2.0)
+        (square(normal).sqrt() / T::from(2.0), normal.map(|axis| axis / T::from(2.0)))
     }
 
     /// Second moment of area about the centroid, of a triangle of this area.

@@ -14,7 +14,7 @@
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!
 //! Welding, adjacency and components on one side and the order on the other are computed at the same time; then rows,
-//! centroids and weights are gathered in that order, in chunks. The arrays add up to 130 bytes a face at the peak,
+//! centroids and weights are gathered in that order, in chunks. The arrays add up to 155 bytes a face at the peak,
 //! 24 of them the mesh itself. `benches/results/` has times.
 
 mod adjacency;
@@ -27,10 +27,12 @@ mod curvature;
 mod density;
 pub(crate) mod detour;
 mod features;
+mod figures;
 mod graph;
 mod items;
 pub(crate) mod lattice;
 mod loose;
+mod of_faces;
 pub(crate) mod order;
 pub mod points;
 pub(crate) mod rows;
@@ -41,9 +43,11 @@ pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
 pub use features::WantedFeatures;
+pub use figures::Figures;
 pub use graph::{DualGraph, Moves};
 pub use items::{Items, Units};
 pub use loose::Loose;
+pub use of_faces::OfFaces;
 pub use order::NO_FACE;
 pub use rows::Rows;
 
@@ -63,17 +67,17 @@ use weld::UNUSED;
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
 #[derive(Debug)]
-pub struct Surface {
+pub struct Surface<E: Functional = Energy> {
     /// What algorithms see of it; fields and methods can be used as the surface's own.
-    pub items: Items,
+    pub items: Items<E>,
     /// What was counted on the way.
     pub counts: Counts,
     /// Centroids and areas in f64, internal order: for energies in source units, never for labels.
     geometry: Vec<FaceGeometry>,
     frame: Frame,
     /// What lies inside the faces and no energy of faces can see, lattice units: Σ area·(|ab|²+|bc|²+|ca|²)/36 over
-    /// triangles, and area·|triangle centroid − face centroid|².
-    moment_inside_faces: f64,
+    /// triangles, and area·|triangle centroid − face centroid|². None of points.
+    moment_inside_faces: Option<f64>,
     /// Whether areas are relative to a density.
     has_density: bool,
     /// Pairs of faces at feature edges, internal numbers; [`NO_FACE`] of a loose one.
@@ -206,13 +210,9 @@ impl Surface {
         let Weighed { weights, components } = Weighed::new(&gathered, runs, scales);
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
-        let units = Units {
-            centre: frame.centre.to_array(),
-            exponent: frame.exponent,
-            // areas are in squared lengths
-            weight_exponent: -2 * frame.exponent - scales.finest,
-            density: density_unit.unwrap_or(1.0),
-        };
+        // areas are in squared lengths
+        let weight_exponent = -2 * frame.exponent - scales.finest;
+        let units = Energy::units(&frame, weight_exponent, density_unit.unwrap_or(1.0));
         let items = Items::new(graph, upload_face, units);
         Self {
             items,
@@ -224,52 +224,6 @@ impl Surface {
             features: Vec::new(),
         }
     }
-
-    /// Log₂ of the longest side of the bounding box in source units, rounded up.
-    pub fn longest_side_exponent(&self) -> i32 {
-        COORDINATE_BITS + 1 - self.frame.exponent
-    }
-
-    /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions: Σ
-    /// area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4); area × density where
-    /// there is one.
-    pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
-        self.in_source_units(self.lattice_energy(labels, clusters))
-    }
-
-    /// Number of feature edges. Each two linked faces count, of an edge of more than two.
-    pub fn feature_edges(&self) -> u64 {
-        self.features.len() as u64
-    }
-
-    /// Number of feature edges that have one cluster on both sides; labels in internal order.
-    pub fn feature_edges_inside(&self, labels: &[u32]) -> u64 {
-        let label = |face: u32| labels.get(face as usize);
-        let is_inside = |pair: &&[u32; 2]| label(pair[0]).is_some() && label(pair[0]) == label(pair[1]);
-        self.features.iter().filter(is_inside).count() as u64
-    }
-
-    fn in_source_units(&self, lattice_energy: f64) -> f64 {
-        libm::ldexp(lattice_energy, -4 * self.frame.exponent) * self.units.density
-    }
-
-    /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
-    fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
-        let faces = self.geometry.iter().zip(labels);
-        Energy::source_energy(faces.map(|(face, &label)| (face.centroid.to_array(), face.area, label)), clusters)
-    }
-
-    /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters`
-    /// regular hexagons, less what lies inside the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves
-    /// less than half of the tiling's energy, and with a density, for which such a tiling is no measure.
-    pub fn energy_and_hexagon_ratio(&self, labels: &[u32], clusters: usize) -> (f64, Option<f64>) {
-        let energy = self.lattice_energy(labels, clusters);
-        let area: f64 = self.geometry.iter().map(|face| face.area).sum();
-        let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
-        let visible = tiling - self.moment_inside_faces;
-        let is_measure = !self.has_density && visible > tiling / 2.0;
-        (self.in_source_units(energy), is_measure.then(|| energy / visible))
-    }
 }
 
 /// Faces that a thread gathers at once. Sums go by piece, whatever the number of threads.
@@ -279,7 +233,7 @@ const PIECE: usize = 1 << 12;
 struct Gathered {
     geometry: Vec<FaceGeometry>,
     points: Vec<[i32; 3]>,
-    moment_inside_faces: f64,
+    moment_inside_faces: Option<f64>,
     zero_area_faces: u64,
 }
 
@@ -302,9 +256,9 @@ impl Gathered {
                     inside += inside_face;
                     without_area += u64::from(of_face.area <= 0.0);
                     if let Some(density) = density(faces[at] as usize) {
-                        of_face.area *= density;
+                        of_face.weigh(density);
                     }
-                    points[at] = lattice::round_centroid(of_face.centroid);
+                    points[at] = Energy::point(&of_face);
                     geometry[at] = of_face;
                 });
                 (inside, without_area)
@@ -313,7 +267,7 @@ impl Gathered {
         Self {
             geometry,
             points,
-            moment_inside_faces: sums.iter().map(|sum| sum.0).sum(),
+            moment_inside_faces: Some(sums.iter().map(|sum| sum.0).sum()),
             zero_area_faces: sums.iter().map(|sum| sum.1).sum(),
         }
     }
@@ -344,10 +298,10 @@ impl Weighed {
     }
 }
 
-impl Deref for Surface {
-    type Target = Items;
+impl<E: Functional> Deref for Surface<E> {
+    type Target = Items<E>;
 
-    fn deref(&self) -> &Items {
+    fn deref(&self) -> &Items<E> {
         &self.items
     }
 }

@@ -86,8 +86,7 @@ impl OfPoints {
         let gather = || {
             let geometry: Vec<FaceGeometry> = upload_face.iter().map(|&item| geometry[item as usize]).collect();
             let points = geometry.iter().map(|item| lattice::round_centroid(item.centroid)).collect();
-            // a tiling is no measure for what is between points
-            let gathered = Gathered { geometry, points, moment_inside_faces: f64::INFINITY, zero_area_faces: 0 };
+            let gathered = Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0 };
             let scales = lattice::scales(|item| gathered.geometry[item].area, &runs, lattice::MAX_EXPONENT_SPREAD);
             (gathered, scales)
         };
@@ -130,7 +129,7 @@ fn places(mesh: MeshView<'_>, weld: &Weld) -> (Frame, Vec<FaceGeometry>) {
         }
     }
     let frame = Frame::of(source.iter().copied(), COORDINATE_BITS);
-    let items = source.into_iter().map(|at| FaceGeometry { centroid: frame.position(at), area: 0.0 });
+    let items = source.into_iter().map(|at| FaceGeometry::new(frame.position(at), 0.0));
     (frame, items.collect())
 }
 

@@ -15,6 +15,7 @@ mod features;
 mod hierarchy;
 mod labels;
 mod loose;
+mod normals;
 mod plain;
 mod quality;
 mod reference;

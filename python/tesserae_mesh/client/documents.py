@@ -162,7 +162,7 @@ class DeviceInfo(TypedDict):
 
 
 class Energy(TypedDict):
-    """Energies, in source units: area × length²; of points, weight × squared units of the columns."""
+    """Energies, in source units: area × length², of l21 area; of points, weight × squared units of the columns."""
 
     functional: str
     weighted_by: list[WeightedBy]
@@ -171,6 +171,7 @@ class Energy(TypedDict):
     total: float | None
     explained: float | None
     hexagon_ratio: float | None
+    l21: float | None
 
 
 class Iteration(TypedDict):

@@ -32,12 +32,14 @@ class Parameters(TypedDict, total=False):
 
     #: How to cluster: ``"bb"``, ``"acvd"``, ``"vc"`` make flat clusters, ``"pml"``, ``"ml"``, ``"hr"`` a hierarchy.
     algorithm: Algorithm
+    #: What clusters have little of: distance from their mean place, or from their mean normal.
+    energy: Literal["cvd", "l21"]
     #: Number of clusters. May be left out with listed ``seeds``, and for hierarchies, which then go to the top.
     clusters: int
     #: How much time to take for how low an energy.
     quality: Literal["fast", "default", "best"]
     #: Where flat clusters start; or a face number for each cluster, which is uploaded.
-    seeds: Literal["coarse", "morton", "random"] | Sequence[int] | NDArray[np.integer[Any]]
+    seeds: Literal["coarse", "merged", "morton", "random"] | Sequence[int] | NDArray[np.integer[Any]]
     #: Number that the random choices of seeds are drawn from.
     seed: int
     #: Stop a flat clustering after this many iterations, without moves of whole clusters.
@@ -74,7 +76,7 @@ class Parameters(TypedDict, total=False):
     #: Hierarchies: which of equally cheap pairs merges first.
     ties: Literal["hash", "largest-id"]
     #: ``"pml"``: which of the pairs that chose each other merge in a round.
-    pairs: Literal["cheaper-half", "all"]
+    pairs: Literal["cheaper-half", "all", "eighth"]
     #: Hierarchies: numbers of clusters to stop and to optimise at.
     levels: Sequence[int]
     #: Of your waiting jobs, those with a higher priority start first: -100 to 100.

@@ -278,7 +278,7 @@ impl FilesBeside {
         };
         let seeds = match &arguments.parameters.seeds {
             Seeds::File(path) => Some(path),
-            Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
+            Seeds::Coarse | Seeds::Merged | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
         };
         let graph = match &arguments.parameters.graph {
             Some(Neighbours::File(path)) => Some(path),

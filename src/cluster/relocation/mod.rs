@@ -7,7 +7,7 @@
 //! # Definition
 //!
 //! *Starts.* Each makes [swaps](swap) until none pays. The first is what the phases end with. The others are
-//! [merged](merging) from single faces, and the phases of quality `fast`, once as they are and once
+//! [merged](super::merging) from single faces, and the phases of quality `fast`, once as they are and once
 //! [settled](mod@settle) before the swaps. Each is [mixed](mix) in: every component comes from where it is cheaper.
 //! What `fast` ends with is among them, so that no other quality ends above it.
 //!
@@ -50,7 +50,6 @@ mod candidates;
 mod clusters;
 mod connection;
 mod gate;
-mod merging;
 mod mix;
 mod resize;
 pub mod settle;
@@ -65,6 +64,8 @@ pub use self::clusters::Clusters;
 use self::mix::mixed;
 use self::resize::resize;
 use self::settle::settle;
+use super::hierarchy::Pairs;
+use super::merging;
 use super::run::Phase;
 use crate::device::{Cancel, Device, Ending};
 use crate::energy::{Functional, LatticeEnergy};
@@ -121,6 +122,8 @@ pub struct Relocation<'a, E: Functional> {
     pub graph: &'a DualGraph<E>,
     /// Which steps are made.
     pub effort: Effort,
+    /// Which pairs of clusters merge in a round of the merged start.
+    pub pairs: Pairs,
     /// Ends it early.
     pub cancel: &'a Cancel,
 }
@@ -144,7 +147,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         let has_paid = self.swap(&mut best, on_change)?;
         let tries_more = self.tries_more(best.clusters.count(), has_paid);
         if tries_more && has_paid {
-            let merged = merging::merged(self.graph, best.clusters.count(), device, self.cancel)?;
+            let merged = merging::merged(self.graph, best.clusters.count(), self.pairs, device, self.cancel)?;
             self.mix_in_start(&mut best, merged, on_change)?;
         }
         if tries_more && self.effort == Effort::All {

@@ -3,6 +3,7 @@
 use super::connection::Connection;
 use super::split::Split;
 use super::*;
+use crate::cluster::hierarchy::Pairs;
 use crate::cluster::seeds;
 use crate::dev::sample::{Sample, generate};
 use crate::device::cpu::CpuDevice;
@@ -50,7 +51,7 @@ fn relocated(
     let mut changes = Vec::new();
     let clusters = labels.iter().max().map_or(0, |&last| u64::from(last) + 1);
     let mut cheaper = std::iter::once_with(|| Ok(start(surface, clusters)));
-    let relocation = Relocation { graph: surface, effort, cancel: &Cancel::default() };
+    let relocation = Relocation { graph: surface, effort, pairs: Pairs::CheaperHalf, cancel: &Cancel::default() };
     let labels =
         relocation.labels(labels.clone(), device, || Ok(labels), &mut cheaper, &mut |phase, energy, _, labels| {
             assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
@@ -118,7 +119,8 @@ fn swaps_take_clusters_from_one_component_to_another() {
 fn bounds_show_that_no_swap_pays_on_an_even_sphere_and_do_not_where_one_pays() {
     let even = Surface::build(&generate(Sample::Icosphere, 5120).expect("a mesh")).expect("a surface");
     let labels = start(&even, 80);
-    let relocation = Relocation { graph: &even, effort: Effort::Swaps, cancel: &Cancel::default() };
+    let relocation =
+        Relocation { graph: &even, effort: Effort::Swaps, pairs: Pairs::CheaperHalf, cancel: &Cancel::default() };
     let settled = relocation.labels(
         labels.clone(),
         &mut CpuDevice::new(),

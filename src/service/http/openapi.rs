@@ -82,8 +82,11 @@ fn complete(document: &mut openapi::OpenApi) {
             on_the_command_line
                 .replace("file:PATH with a list of face numbers", "listed, which is implied by a part `seeds`"),
         );
-        seeds.enum_values =
-            Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
+        seeds.enum_values = Some(
+            [Seeds::Coarse, Seeds::Merged, Seeds::Morton, Seeds::Random, Seeds::Listed]
+                .map(|seeds| json!(seeds))
+                .into(),
+        );
     }
     let mut of_jobs = parameters.clone();
     let members: Vec<_> = of_jobs.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();

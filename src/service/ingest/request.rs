@@ -210,7 +210,7 @@ impl<'de> Deserialize<'de> for Members {
 /// Refuses seeds from a file of the server.
 fn refuse_path(parameters: &Parameters) -> Result<()> {
     match &parameters.seeds {
-        Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => Ok(()),
+        Seeds::Coarse | Seeds::Merged | Seeds::Morton | Seeds::Random | Seeds::Listed => Ok(()),
         Seeds::File(path) => Err(Error::parameter(format_args!(
             "seeds cannot be a path here: send the list as a part named seeds of multipart/form-data, not {:?}",
             path.display().to_string()

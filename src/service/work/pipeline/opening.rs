@@ -44,7 +44,10 @@ pub(super) fn open(
         InputFormat::Mesh(format) => {
             let resources = &Parts::new(&spec.buffers, buffers.iter().cloned());
             let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
-            let build = |opened: job::Opened<'_>| match admits(Need::of_faces(opened.faces(), is_hierarchical))? {
+            let build = |opened: job::Opened<'_>| match admits(Need::of_faces(
+                opened.faces(),
+                opened.spec().clustering.merges_faces(),
+            ))? {
                 true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
                 false => Ok(None),
             };

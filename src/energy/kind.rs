@@ -1,0 +1,35 @@
+//! Which energies there are.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// An energy that a job can minimise.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = EnergyKind)]
+pub enum Kind {
+    /// By position: area × squared distance to the mean of the cluster; compact clusters (centroidal Voronoi diagram)
+    #[default]
+    Cvd,
+    /// By normal: area × squared distance of the unit normal to the mean of the cluster; flat clusters (Cohen-Steiner et
+    /// al. 2004)
+    L21,
+}
+
+impl Kind {
+    /// As it is written in flags, queries, JSON and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Cvd => "cvd",
+            Kind::L21 => "l21",
+        }
+    }
+
+    /// Whether it sees the normals of faces.
+    pub fn is_of_normals(self) -> bool {
+        match self {
+            Kind::Cvd => false,
+            Kind::L21 => true,
+        }
+    }
+}

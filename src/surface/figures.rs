@@ -1,0 +1,83 @@
+//! What a clustering is worth, in f64 from the source positions: for reports, never for labels.
+
+use super::lattice::{COORDINATE_BITS, FaceGeometry};
+use super::{OfFaces, Surface};
+
+/// Figures of a clustering.
+#[derive(Debug, Clone, Copy)]
+pub struct Figures {
+    /// Its energy in source units ([`Surface::source_energy`]).
+    pub energy: f64,
+    /// The energy over that of a flat tiling of the same area by as many regular hexagons, less what lies inside the
+    /// faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy, and
+    /// where such a tiling is no measure: with a density, of points, and of energies by normals.
+    pub hexagon_ratio: Option<f64>,
+    /// L2,1 (Cohen-Steiner et al. 2004), Σ area·|n − N|² with N the direction of the mean normal of the cluster, where
+    /// the diagonal of the bounding box has length 1. None of points.
+    pub l21: Option<f64>,
+}
+
+impl<E: OfFaces> Surface<E> {
+    /// Log₂ of the longest side of the bounding box in source units, rounded up.
+    pub fn longest_side_exponent(&self) -> i32 {
+        COORDINATE_BITS + 1 - self.frame.exponent
+    }
+
+    /// Energy of labels (internal order, each below `clusters`) in source units: Σ area·|point − P|² with P the
+    /// area-weighted mean of the cluster's points (P§6, Eq. 4), which are centroids or normals ([`OfFaces`]); area ×
+    /// density where there is one.
+    pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
+        self.in_source_units(self.lattice_energy(labels, clusters))
+    }
+
+    /// Number of feature edges. Each two linked faces count, of an edge of more than two.
+    pub fn feature_edges(&self) -> u64 {
+        self.features.len() as u64
+    }
+
+    /// Number of feature edges that have one cluster on both sides; labels in internal order.
+    pub fn feature_edges_inside(&self, labels: &[u32]) -> u64 {
+        let label = |face: u32| labels.get(face as usize);
+        let is_inside = |pair: &&[u32; 2]| label(pair[0]).is_some() && label(pair[0]) == label(pair[1]);
+        self.features.iter().filter(is_inside).count() as u64
+    }
+
+    /// The figures of labels.
+    pub fn figures(&self, labels: &[u32], clusters: usize) -> Figures {
+        let (energy, l21) = rayon::join(|| self.lattice_energy(labels, clusters), || self.l21(labels, clusters));
+        let hexagon_ratio = self.tiling(clusters).map(|tiling| energy / tiling);
+        Figures { energy: self.in_source_units(energy), hexagon_ratio, l21 }
+    }
+
+    /// An energy of lattice areas in source units.
+    fn in_source_units(&self, energy: f64) -> f64 {
+        libm::ldexp(energy, -2 * (self.frame.exponent + self.units.exponent)) * self.units.density
+    }
+
+    /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
+    fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
+        let faces = self.geometry.iter().zip(labels);
+        E::source_energy(faces.map(|(face, &label)| (E::position(face), face.area, label)), clusters)
+    }
+
+    /// The energy of a flat tiling that faces of this size can have, lattice units.
+    fn tiling(&self, clusters: usize) -> Option<f64> {
+        let inside = self.moment_inside_faces.filter(|_| E::HAS_TILING && !self.has_density)?;
+        let area: f64 = self.geometry.iter().map(|face| face.area).sum();
+        let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
+        (tiling - inside > tiling / 2.0).then_some(tiling - inside)
+    }
+
+    /// Σ 2·(M − |S|), M the area of a cluster and S its vector area.
+    fn l21(&self, labels: &[u32], clusters: usize) -> Option<f64> {
+        self.moment_inside_faces?;
+        let mut sums = vec![FaceGeometry::default(); clusters];
+        for (face, &label) in self.geometry.iter().zip(labels) {
+            let sum = &mut sums[label as usize];
+            sum.area += face.area;
+            sum.normal += face.normal;
+        }
+        let lattice: f64 = sums.iter().map(|sum| 2.0 * (sum.area - sum.normal.length()).max(0.0)).sum();
+        Some(lattice / (self.frame.diagonal * self.frame.diagonal) * self.units.density)
+    }
+}

@@ -1,0 +1,81 @@
+//! What energies see of the faces of a mesh.
+
+use rayon::prelude::*;
+
+use super::lattice::{FaceGeometry, round_centroid};
+use super::{DualGraph, Items, Moves, Surface, Units};
+use crate::energy::{Energy, Functional, Normals};
+use crate::mesh::Frame;
+
+/// An energy of the faces of a mesh.
+pub trait OfFaces: Functional {
+    /// Whether a flat tiling by hexagons is a measure of it.
+    const HAS_TILING: bool;
+
+    /// The point of a face, in units of 2^-`exponent`, before it is rounded.
+    fn position(face: &FaceGeometry) -> Self::Position;
+
+    /// The same on the lattice.
+    fn point(face: &FaceGeometry) -> Self::Point;
+
+    /// From the lattice to the source.
+    fn units(frame: &Frame, weight_exponent: i32, density: f64) -> Units<Self>;
+}
+
+impl OfFaces for Energy {
+    const HAS_TILING: bool = true;
+
+    fn position(face: &FaceGeometry) -> [f64; 3] {
+        face.centroid.to_array()
+    }
+
+    fn point(face: &FaceGeometry) -> [i32; 3] {
+        round_centroid(face.centroid)
+    }
+
+    fn units(frame: &Frame, weight_exponent: i32, density: f64) -> Units<Self> {
+        Units { centre: frame.centre.to_array(), exponent: frame.exponent, weight_exponent, density }
+    }
+}
+
+/// Unit normals are multiplied by 2 to this power.
+const NORMAL_BITS: i32 = 26;
+
+/// Centroids are divided by 2 to this power. So the squares of their differences count, per squared diagonal of the
+/// bounding box, 2⁻²⁴ to 3·2⁻²² of those of normals: they decide between equal normals, as in flat parts, where clusters
+/// would otherwise grow as stars, and change L2,1 in no digit of a report of curved parts.
+const CENTROID_BITS: i32 = 13;
+
+impl OfFaces for Normals {
+    const HAS_TILING: bool = false;
+
+    /// The unit normal, 0 without area, and the centroid.
+    fn position(face: &FaceGeometry) -> [f64; 6] {
+        let scale = if face.area > 0.0 { f64::from(1 << NORMAL_BITS) / face.area } else { 0.0 };
+        let ([a, b, c], [x, y, z]) =
+            ((face.normal * scale).into(), (face.centroid / f64::from(1 << CENTROID_BITS)).into());
+        [a, b, c, x, y, z]
+    }
+
+    fn point(face: &FaceGeometry) -> [i32; 6] {
+        Self::position(face).map(|axis| (axis + 0.5).floor() as i32)
+    }
+
+    fn units(_: &Frame, weight_exponent: i32, density: f64) -> Units<Self> {
+        Units { centre: [0.0; 6], exponent: NORMAL_BITS, weight_exponent, density }
+    }
+}
+
+impl Surface {
+    /// The same faces as another energy sees them; `moves` is how they move.
+    pub fn seen_by<E: OfFaces>(self, moves: Moves) -> Surface<E> {
+        let Self { items, counts, geometry, frame, moment_inside_faces, has_density, features } = self;
+        let Items { graph, upload_face, loose, units, noun, has_features, .. } = items;
+        let DualGraph { weights, neighbour_offsets, neighbours, components, .. } = graph;
+        let points = geometry.par_iter().map(E::point).collect();
+        let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
+        let units = E::units(&frame, units.weight_exponent, units.density);
+        let items = Items { loose, noun, has_features, ..Items::new(graph, upload_face, units) };
+        Surface { items, counts, geometry, frame, moment_inside_faces, has_density, features }
+    }
+}
