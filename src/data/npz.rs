@@ -209,7 +209,7 @@ impl<'a> Archive<'a> {
         self.left = self.left.checked_sub(declared).ok_or_else(|| {
             Error::too_large(format_args!(
                 "the arrays of the .npz file may have at most {} bytes together; {name}.npy would pass that with \
-                 {declared}",
+                 {declared}; without compression (numpy.savez, save_npz(…, compressed=False)) there may be more",
                 self.limit
             ))
         })?;
