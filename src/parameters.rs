@@ -15,7 +15,7 @@ use self::heading::{CLUSTERS, COMPARISON, HIERARCHIES, OUTPUTS, REMESH};
 pub use self::levels::Levels;
 pub use self::neighbours::Neighbours;
 pub use self::subdivide::Subdivide;
-use crate::cluster::hierarchy::Pairs;
+use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
 pub use crate::cluster::seeds::Seeds;
 pub use crate::cluster::snapshots::Snapshots;

@@ -7,7 +7,8 @@ use png::{BitDepth, ColorType, Encoder};
 use super::Content;
 use crate::error::{Error, Kind, Result};
 
-/// Writes an image. `samples` has the bytes of its rows, one after the other; those of 16 bits begin with the high byte.
+/// Writes an image. `samples` has the bytes of its rows, one after the other; those of 16 bits begin with the high
+/// byte.
 pub(super) fn write(
     out: &mut dyn Write,
     [rows, columns]: [u32; 2],

@@ -51,8 +51,8 @@ pub const LABELS_TXT: Form =
 pub const LABELS_CSV: Form =
     Form { file: "labels.csv", media_type: "text/csv", is_stored: false, schema: None, encode: csv };
 
-/// An image of the shape of a grid of points: 16-bit grey, 65,535 where a mask leaves an item out. Of more clusters, red,
-/// green, blue and alpha are the bytes of the label, the lowest first.
+/// An image of the shape of a grid of points: 16-bit grey, 65,535 where a mask leaves an item out. Of more clusters,
+/// red, green, blue and alpha are the bytes of the label, the lowest first.
 pub const LABELS_PNG: Form =
     Form { file: "labels.png", media_type: "image/png", is_stored: false, schema: None, encode: png };
 

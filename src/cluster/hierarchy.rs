@@ -6,9 +6,9 @@
 //!
 //! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`crate::device::dual_edge`]: packed cost, then
 //!   the tie rule); of the pairs that chose each other, those that cost no more than their median merge, or others
-//!   ([`Pairs`]; in the paper, all), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster
-//!   with the largest number among those of the cheapest edges has a partner that chose it back), so there is always
-//!   such a pair while a dual edge is left.
+//!   ([`Pairs`]; in the paper, all), all at once. The edges are totally ordered (or, with the paper's tie rule, the
+//!   cluster with the largest number among those of the cheapest edges has a partner that chose it back), so there is
+//!   always such a pair while a dual edge is left.
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P,
 //!   one after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops,
@@ -33,57 +33,20 @@
 
 use std::time::{Duration, Instant};
 
-use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
-
 use super::fast;
-use super::merging::chosen_pairs;
+use super::merging::{Pairs, chosen_pairs};
 use super::numbers;
 use super::relocation::{self, Relocation};
 use super::run::{Row, Run};
 use super::seeds::check_number;
 use super::tree_builder::Builder;
-use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
+use crate::device::dual_edge::Ties;
 use crate::device::{Cancel, Device, MergeSteps};
 use crate::energy::{Functional, LatticeEnergy};
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
 use crate::surface::{Items, Moves};
-
-/// Which of the pairs of clusters that chose each other merge in a parallel round.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Pairs {
-    /// Those that cost no more than their median
-    #[default]
-    CheaperHalf,
-    /// All of them, as the paper does (Parallel Mesh Clustering, section 5.4)
-    All,
-    /// The cheapest, an eighth of the merges that are left before the next stop: more rounds, and none merges across an
-    /// edge while cheaper merges wait. In place of cheaper-half for energies other than cvd
-    Eighth,
-}
-
-impl Pairs {
-    /// Keeps those of some pairs that merge in a round, `most` at most, the cheapest first.
-    pub fn choose(self, mutual: &mut Vec<Rank<u32>>, most: usize) {
-        let most = match self {
-            Pairs::All => most,
-            Pairs::CheaperHalf => {
-                keep_cheaper_half(mutual);
-                most
-            }
-            Pairs::Eighth => (most / 8).max(1),
-        };
-        if most < mutual.len() {
-            mutual.select_nth_unstable(most);
-            mutual.truncate(most);
-        }
-        mutual.par_sort_unstable();
-    }
-}
 
 /// What to build.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,17 +1,53 @@
 //! A start by merging from single faces, over all components at once.
 //!
 //! Every face is a cluster. In each round every cluster finds its best dual edge, and of the pairs that chose each
-//! other, some merge ([`Pairs`]), but no more than are too many ([`super::hierarchy`] without optimisation). No
+//! other, some merge ([`Pairs`]), but no more than are too many (as hierarchies do without optimisation). No
 //! component has a share of the clusters: each ends with those that its merges are too expensive for.
 
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
 use super::coarse::Start;
-use super::hierarchy::Pairs;
 use super::numbers;
-use crate::device::dual_edge::{Rank, Ties};
+use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, MergeSteps};
 use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
+
+/// Which of the pairs of clusters that chose each other merge in a parallel round.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pairs {
+    /// Those that cost no more than their median
+    #[default]
+    CheaperHalf,
+    /// All of them, as the paper does (Parallel Mesh Clustering, section 5.4)
+    All,
+    /// The cheapest, an eighth of the merges that are left before the next stop: more rounds, and none merges across an
+    /// edge while cheaper merges wait. In place of cheaper-half for energies other than cvd
+    Eighth,
+}
+
+impl Pairs {
+    /// Keeps those of some pairs that merge in a round, `most` at most, the cheapest first.
+    pub fn choose(self, mutual: &mut Vec<Rank<u32>>, most: usize) {
+        let most = match self {
+            Pairs::All => most,
+            Pairs::CheaperHalf => {
+                keep_cheaper_half(mutual);
+                most
+            }
+            Pairs::Eighth => (most / 8).max(1),
+        };
+        if most < mutual.len() {
+            mutual.select_nth_unstable(most);
+            mutual.truncate(most);
+        }
+        mutual.par_sort_unstable();
+    }
+}
 
 /// Labels with this many clusters, whose numbers have gaps.
 pub fn merged<E: Functional>(

@@ -14,7 +14,9 @@ use crate::device::{FREE, pieces};
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::Stored;
 use crate::report::{Energy, Report, Timings};
-use crate::surface::{Figures, OfFaces, Surface};
+use crate::surface::Surface;
+use crate::surface::figures::Figures;
+use crate::surface::of_faces::OfFaces;
 
 /// Makes the results of what a device gave.
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {

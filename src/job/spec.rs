@@ -1,7 +1,7 @@
 //! What a job does, typed: made once from its parameters. No later stage asks which algorithm has which options.
 
 use super::{InputFile, Refusal, seed_list};
-use crate::cluster::hierarchy::Pairs;
+use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
 use crate::cluster::{flat, hierarchy, relocation};
 use crate::energy;

@@ -1,7 +1,7 @@
 //! Which parameters contradict each other, or what they are about.
 
 use super::{Algorithm, Name, Optimize, Parameters, Seeds};
-use crate::cluster::hierarchy::Pairs;
+use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
 use crate::device::dual_edge::Ties;
 use crate::error::{Error, Result};

@@ -1,7 +1,8 @@
 //! What a clustering is worth, in f64 from the source positions: for reports, never for labels.
 
+use super::Surface;
 use super::lattice::{COORDINATE_BITS, FaceGeometry};
-use super::{OfFaces, Surface};
+use super::of_faces::OfFaces;
 
 /// Figures of a clustering.
 #[derive(Debug, Clone, Copy)]

@@ -27,15 +27,16 @@ mod curvature;
 mod density;
 pub(crate) mod detour;
 mod features;
-mod figures;
+pub mod figures;
 mod graph;
 mod items;
 pub(crate) mod lattice;
 mod loose;
-mod of_faces;
+pub mod of_faces;
 pub(crate) mod order;
 pub mod points;
 pub(crate) mod rows;
+mod seen;
 pub(crate) mod weld;
 
 pub use coarse::{Coarse, Grouping};
@@ -43,11 +44,9 @@ pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
 pub use features::WantedFeatures;
-pub use figures::Figures;
 pub use graph::{DualGraph, Moves};
 pub use items::{Items, Units};
 pub use loose::Loose;
-pub use of_faces::OfFaces;
 pub use order::NO_FACE;
 pub use rows::Rows;
 
@@ -63,6 +62,7 @@ use components::NO_COMPONENT;
 use density::Density;
 use features::Features;
 use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
+use of_faces::OfFaces as _;
 use weld::UNUSED;
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.

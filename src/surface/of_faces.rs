@@ -1,9 +1,7 @@
 //! What energies see of the faces of a mesh.
 
-use rayon::prelude::*;
-
+use super::Units;
 use super::lattice::{FaceGeometry, round_centroid};
-use super::{DualGraph, Items, Moves, Surface, Units};
 use crate::energy::{Energy, Functional, Normals};
 use crate::mesh::Frame;
 
@@ -63,19 +61,5 @@ impl OfFaces for Normals {
 
     fn units(_: &Frame, weight_exponent: i32, density: f64) -> Units<Self> {
         Units { centre: [0.0; 6], exponent: NORMAL_BITS, weight_exponent, density }
-    }
-}
-
-impl Surface {
-    /// The same faces as another energy sees them; `moves` is how they move.
-    pub fn seen_by<E: OfFaces>(self, moves: Moves) -> Surface<E> {
-        let Self { items, counts, geometry, frame, moment_inside_faces, has_density, features } = self;
-        let Items { graph, upload_face, loose, units, noun, has_features, .. } = items;
-        let DualGraph { weights, neighbour_offsets, neighbours, components, .. } = graph;
-        let points = geometry.par_iter().map(E::point).collect();
-        let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
-        let units = E::units(&frame, units.weight_exponent, units.density);
-        let items = Items { loose, noun, has_features, ..Items::new(graph, upload_face, units) };
-        Surface { items, counts, geometry, frame, moment_inside_faces, has_density, features }
     }
 }

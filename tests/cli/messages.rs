@@ -97,7 +97,7 @@ fn parameters_are_spelled_as_flags() {
         ("cluster s.obj -k -5", "invalid value '-5' for '--clusters <K>'"),
         ("cluster s.obj -k 5 --seed -1", "invalid value '-1' for '--seed <N>'"),
         ("cluster s.obj -k 2 --weight-attribute X", "--weight-attribute must begin with an underscore"),
-        ("cluster s.obj -k 2 --seeds nowhere", "--seeds must be coarse, morton, random or file:PATH"),
+        ("cluster s.obj -k 2 --seeds nowhere", "--seeds must be coarse, merged, morton, random or file:PATH"),
         ("cluster s.obj -k 2 --algorithm pml --levels 1", "--levels must not be below --clusters"),
         (
             "cut h.tsr -k 2 --hierarchy x.json --min-clusters 6 --max-clusters 5",

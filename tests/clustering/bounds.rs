@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use tesserae_mesh::cluster::coarse::CoarseStart;
 use tesserae_mesh::cluster::flat::{Options, boundary_based};
+use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::record::Record;
 use tesserae_mesh::cluster::relocation::settle::settle;
@@ -79,7 +80,8 @@ fn clustered(surface: &Surface, clusters: u64, quality: Quality) -> (Vec<u32>, u
     let mut rows = 0;
     let run = boundary_based(surface, &start.labels, options, steps.as_mut(), &cancel, &mut |_| rows += 1, record);
     drop(steps);
-    let relocation = Relocation { graph: surface, effort: quality.relocation(), cancel: &cancel };
+    let relocation =
+        Relocation { graph: surface, effort: quality.relocation(), pairs: Pairs::CheaperHalf, cancel: &cancel };
     let flat = || fast::labels(surface, clusters, 0, &cancel);
     let cheaper = &mut std::iter::empty();
     let labels = relocation.labels(run.expect("a run").labels, device, flat, cheaper, &mut |_, _, _, _| {

@@ -1,7 +1,8 @@
 //! Hierarchies against brute force, and the promises that every hierarchy keeps.
 
 use crate::common::{pml, zoo};
-use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
+use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, RoundRow, hierarchical};
+use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::relocation::Effort;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::Cancel;

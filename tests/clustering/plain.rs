@@ -3,7 +3,8 @@
 use crate::common::{floods, zoo};
 use tesserae_mesh::cluster::coarse::CoarseStart;
 use tesserae_mesh::cluster::flat::{self, Options};
-use tesserae_mesh::cluster::hierarchy::{self, Hierarchy, Pairs, RoundRow, hierarchical};
+use tesserae_mesh::cluster::hierarchy::{self, Hierarchy, RoundRow, hierarchical};
+use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::record::Record;
 use tesserae_mesh::cluster::relocation::Effort;

@@ -3,7 +3,7 @@
 use super::connection::Connection;
 use super::split::Split;
 use super::*;
-use crate::cluster::hierarchy::Pairs;
+use crate::cluster::merging::Pairs;
 use crate::cluster::seeds;
 use crate::dev::sample::{Sample, generate};
 use crate::device::cpu::CpuDevice;
