@@ -2,6 +2,7 @@
 
 import { type Job, isHierarchical, nameOf } from "./api";
 import { announce, make } from "./dom";
+import { kindOf } from "./kinds";
 
 export function take(job: Job, clusters: () => number | null): HTMLElement {
   const kinds: [string, () => string][] = [
@@ -40,7 +41,7 @@ const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'
 
 /** Parameters of a job that every algorithm takes, as far as they are set. */
 export function settings(job: Job): [string, string | number | true][] {
-  const names = ["clusters", "quality", "seed", "subdivide", "curvature_exponent", "bridge_components", "features"];
+  const names = ["clusters", "quality", "seed", "subdivide", "curvature_exponent", "bridge_components", "features", "compactness", "graph"];
   const isSet = (value: unknown): value is string | number | true =>
     value === true || ((typeof value === "number" || typeof value === "string") && Boolean(value));
   return names.flatMap((name) => {
@@ -49,9 +50,13 @@ export function settings(job: Job): [string, string | number | true][] {
   });
 }
 
+/** What is made of an image with the result; the image is gone then. */
+export const OUTPUTS = ["means", "clusters.csv"];
+
 function curl(job: Job): string {
   const { algorithm } = job.parameters;
-  const search = new URLSearchParams({ algorithm, keep_mesh: "true", format: job.mesh.format });
+  const kept = { mesh: { keep_mesh: "true" }, image: { outputs: OUTPUTS.join() }, points: {} };
+  const search = new URLSearchParams({ algorithm, ...kept[kindOf(job)], format: job.mesh.format });
   for (const [name, value] of settings(job)) search.set(name, String(value));
   return `curl -sS --data-binary @${quoted(nameOf(job))} '${location.origin}/v1/jobs?${search}'`;
 }
@@ -63,7 +68,12 @@ function command(job: Job, cut: number | null): string {
     ([name, value]) => ` --${name.replaceAll("_", "-")}${value === true ? "" : ` ${value}`}`,
   );
   const options = `--algorithm ${algorithm}${flags.join("")}`;
-  if (!isHierarchical(algorithm)) return `tesserae cluster ${name} ${options} --labels labels.npy --mesh clusters.glb`;
+  const files = {
+    mesh: "--labels labels.npy --mesh clusters.glb",
+    image: "--labels labels.png --means means.png --clusters-table clusters.csv",
+    points: "--labels labels.npy --clusters-table clusters.csv",
+  };
+  if (!isHierarchical(algorithm)) return `tesserae cluster ${name} ${options} ${files[kindOf(job)]}`;
   const run = `tesserae cluster ${name} ${options} --hierarchy hierarchy.tsr`;
   return `${run}\ntesserae cut hierarchy.tsr --clusters ${cut ?? 1} --labels labels.npy`;
 }
