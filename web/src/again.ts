@@ -69,7 +69,13 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
   const field = make("input", { type: "number", id: "again-clusters", min: "1", step: "1", required: true, value });
   const kind = kindOf(job);
   const usual = String(job.parameters["compactness"] ?? USUAL_COMPACTNESS);
-  const compactness = make("input", { type: "number", id: "again-compactness", min: "0.001", step: "any", value: usual });
+  const compactness = make("input", {
+    type: "number",
+    id: "again-compactness",
+    min: "0.001",
+    step: "any",
+    value: usual,
+  });
   const form = make(
     "form",
     { id: "again" },

@@ -89,7 +89,10 @@ async function fill(list: HTMLElement, job: Job, clusters: number | null, signal
     });
     return make("span", { class: "file" }, button, told);
   };
-  const groups = GROUPS.map(([title, rows]): [string, Row[]] => [title, rows.filter((row) => isMade(job, row.output)).map((row) => suited(row, job))]);
+  const groups = GROUPS.map(([title, rows]): [string, Row[]] => [
+    title,
+    rows.filter((row) => isMade(job, row.output)).map((row) => suited(row, job)),
+  ]);
   list.replaceChildren(
     ...groups.flatMap(([title, rows]) => {
       if (rows.length === 0) return [];

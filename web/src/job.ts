@@ -66,7 +66,10 @@ export class JobPage {
     const manners = make("p", { class: "manner" }, manner(job));
     const inspector = make("aside", { id: "inspector", "aria-label": "Inspector" });
     inspector.append(make("div", { class: "bar" }, manners, this.actions), this.inspector, this.history, this.rest);
-    box.replaceChildren(make("section", { id: "scene", "aria-label": kindOf(job) === "mesh" ? "Mesh" : "Image" }, this.stage, head), inspector);
+    box.replaceChildren(
+      make("section", { id: "scene", "aria-label": kindOf(job) === "mesh" ? "Mesh" : "Image" }, this.stage, head),
+      inspector,
+    );
     const { algorithm } = job.parameters;
     this.history.append(make("h3", {}, "Energy"), this.energies, make("p", { class: "key" }, ...keyOf(algorithm)));
     this.curve = new scene.Curve(this.energies, isHierarchical(algorithm));
@@ -201,7 +204,8 @@ export class JobPage {
     this.result?.close();
     const places = { stage: this.stage, words: this.state, inspector: this.inspector, rest: this.rest };
     this.result = this.resultIn(places);
-    if (this.job.keep_mesh || (kindOf(this.job) === "image" && this.files.length > 0)) this.rest.prepend(withAnother(this.job, this.files, this.around.onSent));
+    if (this.job.keep_mesh || (kindOf(this.job) === "image" && this.files.length > 0))
+      this.rest.prepend(withAnother(this.job, this.files, this.around.onSent));
     await this.result.load();
   }
 

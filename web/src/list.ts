@@ -21,7 +21,9 @@ function summary(job: Job): string {
   if (isLive(job)) return describe(job).replace(/:.*/, "");
   if (job.state !== "succeeded") return job.state;
   const { algorithm } = job.parameters;
-  return isHierarchical(algorithm) ? "any number" : `${count(job.result?.clusters ?? 0)} ${WORDS[kindOf(job)].clusters}`;
+  return isHierarchical(algorithm)
+    ? "any number"
+    : `${count(job.result?.clusters ?? 0)} ${WORDS[kindOf(job)].clusters}`;
 }
 
 /** Writes the list, where it changed. */

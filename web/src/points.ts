@@ -18,13 +18,20 @@ export class PointsResult {
     private readonly places: Places,
     private readonly job: Job,
   ) {
-    const view = make("div", { id: "view", class: "view" }, "Points have no picture here: their numbers and files are beside this.");
+    const view = make(
+      "div",
+      { id: "view", class: "view" },
+      "Points have no picture here: their numbers and files are beside this.",
+    );
     const { clusters = 1, faces = CUT } = job.result ?? {};
     const cut = isHierarchical(job.parameters.algorithm) ? Math.max(clusters, Math.min(CUT, faces)) : null;
     places.stage.replaceChildren(view);
     places.inspector.replaceChildren();
     places.words.textContent = brief(job, cut);
-    places.rest.replaceChildren(downloads(job, () => cut, this.abort.signal), take(job, () => cut));
+    places.rest.replaceChildren(
+      downloads(job, () => cut, this.abort.signal),
+      take(job, () => cut),
+    );
   }
 
   async load(): Promise<void> {

@@ -139,7 +139,11 @@ export class Superpixels {
           this.paint();
           this.layers.querySelector<HTMLElement>(`[data-layer=${one}]`)?.focus();
         };
-        const button = make("button", { type: "button", "aria-pressed": String(one === layer), onclick: choose }, NAMES[one]);
+        const button = make(
+          "button",
+          { type: "button", "aria-pressed": String(one === layer), onclick: choose },
+          NAMES[one],
+        );
         button.dataset["layer"] = one;
         return button;
       }),

@@ -85,11 +85,7 @@ export class ClusterTable {
         "table",
         { id: "cluster-table" },
         make("caption", { class: "hidden-text" }, "Clusters"),
-        make(
-          "thead",
-          {},
-          make("tr", {}, ...titles.map((name) => make("th", { scope: "col" }, name))),
-        ),
+        make("thead", {}, make("tr", {}, ...titles.map((name) => make("th", { scope: "col" }, name)))),
         this.body,
       ),
     );
