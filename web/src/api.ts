@@ -23,6 +23,8 @@ export interface Job {
   created_at: string;
   started_at: string | null;
   ended_at: string | null;
+  /** Files that were named in the request. */
+  outputs: string[];
   keep_mesh: boolean;
   urls: Record<string, string | null>;
 }

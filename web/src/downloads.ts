@@ -34,7 +34,7 @@ const GROUPS: [string, Row[]][] = [
   [
     "Data",
     [
-      { word: "cluster of each", output: "labels", extensions: ["png", "npy", "json", "bin"] },
+      { word: "cluster of each face", output: "labels", extensions: ["png", "npy", "json", "bin"] },
       { word: "table of clusters", output: "clusters", extensions: ["csv", "json"] },
       { word: "neighbours of clusters", output: "graph", extensions: ["json", "npz", "graphml"] },
       { word: "lines between clusters", output: "boundaries", extensions: ["json", "obj", "glb", "vtp"] },
@@ -59,15 +59,24 @@ export function downloads(job: Job, clusters: () => number | null, signal: Abort
   return box;
 }
 
-/** The words and formats of a row for this job. */
+/** A row in the words and the formats of this job. */
 function suited(row: Row, job: Job): Row {
-  const kind = kindOf(job);
-  if (row.output === "labels") {
-    const extensions = row.extensions.filter((extension) => extension !== "png" || kind === "image");
-    return { ...row, word: `${row.word} ${WORDS[kind].items.slice(0, -1)}`, extensions };
+  const { items, clusters, cluster } = WORDS[kindOf(job)];
+  const isNamed = (extension: string): boolean => job.outputs.includes(`${row.output}.${extension}`);
+  const isOfImage = kindOf(job) === "image";
+  switch (row.output) {
+    case "labels": {
+      const extensions = row.extensions.filter((extension) => extension !== "png" || isOfImage);
+      return { ...row, word: `${cluster} of each ${items.slice(0, -1)}`, extensions };
+    }
+    case "hierarchy":
+    case "report":
+      return row;
+    default: {
+      const word = row.word.replace("clusters", clusters);
+      return { ...row, word, extensions: job.keep_mesh ? row.extensions : row.extensions.filter(isNamed) };
+    }
   }
-  // only this was named in the request
-  return kind === "image" && row.output === "clusters" ? { ...row, extensions: ["csv"] } : row;
 }
 
 const isMade = (job: Job, name: string): boolean =>

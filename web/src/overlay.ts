@@ -18,6 +18,9 @@ export interface Place {
 const [LIGHT, DARK, HOVERED, LINE] = [0xf2ffffff, 0x80000000, 0x48ffffff, 0x8c000000];
 const NOTHING = 0;
 
+/** Parts of the pixels of a superpixel that are lines, between which lines become faint, and how faint. */
+const [FEW, MANY, FAINT] = [0.12, 0.45, 0.3];
+
 export class Overlay {
   selected: number | null = null;
   hovered: number | null = null;
@@ -51,6 +54,22 @@ export class Overlay {
     to.drawImage(this.canvas, left, top);
   }
 
+  /** How strong the lines of each superpixel are: ragged ones would cover the image. */
+  private strengths(width: number, pace: number, clusters: number): Float32Array {
+    const { grid } = this;
+    const [all, lines] = [new Uint32Array(clusters), new Uint32Array(clusters)];
+    for (let i = 0; i < grid.length; i++) {
+      const label = grid[i] ?? FREE;
+      if (label === FREE) continue;
+      all[label] = (all[label] ?? 0) + 1;
+      if (grid[i + pace] !== label || grid[i + pace * width] !== label) lines[label] = (lines[label] ?? 0) + 1;
+    }
+    return Float32Array.from(all, (pixels, label) => {
+      const part = ((lines[label] ?? 0) / pixels - FEW) / (MANY - FEW);
+      return 1 - (1 - FAINT) * Math.min(1, Math.max(0, part));
+    });
+  }
+
   private paint(
     out: Uint32Array,
     width: number,
@@ -64,6 +83,7 @@ export class Overlay {
     const [selected, hovered] = [this.selected ?? FREE, this.hovered ?? FREE];
     const pace = Math.max(1, Math.round(devicePixelRatio));
     const down = pace * width;
+    const strength = layer === "photo" ? this.strengths(width, pace, colour.length) : null;
     for (let y = 0, i = 0; y < height; y++) {
       const [isFirst, isLast] = [y < pace, y >= height - pace];
       for (let x = 0; x < width; x++, i++) {
@@ -74,14 +94,14 @@ export class Overlay {
         const above = isFirst ? label : grid[i - down];
         let pixel = NOTHING;
         if (layer === "colours" && label !== FREE) pixel = (0xff000000 | (colour[label] ?? 0)) >>> 0;
-        if (selected !== FREE && label !== selected) pixel = layer === "colours" ? mix(pixel, faded) : faded;
-        if (label !== FREE && label === hovered && label !== selected)
-          pixel = layer === "colours" ? mix(pixel, HOVERED) : HOVERED;
+        if (selected !== FREE && label !== selected && label !== hovered) pixel = mix(pixel, faded);
+        if (label !== FREE && label === hovered && selected === FREE) pixel = mix(pixel, HOVERED);
         const isBorder = right !== label || below !== label;
         const isBeside = left !== label || above !== label;
         if (layer === "photo") {
-          if (isBorder) pixel = selected === FREE ? LIGHT : mix(pixel, LINE);
-          else if (isBeside && selected === FREE) pixel = mix(pixel, DARK);
+          const part = strength?.[label] ?? 1;
+          if (isBorder) pixel = mix(pixel, weaker(selected === FREE ? LIGHT : LINE, part));
+          else if (isBeside && selected === FREE) pixel = mix(pixel, weaker(DARK, part));
         } else if (layer === "colours" && isBorder) pixel = mix(pixel, LINE);
         if (selected !== FREE && (isBorder || isBeside)) {
           // inside light, outside dark, so that it is seen on every colour
@@ -93,6 +113,10 @@ export class Overlay {
     }
   }
 }
+
+/** A colour with a part of its alpha. */
+const weaker = (colour: number, part: number): number =>
+  ((Math.round((colour >>> 24) * part) << 24) | (colour & 0xffffff)) >>> 0;
 
 /** One colour with another one over it. */
 function mix(under: number, over: number): number {

@@ -21,7 +21,7 @@ import { brief } from "./words";
 /** Pixels above which the view waits for a click: 12 bytes each. */
 const MANY_PIXELS = 50_000_000;
 
-const NAMES: Record<Layer, string> = { photo: "Photo", means: "Mean colours", colours: "Superpixels" };
+const NAMES: Record<Layer, string> = { photo: "Photo", means: "Means", colours: "Superpixels" };
 
 /** What the service's table has of a superpixel. */
 interface Row {
@@ -96,7 +96,7 @@ export class Superpixels {
       labels(this.job, null, signal),
       this.file ? pixelsOf(this.file).catch(() => null) : null,
       means ? request(means, { signal }).then(async (answer) => await pixelsOf(await answer.blob())) : null,
-      clusters ? this.readRows(clusters) : [],
+      clusters && this.job.outputs.includes("clusters.csv") ? this.readRows(clusters) : [],
     ]);
     signal.throwIfAborted();
     this.pixels = new Pixels({ width, height }, numbers.numbers);
