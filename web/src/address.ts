@@ -1,5 +1,7 @@
-// What the page shows is its address: `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&colours=area`. It is
+// What the page shows is its address: `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&colours=area&layer=means`. It is
 // the whole state of the page that is not the service's, so a reload, a bookmark and a copied link show the same.
+
+import { LAYERS, type Layer } from "./layers";
 
 export const COLOURS = ["area", "roundness", "energy"] as const;
 
@@ -13,6 +15,8 @@ export interface Address {
   parting: "wipe" | null;
   /** Which way is up; as guessed where it is null. */
   up: "y" | "z" | null;
+  /** What is shown of an image; the first that there is where it is null. */
+  layer: Layer | null;
   /** What colours stand for; for clusters where it is null. */
   colours: (typeof COLOURS)[number] | null;
 }
@@ -32,6 +36,7 @@ export function read(): Address {
     with: /^[0-9a-f-]+$/.test(other ?? "") ? other : null,
     parting: one("parting", ["wipe"]),
     up: one("up", ["y", "z"]),
+    layer: one("layer", LAYERS),
     colours: one("colours", COLOURS),
   };
 }

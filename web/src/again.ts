@@ -1,11 +1,15 @@
-// The same mesh once more: with another number of clusters, or with what repairs a failure. It is sent from the files of
+// The same mesh or image once more: with another number of clusters, or with what repairs a failure. It is sent from the files of
 // this page, or as the service kept it.
 
 import * as address from "./address";
 import { type Job, isHierarchical, nameOf, output, request } from "./api";
 import { announce, make, notice } from "./dom";
+import { WORDS, kindOf } from "./kinds";
 import { send } from "./send";
-import { settings } from "./take";
+import { OUTPUTS, settings } from "./take";
+
+/** Compactness of an image where none is named. */
+export const USUAL_COMPACTNESS = 10;
 
 type Parameters = Record<string, unknown>;
 
@@ -19,9 +23,10 @@ interface Repair {
 /** A failure in the page's words, and what repairs it. */
 export function explain(job: Job): { words: string; repairs: Repair[] } {
   const detail = job.problem?.detail ?? job.problem?.title ?? "no reason is known";
+  const { has } = WORDS[kindOf(job)];
   const parts = /number of connected components, (\d+)/.exec(detail)?.[1];
   if (parts) {
-    const words = `The mesh has ${parts} separate parts, and a cluster cannot reach across a gap: it takes at least ${parts} clusters.`;
+    const words = `${has} ${parts} separate parts, and a cluster cannot reach across a gap: it takes at least ${parts} clusters.`;
     const join: Repair = { text: "Join parts", change: { bridge_components: true } };
     return { words, repairs: [{ text: `Cluster with ${parts}`, change: { clusters: Number(parts) } }, join] };
   }
@@ -36,15 +41,15 @@ export function explain(job: Job): { words: string; repairs: Repair[] } {
       words: `The mesh needs ${missing}, which was not chosen.`,
       repairs: [{ text: `Add ${missing}`, change: missing }],
     };
-  const faces = /clusters must not be more than there are faces, (\d+)/.exec(detail)?.[1];
+  const [, noun, faces] = /clusters must not be more than there are (\w+), (\d+)/.exec(detail) ?? [];
   if (faces) {
-    const words = `The mesh has ${faces} faces, and there are at most as many clusters.`;
+    const words = `${has} ${faces} ${noun}, and there are at most as many clusters.`;
     return { words, repairs: [{ text: `Cluster with ${faces}`, change: { clusters: Number(faces) } }] };
   }
   return { words: detail, repairs: [] };
 }
 
-/** Buttons that send the mesh of a failed job again. */
+/** Buttons that send the mesh or the image of a failed job again. */
 export function repairs(job: Job, files: File[], onSent: (job: Job, files: File[]) => void): HTMLElement[] {
   if (files.length === 0) return [];
   return explain(job).repairs.map(({ text, change }) => {
@@ -57,11 +62,20 @@ export function repairs(job: Job, files: File[], onSent: (job: Job, files: File[
   });
 }
 
-/** A field and a button: the mesh of a job with another number of clusters. */
+/** Fields and a button: the mesh of a job with another number of clusters, an image with another compactness, too. */
 export function withAnother(job: Job, files: File[], onSent: (job: Job, files: File[]) => void): HTMLElement {
   const { algorithm, clusters } = job.parameters;
   const value = String(isHierarchical(algorithm) ? 400 : (clusters ?? 400));
   const field = make("input", { type: "number", id: "again-clusters", min: "1", step: "1", required: true, value });
+  const kind = kindOf(job);
+  const usual = String(job.parameters["compactness"] ?? USUAL_COMPACTNESS);
+  const compactness = make("input", {
+    type: "number",
+    id: "again-compactness",
+    min: "0.001",
+    step: "any",
+    value: usual,
+  });
   const form = make(
     "form",
     { id: "again" },
@@ -70,14 +84,16 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
       "div",
       { class: "tools" },
       field,
-      make("label", { for: "again-clusters" }, "clusters"),
+      make("label", { for: "again-clusters" }, WORDS[kind].clusters),
+      ...(kind === "image" ? [compactness, make("label", { for: "again-compactness" }, "compactness")] : []),
       make("button", {}, "Cluster"),
     ),
   );
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     const flat = isHierarchical(algorithm) ? { algorithm: "bb" } : {};
-    void again(job, { ...flat, clusters: Number(field.value) }, files, onSent);
+    const more = kind === "image" ? { compactness: Number(compactness.value) } : {};
+    void again(job, { ...flat, ...more, clusters: Number(field.value) }, files, onSent);
   });
   return form;
 }
@@ -89,10 +105,12 @@ async function again(
   onSent: (job: Job, files: File[]) => void,
 ): Promise<void> {
   try {
-    announce("Sending the mesh");
+    const kind = kindOf(job);
+    announce(`Sending the ${kind}`);
     const { algorithm } = job.parameters;
-    const parameters: Parameters = { algorithm, keep_mesh: true, ...Object.fromEntries(settings(job)), ...change };
-    const files = given.length > 0 ? given : [await kept(job)];
+    const kept = kind === "image" ? { outputs: OUTPUTS } : { keep_mesh: true };
+    const parameters: Parameters = { algorithm, ...kept, ...Object.fromEntries(settings(job)), ...change };
+    const files = given.length > 0 ? given : [await fetchKept(job)];
     const sent = await send(
       files,
       parameters,
@@ -109,7 +127,7 @@ async function again(
 }
 
 /** The mesh as the service kept it: as PLY, whose faces are in upload order and whose positions are exact. */
-async function kept(job: Job): Promise<File> {
+async function fetchKept(job: Job): Promise<File> {
   const blob = await (await request(output(job, "mesh", { format: "ply" }))).blob();
   return new File([blob], nameOf(job));
 }

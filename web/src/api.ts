@@ -23,14 +23,27 @@ export interface Job {
   created_at: string;
   started_at: string | null;
   ended_at: string | null;
+  /** Files that were named in the request. */
+  outputs: string[];
   keep_mesh: boolean;
   urls: Record<string, string | null>;
 }
 
+/** What a report has of a mesh, and what it has of points. */
+type Input = { faces: number; triangles: number } & Partial<PointsInput>;
+interface PointsInput {
+  items: number;
+  masked: number;
+  dimensions: number;
+  shape: number[];
+  edges: number;
+  graph: string;
+}
+
 export interface Report {
-  input: { faces: number; triangles: number };
+  input: Input;
   clusters: number | null;
-  energy: { initial: number | null; final: number | null; hexagon_ratio: number | null };
+  energy: { initial: number | null; final: number | null; hexagon_ratio: number | null; explained?: number | null };
   timings_ms: Record<string, number>;
   warnings: string[];
 }

@@ -1,15 +1,24 @@
-// The mesh of a job that has not ended: in grey, then in the clusters that the run has at the moment.
+// The mesh or the image of a job that has not ended, then with the clusters that the run has at the moment.
 
 import type { LabelsEvent } from "./api";
 import { make } from "./dom";
-import type { Triangles } from "./drawable";
+import type { Shown } from "./drawable";
 import type { Scene } from "./load";
 import { HUES, ofHues } from "./palette";
-import type { View } from "./view";
+import { pixelsOf } from "./photo";
+
+/** What draws a mesh or an image. */
+interface Drawing {
+  canvas: HTMLCanvasElement;
+  /** Triangles or pixels. */
+  items: number;
+  show(shown: Shown): void;
+  dispose(): void;
+}
 
 export class Before {
-  private readonly figure = make("div", { class: "view", id: "preview" }, "Reading the mesh");
-  private view: View | null = null;
+  private readonly figure: HTMLElement;
+  private drawing: Drawing | null = null;
   private labels = new Uint32Array();
   private colours: Uint8Array = new Uint8Array();
   private shown = 0;
@@ -17,28 +26,49 @@ export class Before {
   constructor(
     stage: HTMLElement,
     private readonly scene: Scene,
+    private readonly kind: "mesh" | "image",
   ) {
+    this.figure = make("div", { class: "view", id: "preview" }, `Reading the ${kind}`);
     stage.replaceChildren(this.figure);
   }
 
-  /** Shows the mesh, or says why not. */
+  /** Shows the mesh or the image, or says why not. */
   async show(files: Promise<File[]>): Promise<void> {
-    let mesh: Triangles;
-    let name = "";
+    let open: () => Drawing;
     try {
       const all = await files;
-      name = all[0]?.name ?? "";
-      mesh = await this.scene.preview(all);
+      open = await (this.kind === "image" ? this.image(all) : this.mesh(all));
     } catch (error) {
       const why = error instanceof Error ? error.message : String(error);
-      this.figure.textContent = `The mesh is shown when it is clustered, not before: ${why}.`;
+      this.figure.textContent = `The ${this.kind} is shown when it is clustered, not before: ${why}.`;
       return;
     }
     if (!this.figure.isConnected) return;
-    this.view = new this.scene.View(this.figure, mesh, /[^.]*$/.exec(name)?.[0].toLowerCase());
-    this.view.canvas.setAttribute("role", "img");
-    this.view.canvas.setAttribute("aria-label", "The mesh, not yet clustered");
+    this.drawing = open();
+    this.drawing.canvas.setAttribute("role", "img");
+    this.drawing.canvas.setAttribute("aria-label", `The ${this.kind}, not yet clustered`);
     this.draw();
+  }
+
+  private async mesh(files: File[]): Promise<() => Drawing> {
+    const mesh = await this.scene.preview(files);
+    const format = /[^.]*$/.exec(files[0]?.name ?? "")?.[0].toLowerCase();
+    return () => new this.scene.View(this.figure, mesh, format);
+  }
+
+  private async image([file]: File[]): Promise<() => Drawing> {
+    if (!file) throw new Error("it is not here");
+    const image = await pixelsOf(file);
+    return () => {
+      const plane = new this.scene.Plane(this.figure, image);
+      const show = (shown: Shown | null): void => plane.show(image, shown, "photo");
+      show(null);
+      const dispose = (): void => {
+        plane.dispose();
+        image.close();
+      };
+      return { canvas: plane.canvas, items: image.width * image.height, show, dispose };
+    };
   }
 
   /** Takes labels of the run. */
@@ -55,13 +85,13 @@ export class Before {
   }
 
   close(): void {
-    this.view?.dispose();
+    this.drawing?.dispose();
   }
 
   /** Polygons are other triangles here than in the service, so only a mesh of triangles has colours. */
   private draw(): void {
-    if (!this.view || this.labels.length === 0 || this.view.triangles !== this.labels.length) return;
-    this.view.show({ labels: this.labels, colours: this.colours });
+    if (!this.drawing || this.labels.length === 0 || this.drawing.items !== this.labels.length) return;
+    this.drawing.show({ labels: this.labels, colours: this.colours });
     this.figure.dataset["shown"] = String(++this.shown);
   }
 }

@@ -1,5 +1,5 @@
 // Hues of clusters: neighbours never have the same one where eight suffice, and a cluster keeps its hue from one set of
-// labels to the next. Clusters are neighbours where they share a vertex of the mesh.
+// labels to the next. Clusters of a mesh are neighbours where they share a vertex.
 
 import { HUES } from "./palette";
 
@@ -63,8 +63,8 @@ export class Colouring {
     return hues;
   }
 
-  /** Neighbours of each cluster, those of cluster c from `starts[c]` on; some are there several times. */
-  private graph(labels: Uint32Array, clusters: number): { starts: Uint32Array; neighbours: Uint32Array } {
+  /** Finds pairs of labels that meet at a vertex; gives the length of `pairs`. */
+  protected meet(labels: Uint32Array): number {
     const { corners, faces } = this;
     const first = this.first.fill(0xffffffff);
     const length = corners?.length ?? 0;
@@ -76,16 +76,26 @@ export class Colouring {
         const vertex = corners?.[corner] ?? 0;
         const other = first[vertex] ?? 0;
         if (other === 0xffffffff) first[vertex] = label;
-        else if (other !== label) {
-          const { pairs } = this;
-          // the triangles around a vertex often follow each other
-          if (count > 0 && pairs[count - 2] === other && pairs[count - 1] === label) continue;
-          if (count === pairs.length) (this.pairs = new Uint32Array(2 * count + 1024)).set(pairs);
-          this.pairs[count++] = other;
-          this.pairs[count++] = label;
-        }
+        else if (other !== label) count = this.pair(other, label, count);
       }
     }
+    return count;
+  }
+
+  /** Adds a pair, unless it is the last one; gives the length of `pairs`. */
+  protected pair(one: number, other: number, count: number): number {
+    const { pairs } = this;
+    // the triangles around a vertex often follow each other
+    if (count > 0 && pairs[count - 2] === one && pairs[count - 1] === other) return count;
+    if (count === pairs.length) (this.pairs = new Uint32Array(2 * count + 1024)).set(pairs);
+    this.pairs[count] = one;
+    this.pairs[count + 1] = other;
+    return count + 2;
+  }
+
+  /** Neighbours of each cluster, those of cluster c from `starts[c]` on; some are there several times. */
+  private graph(labels: Uint32Array, clusters: number): { starts: Uint32Array; neighbours: Uint32Array } {
+    const count = this.meet(labels);
     const { pairs } = this;
     const starts = new Uint32Array(clusters + 1);
     for (let i = 0; i < count; i++) {

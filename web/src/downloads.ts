@@ -3,6 +3,7 @@
 
 import { type Job, isHierarchical, length, nameOf, output, request } from "./api";
 import { make, notice, save, size } from "./dom";
+import { WORDS, kindOf } from "./kinds";
 
 interface Row {
   /** What it is for. */
@@ -12,7 +13,13 @@ interface Row {
 }
 
 const GROUPS: [string, Row[]][] = [
-  ["Look", [{ word: "mesh with colours of clusters", output: "mesh", extensions: ["glb", "ply", "vtp", "obj"] }]],
+  [
+    "Look",
+    [
+      { word: "mesh with colours of clusters", output: "mesh", extensions: ["glb", "ply", "vtp", "obj"] },
+      { word: "image of mean colours", output: "means", extensions: ["png"] },
+    ],
+  ],
   [
     "Split",
     [{ word: "a mesh a cluster", output: "submeshes", extensions: ["glb", "zip", "stl.zip", "obj.zip", "npz"] }],
@@ -27,7 +34,7 @@ const GROUPS: [string, Row[]][] = [
   [
     "Data",
     [
-      { word: "cluster of each face", output: "labels", extensions: ["npy", "json", "bin"] },
+      { word: "cluster of each face", output: "labels", extensions: ["png", "npy", "json", "bin"] },
       { word: "table of clusters", output: "clusters", extensions: ["csv", "json"] },
       { word: "neighbours of clusters", output: "graph", extensions: ["json", "npz", "graphml"] },
       { word: "lines between clusters", output: "boundaries", extensions: ["json", "obj", "glb", "vtp"] },
@@ -52,6 +59,26 @@ export function downloads(job: Job, clusters: () => number | null, signal: Abort
   return box;
 }
 
+/** A row in the words and the formats of this job. */
+function suited(row: Row, job: Job): Row {
+  const { items, clusters, cluster } = WORDS[kindOf(job)];
+  const isNamed = (extension: string): boolean => job.outputs.includes(`${row.output}.${extension}`);
+  const isOfImage = kindOf(job) === "image";
+  switch (row.output) {
+    case "labels": {
+      const extensions = row.extensions.filter((extension) => extension !== "png" || isOfImage);
+      return { ...row, word: `${cluster} of each ${items.slice(0, -1)}`, extensions };
+    }
+    case "hierarchy":
+    case "report":
+      return row;
+    default: {
+      const word = row.word.replace("clusters", clusters);
+      return { ...row, word, extensions: job.keep_mesh ? row.extensions : row.extensions.filter(isNamed) };
+    }
+  }
+}
+
 const isMade = (job: Job, name: string): boolean =>
   ALWAYS.includes(name) || (name === "hierarchy" ? isHierarchical(job.parameters.algorithm) : Boolean(job.urls[name]));
 
@@ -71,7 +98,10 @@ async function fill(list: HTMLElement, job: Job, clusters: number | null, signal
     });
     return make("span", { class: "file" }, button, told);
   };
-  const groups = GROUPS.map(([title, rows]): [string, Row[]] => [title, rows.filter((row) => isMade(job, row.output))]);
+  const groups = GROUPS.map(([title, rows]): [string, Row[]] => [
+    title,
+    rows.filter((row) => isMade(job, row.output)).map((row) => suited(row, job)),
+  ]);
   list.replaceChildren(
     ...groups.flatMap(([title, rows]) => {
       if (rows.length === 0) return [];

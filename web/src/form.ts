@@ -1,12 +1,13 @@
-// The form for new jobs: files that are dropped or chosen, what to do with them, and how much of them is sent.
+// The form for new jobs: meshes and images that are dropped or chosen, what to do with them, and how much of them is sent.
 
 import { type Job, isHierarchical, nameOf } from "./api";
 import { announce, byId, notice, size } from "./dom";
+import { isImage, isMesh } from "./kinds";
 import { refusalOf } from "./limits";
 import { scene } from "./load";
+import { sizeOf, usualNumber } from "./photo";
 import { type Progress, send } from "./send";
-
-const isMesh = (name: string): boolean => /\.(obj|glb|gltf|ply|stl|off)$/i.test(name);
+import { OUTPUTS } from "./take";
 
 /** Whether an algorithm has a quality; the others refuse it. */
 const hasQuality = (algorithm: string): boolean => ["bb", "pml"].includes(algorithm);
@@ -16,6 +17,8 @@ const value = (id: string): string => byId<HTMLInputElement>(id).value;
 export class Form {
   private files: File[] = [];
   private sending: AbortController | null = null;
+  /** Whether a number of clusters was written by hand. */
+  private isWritten = false;
   /** Whether nothing is known against the files. */
   private checked: Promise<boolean> = Promise.resolve(false);
 
@@ -28,11 +31,19 @@ export class Form {
     this.suit();
   }
 
-  /** Every mesh with what belongs to it: a glTF file with all files that are no mesh. */
+  /** Every mesh with what belongs to it, a glTF file with all files that are no mesh; without one, every image. */
   private jobs(): File[][] {
+    const isGltf = ({ name }: File): boolean => /\.gltf$/i.test(name);
     const others = this.files.filter((file) => !isMesh(file.name));
     const meshes = this.files.filter((file) => isMesh(file.name));
-    return meshes.map((mesh) => (/\.gltf$/i.test(mesh.name) ? [mesh, ...others] : [mesh]));
+    const images = this.files.some(isGltf) ? [] : others.filter((file) => isImage(file.name));
+    return [...meshes.map((mesh) => (isGltf(mesh) ? [mesh, ...others] : [mesh])), ...images.map((image) => [image])];
+  }
+
+  /** Whether there are images, and nothing else: they have fields of their own. */
+  private get areImages(): boolean {
+    const jobs = this.jobs();
+    return jobs.length > 0 && jobs.every(([file]) => isImage(file?.name ?? ""));
   }
 
   private choose(chosen: File[]): void {
@@ -40,13 +51,17 @@ export class Form {
     this.files = chosen;
     const jobs = this.jobs();
     notice(
-      jobs.length > 0 ? "" : `${chosen[0]?.name ?? ""} is no mesh that is known here: OBJ, PLY, STL, GLB, glTF, OFF.`,
+      jobs.length > 0
+        ? ""
+        : `${chosen[0]?.name ?? ""} is no mesh and no image that is known here: OBJ, PLY, STL, GLB, glTF, OFF, PNG, JPEG.`,
     );
     byId("file-name").textContent = chosen.map((file) => `${file.name}, ${size(file.size)}`).join("; ");
     const button = byId<HTMLButtonElement>("submit");
-    button.textContent = jobs.length > 1 ? `Cluster ${jobs.length} meshes` : "Cluster";
+    button.textContent = jobs.length > 1 ? `Cluster ${jobs.length} ${this.areImages ? "images" : "files"}` : "Cluster";
     button.disabled = jobs.length === 0 || this.sending !== null;
     this.checked = this.check(jobs);
+    this.suit();
+    void this.propose(chosen);
   }
 
   /** Says why a mesh will be refused, and then sends none. */
@@ -59,33 +74,52 @@ export class Form {
     return false;
   }
 
+  /** Fills in a number of clusters that suits, as long as nothing else was written there. */
+  private async propose(chosen: File[]): Promise<void> {
+    const clusters = byId<HTMLInputElement>("clusters");
+    const number = this.areImages ? await usualOf(chosen[0]) : Number(clusters.defaultValue);
+    if (this.files !== chosen || this.isWritten) return;
+    clusters.value = String(number);
+  }
+
+  /** What is asked of one file. */
+  private async parametersOf(file: File | undefined): Promise<Record<string, unknown>> {
+    const quality = value("quality");
+    if (isImage(file?.name ?? "")) {
+      const clusters = this.areImages ? Number(value("clusters")) : await usualOf(file);
+      return { clusters, compactness: Number(value("compactness")), quality, outputs: OUTPUTS };
+    }
+    const algorithm = value("algorithm");
+    const parameters: Record<string, unknown> = { algorithm, keep_mesh: true };
+    if (hasQuality(algorithm)) parameters["quality"] = quality;
+    // a hierarchy is made as a whole, so that the slider has all of it
+    if (!isHierarchical(algorithm)) parameters["clusters"] = Number(value("clusters"));
+    return parameters;
+  }
+
   private async start(): Promise<void> {
     if (!(await this.checked) || this.sending) return;
     const button = byId<HTMLButtonElement>("submit");
-    const algorithm = value("algorithm");
-    const parameters: Record<string, unknown> = { algorithm, keep_mesh: true };
-    if (hasQuality(algorithm)) parameters["quality"] = value("quality");
-    // a hierarchy is made as a whole, so that the slider has all of it
-    if (!isHierarchical(algorithm)) parameters["clusters"] = Number(value("clusters"));
     const jobs = this.jobs();
+    const what = this.areImages ? "image" : "mesh";
     button.disabled = true;
     this.sending = new AbortController();
     const { signal } = this.sending;
     byId("sending").hidden = false;
-    const gone = (): void => notice("The service does not answer. The mesh is sent again when it is back.");
+    const gone = (): void => notice(`The service does not answer. The ${what} is sent again when it is back.`);
     try {
       for (const files of jobs) {
         const began = performance.now();
         const tell = (progress: Progress): void => tellSent(progress, (performance.now() - began) / 1000);
         tell({ sent: 0, total: files.reduce((sum, file) => sum + file.size, 0) });
-        announce("Sending the mesh");
-        const job = await send(files, parameters, signal, tell, gone);
+        announce(`Sending the ${what}`);
+        const job = await send(files, await this.parametersOf(files[0]), signal, tell, gone);
         notice("");
         announce(`${nameOf(job)} is accepted`);
         await this.onSent(job, files);
       }
     } catch (error) {
-      if (signal.aborted) announce("The mesh is not sent");
+      if (signal.aborted) announce(`The ${what} is not sent`);
       else this.onFail(error);
     } finally {
       this.sending = null;
@@ -94,13 +128,18 @@ export class Form {
     }
   }
 
-  /** Shows the fields that the algorithm has. */
+  /** Shows the fields that images, or the algorithm, have. */
   private suit(): void {
+    const { areImages } = this;
     const algorithm = value("algorithm");
-    byId<HTMLSelectElement>("quality").disabled = !hasQuality(algorithm);
-    byId<HTMLInputElement>("clusters").disabled = isHierarchical(algorithm);
-    for (const element of document.querySelectorAll<HTMLElement>(".of-number"))
-      element.hidden = isHierarchical(algorithm);
+    const isAny = !areImages && isHierarchical(algorithm);
+    byId("algorithm").hidden = areImages;
+    byId<HTMLSelectElement>("quality").disabled = !areImages && !hasQuality(algorithm);
+    byId<HTMLInputElement>("clusters").disabled = isAny;
+    byId<HTMLInputElement>("compactness").disabled = !areImages;
+    for (const element of document.querySelectorAll<HTMLElement>(".of-number")) element.hidden = isAny;
+    for (const element of document.querySelectorAll<HTMLElement>(".of-image")) element.hidden = !areImages;
+    byId("clusters-label").textContent = areImages ? "Superpixels" : "Clusters";
   }
 
   private listen(): void {
@@ -124,6 +163,7 @@ export class Form {
         take().catch(this.onFail);
       });
     }
+    byId("clusters").addEventListener("input", () => (this.isWritten = true));
     byId("algorithm").addEventListener("change", () => this.suit());
     byId("new-job").addEventListener("submit", (event) => {
       event.preventDefault();
@@ -133,7 +173,13 @@ export class Form {
   }
 }
 
-/** Says how much of the mesh is sent, and how long the rest takes at the pace so far. */
+/** Superpixels of an image where no number is given. */
+async function usualOf(file: File | undefined): Promise<number> {
+  const size = file && (await sizeOf(file));
+  return usualNumber(size ?? { width: 500, height: 500 });
+}
+
+/** Says how much of a file is sent, and how long the rest takes at the pace so far. */
 function tellSent({ sent, total }: Progress, seconds: number): void {
   const bar = byId<HTMLProgressElement>("sent");
   bar.max = total;

@@ -14,15 +14,19 @@ import {
   pause,
   request,
 } from "./api";
-import { explain, repairs, withAnother } from "./again";
+import { repairs, withAnother } from "./again";
 import { Before } from "./before";
 import type { Curve } from "./curve";
-import { announce, count, digits, make, notice } from "./dom";
-import { brief, manner } from "./facts";
+import { announce, make, notice } from "./dom";
+import { kindOf } from "./kinds";
 import { type Scene, scene } from "./load";
+import type { Places } from "./places";
+import { PointsResult } from "./points";
 import { Result } from "./result";
+import { Superpixels } from "./superpixels";
 import { remove } from "./trash";
 import { uploaded } from "./uploaded";
+import { describe, manner } from "./words";
 
 /** Time between looks at whether a job that failed is run again, in milliseconds. */
 const LOOK_EVERY = 2000;
@@ -45,7 +49,7 @@ export class JobPage {
   private readonly inspector = make("div", { id: "result" });
   private readonly rest = make("div", { id: "rest" });
   private readonly curve: Curve;
-  private result: Result | null = null;
+  private result: Result | Superpixels | PointsResult | null = null;
   private before: Before | null = null;
   /** Number of the last event. */
   private last = "";
@@ -54,15 +58,18 @@ export class JobPage {
     private readonly box: HTMLElement,
     private job: Job,
     private readonly around: Around,
-    /** What was submitted, mesh first, if it was from here. */
-    private readonly files: File[],
+    /** What was submitted, mesh first, if it was from here; else an image that was fetched while the job had not ended. */
+    private files: File[],
     private readonly scene: Scene,
   ) {
     const head = make("header", { class: "head" }, make("h2", { id: "job-title" }, nameOf(job)), this.state);
     const manners = make("p", { class: "manner" }, manner(job));
     const inspector = make("aside", { id: "inspector", "aria-label": "Inspector" });
     inspector.append(make("div", { class: "bar" }, manners, this.actions), this.inspector, this.history, this.rest);
-    box.replaceChildren(make("section", { id: "scene", "aria-label": "Mesh" }, this.stage, head), inspector);
+    box.replaceChildren(
+      make("section", { id: "scene", "aria-label": kindOf(job) === "mesh" ? "Mesh" : "Image" }, this.stage, head),
+      inspector,
+    );
     const { algorithm } = job.parameters;
     this.history.append(make("h3", {}, "Energy"), this.energies, make("p", { class: "key" }, ...keyOf(algorithm)));
     this.curve = new scene.Curve(this.energies, isHierarchical(algorithm));
@@ -196,15 +203,25 @@ export class JobPage {
     this.before = null;
     this.result?.close();
     const places = { stage: this.stage, words: this.state, inspector: this.inspector, rest: this.rest };
-    this.result = new Result(places, this.job, this.scene);
-    if (this.job.keep_mesh) this.rest.prepend(withAnother(this.job, this.files, this.around.onSent));
+    this.result = this.resultIn(places);
+    if (this.job.keep_mesh || (kindOf(this.job) === "image" && this.files.length > 0))
+      this.rest.prepend(withAnother(this.job, this.files, this.around.onSent));
     await this.result.load();
   }
 
-  /** Shows the mesh while the service works on it. */
+  private resultIn(places: Places): Result | Superpixels | PointsResult {
+    const kind = kindOf(this.job);
+    if (kind === "mesh") return new Result(places, this.job, this.scene);
+    return kind === "image"
+      ? new Superpixels(places, this.job, this.scene, this.files[0] ?? null)
+      : new PointsResult(places, this.job);
+  }
+
+  /** Shows the mesh or the image while the service works on it. */
   private showMesh(): void {
-    if (this.before) return;
-    this.before = new Before(this.stage, this.scene);
+    const kind = kindOf(this.job);
+    if (this.before || kind === "points") return;
+    this.before = new Before(this.stage, this.scene, kind);
     void this.before.show(this.readFiles());
   }
 
@@ -214,6 +231,8 @@ export class JobPage {
       await this.whenThere(async () => {
         files = await uploaded(this.job, this.abort.signal);
       });
+      // the service has a mesh when it is needed again, but no image
+      if (kindOf(this.job) === "image") this.files = files;
     }
     return files;
   }
@@ -227,7 +246,7 @@ export class JobPage {
     if (this.job.state === "failed") {
       this.inspector.replaceChildren(...repairs(this.job, this.files, this.around.onSent));
       this.inspector.classList.add("tools");
-      const hint = "Nothing was kept of this job. Choose the mesh again.";
+      const hint = `Nothing was kept of this job. Choose the ${kindOf(this.job)} again.`;
       if (!this.before && this.files.length === 0) this.stage.replaceChildren(make("div", { class: "view" }, hint));
     }
     this.showState();
@@ -254,26 +273,6 @@ export class JobPage {
     } catch (error) {
       notice(error instanceof Error ? error.message : String(error));
     }
-  }
-}
-
-/** A job in a line. */
-export function describe(job: Job): string {
-  const { iterations, phase, clusters_left: left, energy } = job.progress;
-  switch (job.state) {
-    case "queued":
-      return job.queue_position === null ? "Waiting" : `Waiting, number ${job.queue_position} in the queue`;
-    case "running": {
-      if (energy === null) return "Running";
-      const step = left !== null ? `${count(left)} clusters left` : `iteration ${iterations}, ${phase ?? ""}`;
-      return `Running: ${step}, energy ${digits(energy)}`;
-    }
-    case "succeeded":
-      return brief(job);
-    case "failed":
-      return `Failed: ${explain(job).words}`;
-    case "cancelled":
-      return "Cancelled";
   }
 }
 

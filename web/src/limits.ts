@@ -2,6 +2,8 @@
 
 import { json } from "./api";
 import { count, size } from "./dom";
+import { isImage } from "./kinds";
+import { sizeOf } from "./photo";
 
 interface Limits {
   max_upload_bytes: number;
@@ -14,7 +16,7 @@ const HEAD = 4096;
 /** Bytes before the triangles of a binary STL file, and of each. */
 const [BEFORE, TRIANGLE] = [84, 50];
 
-/** Why a mesh with what belongs to it will be refused; empty where nothing is known against it. */
+/** Why a mesh with what belongs to it, or an image, will be refused; empty where nothing is known against it. */
 export async function refusalOf(files: File[]): Promise<string> {
   // a service that does not say takes the mesh, or refuses it itself
   const limits = await json<Limits>("/v1/limits").catch(() => null);
@@ -23,6 +25,9 @@ export async function refusalOf(files: File[]): Promise<string> {
   const bytes = files.reduce((sum, file) => sum + file.size, 0);
   if (bytes > limits.max_upload_bytes)
     return `${mesh.name} has ${size(bytes)}. This service takes ${size(limits.max_upload_bytes)} at most.`;
+  const { width = 0, height = 0 } = (isImage(mesh.name) && (await sizeOf(mesh))) || {};
+  if (width * height > limits.max_faces)
+    return `${mesh.name} has ${count(width * height)} pixels. This service clusters ${count(limits.max_faces)} at most.`;
   const faces = await facesOf(mesh);
   if (faces > limits.max_faces)
     return `${mesh.name} has ${count(faces)} faces. This service clusters ${count(limits.max_faces)} at most.`;

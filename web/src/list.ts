@@ -3,9 +3,10 @@
 import * as address from "./address";
 import { type Job, isHierarchical, isLive, json, nameOf } from "./api";
 import { byId, count, make } from "./dom";
-import { describe } from "./job";
-import { thumbnail } from "./thumbnails";
+import { WORDS, kindOf } from "./kinds";
+import { fetchThumbnails, thumbnail } from "./thumbnails";
 import { isDeleted } from "./trash";
+import { describe } from "./words";
 
 const ago = (time: string): string => {
   const seconds = (Date.now() - Date.parse(time)) / 1000;
@@ -20,7 +21,9 @@ function summary(job: Job): string {
   if (isLive(job)) return describe(job).replace(/:.*/, "");
   if (job.state !== "succeeded") return job.state;
   const { algorithm } = job.parameters;
-  return isHierarchical(algorithm) ? "any number" : `${count(job.result?.clusters ?? 0)} clusters`;
+  return isHierarchical(algorithm)
+    ? "any number"
+    : `${count(job.result?.clusters ?? 0)} ${WORDS[kindOf(job)].clusters}`;
 }
 
 /** Writes the list, where it changed. */
@@ -28,6 +31,7 @@ export async function list(): Promise<void> {
   const { jobs: all } = await json<{ jobs: Job[] }>("/v1/jobs?limit=50");
   const jobs = all.filter((job) => !isDeleted(job.id));
   const box = byId("jobs");
+  fetchThumbnails(jobs);
   const shown = jobs.map((job) => [job.id, summary(job), ago(job.created_at), thumbnail(job.id)?.length]);
   const text = JSON.stringify([shown, location.hash]);
   if (box.dataset["shown"] === text) return;

@@ -1,12 +1,11 @@
-// What a job gave: its picture, cuts of a hierarchy, a cluster and its numbers, a comparison with another job of the same
-// mesh, the remesh, the table, the files.
+// What a job on a mesh gave: its picture, cuts of a hierarchy, a cluster and its numbers, a comparison, the remesh, files.
 
 import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, output } from "./api";
 import { Comparison, counterpart, overlap } from "./compare";
 import { announce, make, notice } from "./dom";
 import { downloads } from "./downloads";
-import { Facts, brief } from "./facts";
+import { Facts } from "./facts";
 import { Level } from "./level";
 import type { Scene } from "./load";
 import { Picture } from "./picture";
@@ -17,6 +16,7 @@ import { ClusterTable } from "./table";
 import { take } from "./take";
 import { Tools } from "./tools";
 import { Walk } from "./walk";
+import { brief } from "./words";
 
 /** Triangles above which 3D waits for a click: 36 bytes each on the graphics processor, and twice that here. */
 const MANY_TRIANGLES = 5_000_000;
@@ -75,7 +75,7 @@ export class Result {
     this.tools = new Tools(Boolean(job.urls["remesh"]), Boolean(job.urls["clusters"]));
     this.picture = new Picture(job, scene, this.tools, this.selection, signal);
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
-    this.table = new ClusterTable(list, (cluster) => this.picture.mine.css(cluster));
+    this.table = new ClusterTable(list, (cluster) => this.picture.mine.css(cluster), ["faces", "area"]);
     this.listen();
     const dock = make("div", { id: "dock" }, ...(this.level ? [this.level.element] : []), this.tools.legend);
     const over = [this.comparison.captions, this.tools.element, dock, this.selection.card];
@@ -244,7 +244,7 @@ export class Result {
     const { mine, other } = this.picture;
     mine.measure();
     if (this.comparison.labels) other.measure();
-    this.table.show(mine.clusters);
+    this.table.show([mine.clusters.faces, mine.clusters.area]);
     this.tellComparison();
     this.select(this.selected);
   }

@@ -23,11 +23,11 @@ export class Selection {
   }
 
   /** Writes the numbers of the selected cluster, or how to select one. */
-  show(picked: Picked | null, isTree: boolean): void {
+  show(picked: Picked | null, isTree: boolean, noun = "cluster"): void {
     this.element.dataset["cluster"] = picked === null ? "" : String(picked.cluster);
     if (!picked) {
       const tree = isTree ? " A second click splits it, one with Shift merges it." : "";
-      this.numbers.replaceChildren(make("p", {}, `Click a cluster to see its numbers.${tree}`));
+      this.numbers.replaceChildren(make("p", {}, `Click a ${noun} to see its numbers.${tree}`));
       return;
     }
     const rows = picked.facts.map(([name, value]) => {
@@ -36,7 +36,7 @@ export class Selection {
       return make("div", {}, make("dt", {}, name), told);
     });
     this.numbers.replaceChildren(
-      make("h3", {}, swatch(picked.colour), `Cluster ${picked.cluster}`),
+      make("h3", {}, swatch(picked.colour), `${noun.charAt(0).toUpperCase()}${noun.slice(1)} ${picked.cluster}`),
       make("dl", { class: "facts" }, ...rows),
     );
   }

@@ -1,9 +1,10 @@
-// Sends a mesh, and says how much of it is sent. `fetch` does not say that, so this is an XMLHttpRequest.
+// Sends a mesh or an image, and says how much of it is sent. `fetch` does not say that, so this is an XMLHttpRequest.
 //
-// A mesh whose sending breaks is sent again when the service is back. The same Idempotency-Key makes the same job of
+// A file whose sending breaks is sent again when the service is back. The same Idempotency-Key makes the same job of
 // it, whether or not the service had accepted the first one.
 
 import { type Job, type Problem, json, pause, refusal, token, untilLater } from "./api";
+import { isImage } from "./kinds";
 
 /** Breaks in a row, with a service that answers, after which it is an error. */
 const MOST_BREAKS = 3;
@@ -21,14 +22,14 @@ export async function send(
   signal: AbortSignal,
   onProgress: (progress: Progress) => void,
   onBreak: () => void,
-  /** The format of the mesh, where it is not that of its name. */
+  /** The format of the file, where it is not that of its name. */
   format: string | null = null,
 ): Promise<Job> {
   const form = new FormData();
   const [mesh, ...buffers] = files;
-  if (!mesh) throw new Error("there is no mesh to send");
+  if (!mesh) throw new Error("there is no file to send");
   form.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
-  form.append("mesh", mesh, mesh.name);
+  form.append(isImage(mesh.name) ? "points" : "mesh", mesh, mesh.name);
   for (const buffer of buffers) form.append("buffer", buffer, buffer.name);
   const key = Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(16)).join("-");
   for (let breaks = 0; ;) {
@@ -46,7 +47,7 @@ export async function send(
         () => false,
       );
       breaks = isThere ? breaks + 1 : 0;
-      if (breaks === MOST_BREAKS) throw new Error("the connection breaks while the mesh is sent");
+      if (breaks === MOST_BREAKS) throw new Error("the connection breaks while the file is sent");
     }
     await pause(PAUSE_MS, signal);
   }

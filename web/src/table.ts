@@ -50,12 +50,11 @@ export function measure(labels: Uint32Array, mesh: Triangles | null): Clusters {
   return { faces, area, centres };
 }
 
-type Order = "cluster" | "faces" | "area";
-
 export class ClusterTable {
   onSelect: (cluster: number) => void = () => {};
-  private clusters: Clusters = { faces: new Uint32Array(), area: new Float64Array(), centres: new Float64Array() };
-  private order: Order = "cluster";
+  private columns: ArrayLike<number>[] = [];
+  /** The number of the column that rows are ordered by, or -1 for the clusters. */
+  private order = -1;
   private rows: number[] = [];
   private page = 0;
   private selected: number | null = null;
@@ -65,9 +64,12 @@ export class ClusterTable {
   constructor(
     box: HTMLElement,
     private readonly colour: (cluster: number) => string,
+    /** What each column has; the first has a number a cluster. */
+    names: string[],
   ) {
-    const order = make("select", { id: "order", onchange: () => this.sort(order.value as Order) });
-    for (const name of ["cluster", "faces", "area"]) order.append(make("option", { value: name }, name));
+    const order = make("select", { id: "order", onchange: () => this.sort(order.selectedIndex - 1) });
+    for (const name of ["cluster", ...names]) order.append(make("option", { value: name }, name));
+    const titles = ["cluster", ...names].map((name) => name.charAt(0).toUpperCase() + name.slice(1));
     const turn = (by: number): void => this.turn(by);
     box.append(
       make(
@@ -83,18 +85,14 @@ export class ClusterTable {
         "table",
         { id: "cluster-table" },
         make("caption", { class: "hidden-text" }, "Clusters"),
-        make(
-          "thead",
-          {},
-          make("tr", {}, ...["Cluster", "Faces", "Area"].map((name) => make("th", { scope: "col" }, name))),
-        ),
+        make("thead", {}, make("tr", {}, ...titles.map((name) => make("th", { scope: "col" }, name)))),
         this.body,
       ),
     );
   }
 
-  show(clusters: Clusters): void {
-    this.clusters = clusters;
+  show(columns: ArrayLike<number>[]): void {
+    this.columns = columns;
     this.sort(this.order);
   }
 
@@ -106,11 +104,11 @@ export class ClusterTable {
     this.draw();
   }
 
-  private sort(order: Order): void {
+  private sort(order: number): void {
     this.order = order;
-    this.rows = Array.from(this.clusters.faces.keys());
-    const of = order === "faces" ? this.clusters.faces : this.clusters.area;
-    if (order !== "cluster") this.rows.sort((a, b) => (of[b] ?? 0) - (of[a] ?? 0) || a - b);
+    this.rows = Array.from({ length: this.columns[0]?.length ?? 0 }, (_, cluster) => cluster);
+    const of = this.columns[order];
+    if (of) this.rows.sort((a, b) => (of[b] ?? 0) - (of[a] ?? 0) || a - b);
     this.page = 0;
     this.draw();
   }
@@ -137,8 +135,10 @@ export class ClusterTable {
           "tr",
           {},
           make("th", { scope: "row" }, button),
-          make("td", {}, count(this.clusters.faces[cluster] ?? 0)),
-          make("td", {}, digits(this.clusters.area[cluster] ?? 0)),
+          ...this.columns.map((column, i) => {
+            const number = column[cluster] ?? NaN;
+            return make("td", {}, i === 0 ? count(number) : Number.isNaN(number) ? "" : digits(number));
+          }),
         );
       }),
     );

@@ -2,6 +2,7 @@
 
 import { type Job, isHierarchical, nameOf } from "./api";
 import { announce, make } from "./dom";
+import { kindOf } from "./kinds";
 
 export function take(job: Job, clusters: () => number | null): HTMLElement {
   const kinds: [string, () => string][] = [
@@ -10,7 +11,9 @@ export function take(job: Job, clusters: () => number | null): HTMLElement {
     ["Command", () => command(job, clusters())],
     ["Python", () => python(job, clusters())],
   ];
-  const buttons = kinds.map(([name, text]) => {
+  // edges and weights of points may have come as files that are not known here
+  const shown = kindOf(job) === "points" ? kinds.slice(0, 1) : kinds;
+  const buttons = shown.map(([name, text]) => {
     const button = make("button", { type: "button", id: `copy-${name.toLowerCase()}` }, name);
     button.addEventListener("click", () => void copy(button, name, text()));
     return button;
@@ -40,7 +43,16 @@ const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'
 
 /** Parameters of a job that every algorithm takes, as far as they are set. */
 export function settings(job: Job): [string, string | number | true][] {
-  const names = ["clusters", "quality", "seed", "subdivide", "curvature_exponent", "bridge_components", "features"];
+  const names = [
+    "clusters",
+    "quality",
+    "seed",
+    "subdivide",
+    "curvature_exponent",
+    "bridge_components",
+    "features",
+    "compactness",
+  ];
   const isSet = (value: unknown): value is string | number | true =>
     value === true || ((typeof value === "number" || typeof value === "string") && Boolean(value));
   return names.flatMap((name) => {
@@ -49,9 +61,13 @@ export function settings(job: Job): [string, string | number | true][] {
   });
 }
 
+/** What is made of an image with the result; the image is gone then. */
+export const OUTPUTS = ["means", "clusters.csv"];
+
 function curl(job: Job): string {
   const { algorithm } = job.parameters;
-  const search = new URLSearchParams({ algorithm, keep_mesh: "true", format: job.mesh.format });
+  const kept = kindOf(job) === "image" ? { outputs: OUTPUTS.join() } : { keep_mesh: "true" };
+  const search = new URLSearchParams({ algorithm, ...kept, format: job.mesh.format } as Record<string, string>);
   for (const [name, value] of settings(job)) search.set(name, String(value));
   return `curl -sS --data-binary @${quoted(nameOf(job))} '${location.origin}/v1/jobs?${search}'`;
 }
@@ -63,7 +79,9 @@ function command(job: Job, cut: number | null): string {
     ([name, value]) => ` --${name.replaceAll("_", "-")}${value === true ? "" : ` ${value}`}`,
   );
   const options = `--algorithm ${algorithm}${flags.join("")}`;
-  if (!isHierarchical(algorithm)) return `tesserae cluster ${name} ${options} --labels labels.npy --mesh clusters.glb`;
+  const image = "--labels labels.png --means means.png --clusters-table clusters.csv";
+  const files = kindOf(job) === "image" ? image : "--labels labels.npy --mesh clusters.glb";
+  if (!isHierarchical(algorithm)) return `tesserae cluster ${name} ${options} ${files}`;
   const run = `tesserae cluster ${name} ${options} --hierarchy hierarchy.tsr`;
   return `${run}\ntesserae cut hierarchy.tsr --clusters ${cut ?? 1} --labels labels.npy`;
 }
@@ -72,6 +90,13 @@ function python(job: Job, cut: number | null): string {
   const { algorithm } = job.parameters;
   const literal = (value: string | number | true): string => (value === true ? "True" : JSON.stringify(value));
   const options = [`algorithm="${algorithm}"`, ...settings(job).map(([name, value]) => `${name}=${literal(value)}`)];
+  if (kindOf(job) === "image") {
+    // what PNG has and JPEG has not is alpha
+    const mode = job.mesh.format === "png" ? "RGBA" : "RGB";
+    const read = `image = np.asarray(Image.open(${JSON.stringify(nameOf(job))}).convert("${mode}"))`;
+    const call = `tesserae_mesh.superpixels(image, ${options.slice(1).join(", ").replace("clusters=", "n=")})`;
+    return `import numpy as np\nimport tesserae_mesh\nfrom PIL import Image\n\n${read}\nlabels = ${call}`;
+  }
   const labels = isHierarchical(algorithm) ? `result.hierarchy.cut(${cut ?? 1}).labels` : "result.labels";
   const call = `tesserae_mesh.cluster(${JSON.stringify(nameOf(job))}, ${options.join(", ")})`;
   return `import tesserae_mesh\n\nresult = ${call}\nlabels = ${labels}`;

@@ -1,17 +1,47 @@
-// Small pictures of jobs that were shown, for the list; they are gone with the page.
+// Small pictures of jobs for the list, of those that were shown and of images; they are gone with the page.
+
+import { type Job, length, request } from "./api";
+import { pixelsOf } from "./photo";
 
 const SIDE = 88;
 
-const pictures = new Map<string, string>();
+/** Bytes above which the means of an image are not fetched for the list. */
+const MOST_BYTES = 2e6;
 
-/** Keeps the middle of a canvas that was drawn just now, as the picture of a job. */
-export function keepThumbnail(job: string, canvas: HTMLCanvasElement): void {
+const pictures = new Map<string, string>();
+/** Jobs whose picture was fetched, or cannot be. */
+const asked = new Set<string>();
+let fetching: Promise<void> = Promise.resolve();
+
+/** Keeps the middle of a picture as that of a job; of a canvas, one that was drawn just now. */
+export function keepThumbnail(job: string, picture: HTMLCanvasElement | ImageBitmap): void {
   const small = document.createElement("canvas");
   small.width = small.height = SIDE;
-  const side = Math.min(canvas.width, canvas.height);
-  const [x, y] = [(canvas.width - side) / 2, (canvas.height - side) / 2];
-  small.getContext("2d")?.drawImage(canvas, x, y, side, side, 0, 0, SIDE, SIDE);
+  const side = Math.min(picture.width, picture.height);
+  const [x, y] = [(picture.width - side) / 2, (picture.height - side) / 2];
+  const context = small.getContext("2d");
+  if (context) context.imageSmoothingQuality = "high";
+  context?.drawImage(picture, x, y, side, side, 0, 0, SIDE, SIDE);
   pictures.set(job, small.toDataURL());
 }
 
 export const thumbnail = (job: string): string | undefined => pictures.get(job);
+
+/** Fetches the mean colours of images that have no picture yet, one after the other. */
+export function fetchThumbnails(jobs: Job[]): void {
+  for (const { id, state, urls } of jobs) {
+    const path = urls["means"];
+    if (state !== "succeeded" || !path || asked.has(id) || pictures.has(id)) continue;
+    asked.add(id);
+    fetching = fetching.then(() => fetchOne(id, path)).catch(() => {});
+  }
+}
+
+async function fetchOne(id: string, path: string): Promise<void> {
+  const { signal } = new AbortController();
+  const bytes = await length(path, signal);
+  if (pictures.has(id) || bytes === null || bytes > MOST_BYTES) return;
+  const means = await pixelsOf(await (await request(path, { signal })).blob());
+  keepThumbnail(id, means);
+  means.close();
+}

@@ -59,9 +59,9 @@ export class View {
     this.canvas = this.renderer.domElement;
     this.geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(mesh.positions, 3));
     this.geometry.computeBoundingSphere();
-    this.pace = new Pace(this.triangles, this.ratio);
+    this.pace = new Pace(this.items, this.ratio);
     this.seen = new Seen(this.renderer, this.geometry);
-    this.paints = [new Paint(this.triangles, mesh.faces)];
+    this.paints = [new Paint(this.items, mesh.faces)];
     this.guessedUp = guessUp(mesh.positions, format);
     this.ground = groundOf(mesh.positions, up ?? this.guessedUp);
     this.rig = new Rig(this.canvas);
@@ -85,7 +85,7 @@ export class View {
     this.observer.observe(box);
   }
 
-  get triangles(): number {
+  get items(): number {
     return this.mesh.positions.length / 9;
   }
 
@@ -103,7 +103,7 @@ export class View {
   /** Colours the mesh by labels, and shows it a second time in others where there are any. */
   show(shown: Shown, others: Shown | null = null, parting: Parting = "beside"): void {
     const before = this.canvas.dataset["panes"] ?? "1";
-    if (others && !this.paints[1]) this.paints.push(new Paint(this.triangles, this.mesh.faces));
+    if (others && !this.paints[1]) this.paints.push(new Paint(this.items, this.mesh.faces));
     else if (!others) this.paints.splice(1).forEach((paint) => paint.dispose());
     this.paints[0]?.set(shown.labels, shown.colours);
     if (others) this.paints[1]?.set(others.labels, others.colours);
@@ -226,7 +226,7 @@ export class View {
     }
     if (isTimed) pace.time(this.timeSince(began));
     this.frames++;
-    const drawn = isCoarse ? (this.coarse?.length ?? 0) : this.triangles;
+    const drawn = isCoarse ? (this.coarse?.length ?? 0) : this.items;
     Object.assign(this.canvas.dataset, { frames: this.frames, drawn });
   }
 

@@ -25,7 +25,7 @@ export class Visit {
       "header",
       { class: "head" },
       make("h2", {}, "Any surface, in any number of patches"),
-      make("p", {}, "Drop a mesh, or take a sample. Nothing leaves this service."),
+      make("p", {}, "Drop a mesh or an image, or take a sample. Nothing leaves this service."),
       told,
     );
     const dock = make("div", { id: "dock" });

@@ -2,6 +2,7 @@
 //   node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [--only REGEXP] [MESHES]
 import assert from "node:assert/strict";
 import { Browser } from "./browser.mjs";
+import { images } from "./images.mjs";
 import { reach } from "./reach.mjs";
 import { results } from "./results.mjs";
 import { design } from "./design.mjs";
@@ -10,7 +11,7 @@ import { Service, until } from "./service.mjs";
 import { states } from "./states.mjs";
 import { binary, values } from "./steps.mjs";
 
-const tests = { ...results, ...design, ...reach, ...sending, ...states };
+const tests = { ...results, ...images, ...design, ...reach, ...sending, ...states };
 
 const browser = await new Browser(values.files).launch();
 const service = await new Service(binary).start();

@@ -1,0 +1,56 @@
+// Jobs in words.
+
+import { explain } from "./again";
+import { type Job, isHierarchical } from "./api";
+import { count, digits, duration } from "./dom";
+import { WORDS, kindOf } from "./kinds";
+
+/** What a job does or did, in a line. */
+export function describe(job: Job): string {
+  const { iterations, phase, clusters_left: left, energy } = job.progress;
+  switch (job.state) {
+    case "queued":
+      return job.queue_position === null ? "Waiting" : `Waiting, number ${job.queue_position} in the queue`;
+    case "running": {
+      if (energy === null) return "Running";
+      const step = left !== null ? `${count(left)} clusters left` : `iteration ${iterations}, ${phase ?? ""}`;
+      return `Running: ${step}, energy ${digits(energy)}`;
+    }
+    case "succeeded":
+      return brief(job);
+    case "failed":
+      return `Failed: ${explain(job).words}`;
+    case "cancelled":
+      return "Cancelled";
+  }
+}
+
+/** A job in a line: "400 clusters of 69,451 faces · 0.39 s". */
+export function brief(job: Job, clusters: number | null = null): string {
+  const { result, started_at: started, ended_at: ended } = job;
+  if (!result) return "";
+  const took = started && ended ? ` · ${duration(Date.parse(ended) - Date.parse(started))}` : "";
+  const shown = clusters ?? result.clusters;
+  const words = WORDS[kindOf(job)];
+  const many = shown === 1 ? `1 ${words.cluster}` : `${count(shown)} ${words.clusters}`;
+  const all = `${count(result.faces)} ${words.items}${took}`;
+  const isWhole = isHierarchical(job.parameters.algorithm) && clusters === null;
+  return `${isWhole ? "any number of clusters" : many} of ${all}`;
+}
+
+/** How a job was made: "Given number · best". */
+export function manner(job: Job): string {
+  const { algorithm, quality, compactness } = job.parameters;
+  const names: Record<string, string> = {
+    bb: "Given number",
+    pml: "Any number",
+    ml: "Any number, ML",
+    hr: "Any number, HR",
+    acvd: "Given number, ACVD",
+    vc: "Given number, VC",
+  };
+  const parts = [kindOf(job) === "image" ? "Superpixels" : (names[algorithm] ?? algorithm)];
+  if (quality && quality !== "default") parts.push(quality);
+  if (typeof compactness === "number") parts.push(`compactness ${compactness}`);
+  return parts.join(" · ");
+}
