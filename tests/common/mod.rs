@@ -6,7 +6,8 @@ pub mod zoo;
 
 use std::path::{Path, PathBuf};
 
-use tesserae_mesh::cluster::hierarchy::{Options, Pairs};
+use tesserae_mesh::cluster::hierarchy::Options;
+use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::relocation::Effort;
 use tesserae_mesh::cluster::seeds::{self, SeedFaces};
 use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
