@@ -57,8 +57,8 @@ pub struct Parameters {
 
     /// Meshes: what clusters have little of
     ///
-    /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared distance
-    /// of the unit normal to the mean normal, for clusters that are as flat as can be, on the cpu.
+    /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared
+    /// distance of the unit normal to the mean normal, for clusters that are as flat as can be, on the cpu.
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub energy: energy::Kind,
 

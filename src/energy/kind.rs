@@ -11,8 +11,8 @@ pub enum Kind {
     /// By position: area × squared distance to the mean of the cluster; compact clusters (centroidal Voronoi diagram)
     #[default]
     Cvd,
-    /// By normal: area × squared distance of the unit normal to the mean of the cluster; flat clusters (Cohen-Steiner et
-    /// al. 2004)
+    /// By normal: area × squared distance of the unit normal to the mean of the cluster; flat clusters (Cohen-Steiner
+    /// et al. 2004)
     L21,
 }
 

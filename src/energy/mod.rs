@@ -24,8 +24,8 @@ pub type OfPoints<const D: usize> = cvd::Cvd<D>;
 /// The energy of meshes, whose points have three coordinates.
 pub type Energy = OfPoints<3>;
 
-/// The energy of meshes by normals. A point is the unit normal, and the centroid in so small a unit that it decides only
-/// between equal normals ([`crate::surface::of_faces::OfFaces`]).
+/// The energy of meshes by normals. A point is the unit normal, and the centroid in so small a unit that it decides
+/// only between equal normals ([`crate::surface::of_faces::OfFaces`]).
 pub type Normals = OfPoints<6>;
 
 /// The sums over the faces of a cluster of a mesh.

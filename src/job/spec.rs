@@ -274,7 +274,7 @@ impl Clustering {
     }
 }
 
-/// Which moves of whole clusters follow. By normals, starts lie so low that the default only makes swaps: the other steps
+/// Which moves of whole clusters follow. By normals, starts lie so low that the default only makes swaps: other steps
 /// lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
 fn relocation(quality: Quality, energy: energy::Kind) -> relocation::Effort {
     match quality {

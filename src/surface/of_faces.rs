@@ -1,6 +1,6 @@
 //! What energies see of the faces of a mesh.
 
-use super::Units;
+use super::items::Units;
 use super::lattice::{FaceGeometry, round_centroid};
 use crate::energy::{Energy, Functional, Normals};
 use crate::mesh::Frame;
@@ -40,8 +40,8 @@ impl OfFaces for Energy {
 const NORMAL_BITS: i32 = 26;
 
 /// Centroids are divided by 2 to this power. So the squares of their differences count, per squared diagonal of the
-/// bounding box, 2⁻²⁴ to 3·2⁻²² of those of normals: they decide between equal normals, as in flat parts, where clusters
-/// would otherwise grow as stars, and change L2,1 in no digit of a report of curved parts.
+/// bounding box, 2⁻²⁴ to 3·2⁻²² of those of normals: they decide between equal normals, as in flat parts, where
+/// clusters would otherwise grow as stars.
 const CENTROID_BITS: i32 = 13;
 
 impl OfFaces for Normals {

@@ -20,8 +20,8 @@ const UNIT: u64 = 64 << 10;
 /// Bytes that a face takes at the peak of a job, with its vertices, its edges and its labels (see `mesh::allowance`).
 const BYTES_A_FACE: u64 = 275;
 
-/// The same for what begins with a cluster a face: hierarchies, which record every merge and move, and merged starts. 630
-/// were measured for `pml` with optimisation, 540 without, 610 for `hr`; normals of faces take 24, sums of them 100.
+/// The same for what begins with a cluster a face: hierarchies, which record every merge and move, and merged starts.
+/// 630 were measured for `pml` with optimisation, 540 without, 610 for `hr`; normals take 24 more, sums of them 100.
 const BYTES_A_FACE_OF_HIERARCHY: u64 = 775;
 
 /// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks of
