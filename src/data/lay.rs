@@ -142,9 +142,9 @@ fn check_hubs(offsets: &[u32], item: impl Fn(usize) -> u32) -> Result<()> {
     }
     let hub = (0..items).max_by_key(|&at| (degree(at), std::cmp::Reverse(item(at)))).unwrap_or(0);
     Err(Error::parameter(format_args!(
-        "the graph has items with so many neighbours that clusters of them would take time with the square of that; the \
-         sum of the squares may be at most {MOST_OF_A_HUB} times the items and neighbours, {all}: leave out hubs, such \
-         as item {} with {} neighbours",
+        "the graph has items with so many neighbours that clusters of them would take time with the square of that; \
+         the sum of the squares may be at most {MOST_OF_A_HUB} times the items and neighbours, {all}: leave out hubs, \
+         such as item {} with {} neighbours",
         item(hub),
         degree(hub)
     )))

@@ -16,8 +16,8 @@ pub const USUAL_NEIGHBOURS: u32 = 8;
 /// Points in a `.npy` file (n × d, or the shape of a grid and then d), or in an `.npz` file with arrays X and, if they
 /// are there, weights, mask, indptr and indices.
 ///
-/// `weights` may come from another file. Neighbours are as `graph` says; without it by the edges of the `.npz` file, else
-/// the nearest 8. `limit` bounds the bytes that are inflated.
+/// `weights` may come from another file. Neighbours are as `graph` says; without it by the edges of the `.npz` file,
+/// else the nearest 8. `limit` bounds the bytes that are inflated.
 pub fn read(bytes: &[u8], weights: Option<Weights<'_>>, graph: Option<Graph>, limit: u64) -> Result<PointSet> {
     let weights_beside = weights.map(|Weights(array)| array);
     if !bytes.starts_with(npz::MAGIC) {

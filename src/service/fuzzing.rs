@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, header};
+use tesserae_mesh::job::InputFormat;
 use tokio::runtime::Runtime;
 
 use crate::files::Files;
@@ -12,7 +13,7 @@ use crate::guard::access::tokens::{TokenFile, Tokens};
 use crate::guard::budget::Budget;
 use crate::http::{conditional, negotiate, prefer};
 use crate::ingest::intake::Rules;
-use crate::ingest::request::Wanted;
+use crate::ingest::request::{Beside, Wanted};
 use crate::ingest::upload;
 use crate::ops::faults::Faults;
 use crate::ops::trace::TraceParent;
@@ -25,7 +26,9 @@ pub fn request(query: &[u8], json: &[u8]) {
     let Ok(mut wanted) = Wanted::from_query(&uri) else { return };
     let _ = wanted.add_json(json);
     let _ = wanted.check_early(true);
-    let _ = wanted.finish(false);
+    for format in InputFormat::all() {
+        let _ = wanted.clone().finish(format, Beside::default());
+    }
 }
 
 /// A form with the boundary `b`, as an upload.

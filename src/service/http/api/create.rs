@@ -57,8 +57,8 @@ pub(crate) struct UploadForm {
 
 /// Submit a mesh or points
 ///
-/// The body is the mesh or the points, or a form with them and more. `Prefer: wait=N` waits up to N seconds for the job's end:
-/// 200 with the ended job, the problem of a failed one, or 202 when it takes longer.
+/// The body is the mesh or the points, or a form with them and more. `Prefer: wait=N` waits up to N seconds for the
+/// job's end: 200 with the ended job, the problem of a failed one, or 202 when it takes longer.
 #[utoipa::path(
     post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
     params(

@@ -181,8 +181,8 @@ impl Form {
             }
             (None, None) => {
                 return Err(Error::parameter(
-                    "the form has no part named mesh or points: send the mesh or the points as one, or name them in the \
-                     query (mesh_url)",
+                    "the form has no part named mesh or points: send the mesh or the points as one, or name them in \
+                     the query (mesh_url)",
                 ));
             }
         };

@@ -24,9 +24,9 @@ const BYTES_A_FACE: u64 = 275;
 /// 630 were measured for `pml` with optimisation, 540 without, 610 for `hr`; normals take 24 more, sums of them 100.
 const BYTES_A_FACE_OF_HIERARCHY: u64 = 775;
 
-/// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks of
-/// 100,000 items, without their file, were 128 bytes an item (5 coordinates, grid), 742 (16, grid), 1,323 (64, grid), 230
-/// (3, knn:8) and 847 (3, knn:32).
+/// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks
+/// of 100,000 items, without their file, were 128 bytes an item (5 coordinates, grid), 742 (16, grid), 1,323 (64, grid),
+/// 230 (3, knn:8) and 847 (3, knn:32).
 const BYTES_AN_ITEM: u64 = 200;
 const BYTES_A_COORDINATE: u64 = 32;
 const BYTES_A_NEIGHBOUR: u64 = 16;
@@ -34,8 +34,8 @@ const BYTES_A_NEIGHBOUR: u64 = 16;
 /// What a byte takes that comes of a compressed file.
 const INFLATED: u64 = 4;
 
-/// What a hierarchy of points takes as many times as a flat clustering of them: 762 bytes an item were measured for `pml`
-/// of 5 coordinates, 3,416 of 64.
+/// What a hierarchy of points takes as many times as a flat clustering of them: 762 bytes an item were measured for
+/// `pml` of 5 coordinates, 3,416 of 64.
 const HIERARCHY_OF_POINTS: u64 = 2;
 
 /// Bytes that the faces of a small mesh take at the most in a flat clustering.
