@@ -25,8 +25,8 @@ const BYTES_A_FACE: u64 = 275;
 const BYTES_A_FACE_OF_HIERARCHY: u64 = 775;
 
 /// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks
-/// of 100,000 items, without their file, were 128 bytes an item (5 coordinates, grid), 742 (16, grid), 1,323 (64, grid),
-/// 230 (3, knn:8) and 847 (3, knn:32).
+/// of 100,000 items, without their file, were 128 bytes an item (5 coordinates, grid), 742 (16, grid), 1,323 (64,
+/// grid), 230 (3, knn:8) and 847 (3, knn:32).
 const BYTES_AN_ITEM: u64 = 200;
 const BYTES_A_COORDINATE: u64 = 32;
 const BYTES_A_NEIGHBOUR: u64 = 16;
