@@ -14,6 +14,7 @@ from typing import Any, Callable
 import httpx
 import numpy as np
 import pytest
+import scipy.sparse
 import yaml
 
 from tesserae_mesh.client import AsyncClient, Client, documents, errors
@@ -161,6 +162,8 @@ EVERYTHING: Document = {
     "subdivide": 1,
     "curvature_exponent": 1.0,
     "weight_attribute": "_A",
+    "graph": "knn:8",
+    "compactness": 1.0,
     "optimize": "none",
     "optimize_iterations": 1,
     "switch_to_ml_at": 1,
@@ -197,6 +200,7 @@ CALLS: list[tuple[str, tuple[Any, ...], Document]] = [
     ("output", ("mesh.glb", 2), {"colours": "none", "ply_vertex_colours": True}),
     ("output", ("submeshes.zip", 2), {"force": True}),
     ("output", ("remesh.ply", 2), {"placement": "centroid"}),
+    ("output", ("means.png", 2), {}),
     ("delete", (), {}),
 ]
 
@@ -261,6 +265,7 @@ def test_blocking_calls_reach_every_operation_and_parameter(tmp_path: pathlib.Pa
     with client:
         client.submit(OBJ, **EVERYTHING)
         client.submit(OBJ, seeds=[0])
+        client.submit(np.zeros((2, 3)), clusters=1, graph=scipy.sparse.eye(2, format="coo"))
         client.submit("s3://bucket/mesh.obj")
         assert len(list(client.jobs("queued", 10))) == 2
         job = client.job(JOB)
@@ -285,6 +290,7 @@ def test_awaited_calls_reach_every_operation_and_parameter(tmp_path: pathlib.Pat
         async with AsyncClient("http://service", "token", http=http) as client:
             await client.submit(OBJ, **EVERYTHING)
             await client.submit(OBJ, seeds=[0])
+            await client.submit(np.zeros((2, 3)), clusters=1, graph=scipy.sparse.eye(2, format="coo"))
             await client.submit("s3://bucket/mesh.obj")
             assert len([job async for job in client.jobs("queued", 10)]) == 2
             job = await client.job(JOB)

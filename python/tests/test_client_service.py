@@ -10,6 +10,7 @@ from typing import Any, Iterator
 
 import numpy as np
 import pytest
+import scipy.sparse
 from conftest import read_obj
 from services import BINARY, ROOT, Service, command_line, sample
 
@@ -66,6 +67,20 @@ def test_a_mesh_in_memory_has_the_labels_of_its_file(client: tesserae_mesh.Clien
             job = client.submit(mesh, clusters=9).wait()
             assert np.array_equal(job.labels(), expected), (name, type(mesh))
         assert client.submit(path, clusters=9).wait().report()["input"]["faces"] == len(faces)
+
+
+def test_points_have_the_labels_that_they_have_in_process(client: tesserae_mesh.Client) -> None:
+    points = np.random.default_rng(1).random((60, 4)).astype(np.float32)
+    path = scipy.sparse.coo_matrix((np.ones(59), (np.arange(59), np.arange(1, 60))), shape=(60, 60))
+    for near, graph in ((6, "knn:6"), (path, path)):
+        job = client.submit(points, clusters=5, graph=graph, outputs=["clusters.csv"]).wait()
+        expected = tesserae_mesh.cluster_points(points, 5, graph=near).labels
+        assert np.array_equal(job.labels(), expected)
+        assert job.output("clusters.csv").startswith(b"cluster,items")
+    job = client.submit(points.reshape(6, 10, 4), clusters=5, graph="grid").wait()
+    assert job.labels().shape == (6, 10)
+    assert job.report()["input"]["items"] == 60
+    assert job.output("labels.png").startswith(b"\x89PNG")
 
 
 def test_seeds_and_weights_are_uploaded(client: tesserae_mesh.Client, sphere: pathlib.Path) -> None:
