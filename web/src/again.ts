@@ -83,9 +83,8 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
     make(
       "div",
       { class: "tools" },
-      field,
-      make("label", { for: "again-clusters" }, WORDS[kind].clusters),
-      ...(kind === "image" ? [compactness, make("label", { for: "again-compactness" }, "compactness")] : []),
+      pair(field, WORDS[kind].clusters),
+      ...(kind === "image" ? [pair(compactness, "compactness")] : []),
       make("button", {}, "Cluster"),
     ),
   );
@@ -97,6 +96,9 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
   });
   return form;
 }
+
+const pair = (field: HTMLInputElement, word: string): HTMLElement =>
+  make("span", { class: "pair" }, field, make("label", { for: field.id }, word));
 
 async function again(
   job: Job,
