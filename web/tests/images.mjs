@@ -66,7 +66,7 @@ const drawnAs = async (page, layer) =>
     }, layer),
   );
 
-/** The colours of the canvas around its middle, as lists of pixels of the image: `at(x, y)`. */
+/** What the canvas shows of the image: where it is, how many pixels are light, and the colour of its middle. */
 const canvasOf = async (page) =>
   await page.evaluate(
     ([width, height]) => {
