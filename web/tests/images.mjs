@@ -204,6 +204,32 @@ export const images = {
     await page.close();
   },
 
+  async "a photo that a tag turns is shown in the order of its pixels, which labels have"({ service, browser }) {
+    const page = await browser.open(service.url);
+    const jpeg = await page.evaluate(
+      async ([width, height]) => {
+        const canvas = new OffscreenCanvas(width, height);
+        const context = canvas.getContext("2d");
+        context.fillStyle = "#c04020";
+        context.fillRect(0, 0, width / 2, height);
+        return [...new Uint8Array(await (await canvas.convertToBlob({ type: "image/jpeg" })).arrayBuffer())];
+      },
+      [WIDTH, HEIGHT],
+    );
+    // one entry of EXIF: orientation 6, a quarter turn
+    const tag = [0x4d, 0x4d, 0, 42, 0, 0, 0, 8, 0, 1, 1, 0x12, 0, 3, 0, 0, 0, 1, 0, 6, 0, 0, 0, 0, 0, 0];
+    const exif = [0xff, 0xe1, 0, 8 + tag.length, ...Buffer.from("Exif\0\0"), ...tag];
+    const path = join(service.folder, "turned.jpg");
+    writeFileSync(path, Buffer.from([...jpeg.slice(0, 2), ...exif, ...jpeg.slice(2)]));
+    await page.setInputFiles("#file", path);
+    await until("its size is known", async () => (await page.inputValue("#clusters")) === "6");
+    await page.click("#submit");
+    await page.waitForSelector("#state");
+    await succeeded(page);
+    await drawnAs(page, "photo");
+    await page.close();
+  },
+
   async "points from elsewhere have numbers and files, and no picture"({ service, browser }) {
     const head = `{'descr': '<f4', 'fortran_order': False, 'shape': (100, 2), }`.padEnd(117) + "\n";
     const numbers = Float32Array.from({ length: 200 }, (_, i) => (i * 37) % 101);
