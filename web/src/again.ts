@@ -1,5 +1,5 @@
-// The same mesh or image once more: with another number of clusters, or with what repairs a failure. It is sent from the files of
-// this page, or as the service kept it.
+// The same mesh or image once more: with another number of clusters, or with what repairs a failure. It is sent from the
+// files of this page, or a mesh as the service kept it.
 
 import * as address from "./address";
 import { type Job, isHierarchical, nameOf, output, request } from "./api";

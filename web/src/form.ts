@@ -1,4 +1,4 @@
-// The form for new jobs: meshes and images that are dropped or chosen, what to do with them, and how much of them is sent.
+// The form for new jobs: meshes and images that are dropped or chosen, what to do with them, how much of them is sent.
 
 import { type Job, isHierarchical, nameOf } from "./api";
 import { announce, byId, notice, size } from "./dom";

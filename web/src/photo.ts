@@ -60,6 +60,6 @@ export async function pixelsOf(file: Blob): Promise<ImageBitmap> {
   return await createImageBitmap(new Blob([...kept, file.slice(from)]));
 }
 
-/** Superpixels where no number is given: of some 1,000 pixels, as long as these are few. */
+/** Superpixels where no number is given: of some 1,000 pixels, 250 at most. */
 export const usualNumber = ({ width, height }: Size): number =>
   Math.min(Math.max(2, Math.round((width * height) / 1000)), 250);
