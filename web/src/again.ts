@@ -1,5 +1,5 @@
-// The same mesh or image once more: with another number of clusters, or with what repairs a failure. It is sent from the files of
-// this page, or as the service kept it.
+// The same mesh or image once more: with another number of clusters, or with what repairs a failure. It is sent from the
+// files of this page, or a mesh as the service kept it.
 
 import * as address from "./address";
 import { type Job, isHierarchical, nameOf, output, request } from "./api";
@@ -83,9 +83,8 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
     make(
       "div",
       { class: "tools" },
-      field,
-      make("label", { for: "again-clusters" }, WORDS[kind].clusters),
-      ...(kind === "image" ? [compactness, make("label", { for: "again-compactness" }, "compactness")] : []),
+      pair(field, WORDS[kind].clusters),
+      ...(kind === "image" ? [pair(compactness, "compactness")] : []),
       make("button", {}, "Cluster"),
     ),
   );
@@ -97,6 +96,9 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
   });
   return form;
 }
+
+const pair = (field: HTMLInputElement, word: string): HTMLElement =>
+  make("span", { class: "pair" }, field, make("label", { for: field.id }, word));
 
 async function again(
   job: Job,

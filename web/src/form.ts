@@ -1,4 +1,4 @@
-// The form for new jobs: meshes and images that are dropped or chosen, what to do with them, and how much of them is sent.
+// The form for new jobs: meshes and images that are dropped or chosen, what to do with them, how much of them is sent.
 
 import { type Job, isHierarchical, nameOf } from "./api";
 import { announce, byId, notice, size } from "./dom";
@@ -46,6 +46,12 @@ export class Form {
     return jobs.length > 0 && jobs.every(([file]) => isImage(file?.name ?? ""));
   }
 
+  /** What the files are. */
+  private get noun(): string {
+    if (this.areImages) return "images";
+    return this.jobs().some(([file]) => isImage(file?.name ?? "")) ? "files" : "meshes";
+  }
+
   private choose(chosen: File[]): void {
     if (chosen.length === 0) return;
     this.files = chosen;
@@ -57,7 +63,7 @@ export class Form {
     );
     byId("file-name").textContent = chosen.map((file) => `${file.name}, ${size(file.size)}`).join("; ");
     const button = byId<HTMLButtonElement>("submit");
-    button.textContent = jobs.length > 1 ? `Cluster ${jobs.length} ${this.areImages ? "images" : "files"}` : "Cluster";
+    button.textContent = jobs.length > 1 ? `Cluster ${jobs.length} ${this.noun}` : "Cluster";
     button.disabled = jobs.length === 0 || this.sending !== null;
     this.checked = this.check(jobs);
     this.suit();

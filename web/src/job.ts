@@ -58,7 +58,7 @@ export class JobPage {
     private readonly box: HTMLElement,
     private job: Job,
     private readonly around: Around,
-    /** What was submitted, mesh first, if it was from here; else an image that was fetched while the job had not ended. */
+    /** What was submitted from here, mesh first; else an image that was fetched before the job ended. */
     private files: File[],
     private readonly scene: Scene,
   ) {

@@ -97,7 +97,9 @@ export class Overlay {
         if (selected !== FREE && label !== selected && label !== hovered) pixel = mix(pixel, faded);
         if (label !== FREE && label === hovered && selected === FREE) pixel = mix(pixel, HOVERED);
         const isBorder = right !== label || below !== label;
-        const isBeside = left !== label || above !== label;
+        // without the corner, a line that falls to the right at 45 degrees has none
+        const corner = isFirst || x >= width - pace ? label : grid[i - down + pace];
+        const isBeside = left !== label || above !== label || corner !== label;
         if (layer === "photo") {
           const part = strength?.[label] ?? 1;
           if (isBorder) pixel = mix(pixel, weaker(selected === FREE ? LIGHT : LINE, part));

@@ -1,4 +1,4 @@
-// What a job on a mesh gave: its picture, cuts of a hierarchy, a cluster and its numbers, a comparison, the remesh, files.
+// What a job on a mesh gave: its picture, cuts, a cluster and its numbers, a comparison, the remesh, files.
 
 import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, output } from "./api";

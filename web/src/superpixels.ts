@@ -1,5 +1,5 @@
-// What a job on an image gave: the image with lines around its superpixels, their mean colours or hues, a superpixel and
-// its numbers, the table, the files. The image itself is shown as long as this page has it.
+// What a job on an image gave: the image with lines around its superpixels, their mean colours or hues, a superpixel
+// and its numbers, the table, the files. The image itself is shown as long as this page has it.
 
 import * as address from "./address";
 import { type Job, type Report, json, labels, output, request } from "./api";
@@ -107,7 +107,7 @@ export class Superpixels {
     this.plane = plane;
     plane.canvas.setAttribute(
       "aria-label",
-      "The image with its superpixels. Arrow keys move it, plus and minus zoom, 0 shows the whole. The table has the same superpixels.",
+      "The image with its superpixels. Arrow keys move it, plus and minus zoom, 0 shows the whole. The table has the same.",
     );
     plane.onPick = (pixel) => this.select(this.clusterAt(pixel));
     plane.onHover = (pixel, x, y) => this.hover(pixel, x, y);
