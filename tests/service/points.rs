@@ -119,6 +119,8 @@ async fn what_points_or_meshes_do_not_have_is_refused_before_there_is_a_job() {
     assert!(detail.contains("these are points"), "{detail}");
     let detail = refused(service.get(&format!("{}/clusters", path(&job))), 404, "mesh-not-kept").await;
     assert!(detail.contains("outputs=clusters"), "{detail}");
+    let detail = refused(service.get(&format!("{}/means", path(&job))), 409, "conflict").await;
+    assert!(detail.contains("an image, and this is none"), "{detail}");
     let detail = refused(service.get(&format!("{}/labels?format=png", path(&job))), 409, "conflict").await;
     assert!(detail.contains("rows and columns"), "{detail}");
 }

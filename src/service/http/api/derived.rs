@@ -13,7 +13,7 @@ use crate::guard::problem::Answer;
 use crate::guard::query;
 use crate::http::conditional::Content;
 use crate::http::negotiate;
-use crate::http::results::derived::{made, not_made};
+use crate::http::results::derived::{check_input, made, not_made};
 use crate::http::results::stored::{Of, attachment, check_clusters, stored, succeeded};
 use crate::http::state::App;
 use crate::store::kept::Kept;
@@ -70,12 +70,13 @@ pub(crate) async fn derived(
         None => preferred(&headers, artifact, kept)?,
         named => negotiate::form(&headers, named.as_deref(), artifact)?,
     };
+    check_input(&job, artifact, form)?;
     let summary = succeeded(&job)?;
     check_clusters(&job, &summary, clusters)?;
     let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);
     let found = match is_stored {
         true => stored(&shared, &job, Of::Result, form.file, 0, form.media_type).await,
-        false => Err(not_made(&job, artifact, form)),
+        false => Err(not_made(&job, form)),
     };
     let mut response = match found {
         // one that could not be written is not there either: making it again says why

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::sync::Arc;
 
 use axum::response::Response;
-use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
+use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels, Need};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::{self, Input};
 use tesserae_mesh::job::InputFormat;
@@ -15,7 +15,7 @@ use super::labels;
 use crate::files::kept_mesh;
 use crate::http::state::Shared;
 use crate::store::{Job, Summary};
-use crate::work::pipeline::Need;
+use crate::work::pipeline::Needed;
 
 /// What labels are read from, and their number of clusters.
 enum Source {
@@ -39,7 +39,7 @@ pub(crate) async fn made(
     };
     let faces = summary.faces;
     // what is in memory meanwhile counts like the mesh of a job
-    let memory = shared.memory.read(mesh.length()).await?.build(Need::of_faces(faces, false)).await?;
+    let memory = shared.memory.read(mesh.length()).await?.build(Needed::of_faces(faces, false)).await?;
     let source = match clusters {
         Some(_) => HIERARCHY_TSR.file,
         None => LABELS_NPY.file,
@@ -74,13 +74,19 @@ pub(crate) async fn made(
     Ok(encoded(shared, Some(turn), form.media_type, write).await?.0)
 }
 
+/// Refuses outputs that are made of something else than the job was on.
+pub(crate) fn check_input(job: &Job, artifact: &Artifact, form: &Form) -> Result<()> {
+    let refused = match job.spec.format {
+        format if artifact.needs(Need::Image) && !format.is_image() => "an image, and this is none",
+        format if artifact.is_of_meshes_alone() && format.is_of_points() => "a mesh, and these are points",
+        _ => return Ok(()),
+    };
+    Err(Error::new(Kind::Conflict, format_args!("{} is made of {refused}", form.file)))
+}
+
 /// The error of an output that is not stored and cannot be made.
-pub(crate) fn not_made(job: &Job, artifact: &Artifact, form: &Form) -> Error {
-    let of_points = job.spec.format.is_of_points();
-    if of_points && artifact.is_of_meshes_alone() {
-        return Error::new(Kind::Conflict, format_args!("{} is made of a mesh, and these are points", form.file));
-    }
-    if of_points {
+pub(crate) fn not_made(job: &Job, form: &Form) -> Error {
+    if job.spec.format.is_of_points() {
         return Error::new(
             Kind::MeshNotKept,
             format_args!("it was not made of the points: submit them again with outputs={}", form.file),

@@ -50,7 +50,7 @@ pub(crate) struct Memory {
 
 /// What a job takes beyond its files.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Need {
+pub(crate) struct Needed {
     bytes: u64,
     items: u64,
     /// What the items are called.
@@ -102,7 +102,7 @@ impl Reading {
     }
 
     /// Reserves memory for the faces of a small mesh, without a wait; gives itself back for any other mesh.
-    pub fn build_small(self, need: Need) -> Result<Held, Self> {
+    pub fn build_small(self, need: Needed) -> Result<Held, Self> {
         match self.turn {
             None if need.bytes <= SMALL => Ok(Held { _permit: self.held }),
             _ => Err(self),
@@ -110,8 +110,8 @@ impl Reading {
     }
 
     /// Waits for memory.
-    pub async fn build(mut self, need: Need) -> Result<Held> {
-        let Need { bytes: more, items, noun } = need;
+    pub async fn build(mut self, need: Needed) -> Result<Held> {
+        let Needed { bytes: more, items, noun } = need;
         let all = self.bytes.saturating_add(more);
         check(self.memory.total, all, format_args!("its {items} {noun}"))?;
         let held = match self.turn {
@@ -131,7 +131,7 @@ impl Reading {
     }
 }
 
-impl Need {
+impl Needed {
     /// That of faces, in a flat clustering or in a hierarchy.
     pub fn of_faces(faces: u64, is_hierarchical: bool) -> Self {
         let bytes_a_face = if is_hierarchical { BYTES_A_FACE_OF_HIERARCHY } else { BYTES_A_FACE };
@@ -191,12 +191,12 @@ mod tests {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 6 * LARGE / BYTES_A_FACE;
         let first =
-            memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, false)).await.expect("it fits");
+            memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, false)).await.expect("it fits");
         let reading = memory.read(LARGE).await.expect("it fits");
         assert!(memory.read(LARGE).now_or_never().is_none(), "one at a time reads");
         let small = memory.read(1).now_or_never().expect("but for small ones").expect("it fits");
-        small.build(Need::of_faces(SMALL_FACES as u64, false)).now_or_never().expect("at once").expect("it fits");
-        let mut second = Box::pin(reading.build(Need::of_faces(faces, false)));
+        small.build(Needed::of_faces(SMALL_FACES as u64, false)).now_or_never().expect("at once").expect("it fits");
+        let mut second = Box::pin(reading.build(Needed::of_faces(faces, false)));
         assert!(second.as_mut().now_or_never().is_none(), "the first has it");
         drop(first);
         let second = second.await.expect("it fits now");
@@ -216,10 +216,15 @@ mod tests {
     async fn a_hierarchy_takes_more() {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 9 * LARGE / BYTES_A_FACE;
-        let flat = memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, false)).await;
+        let flat = memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, false)).await;
         drop(flat.expect("it fits"));
-        let error =
-            memory.read(LARGE).await.expect("it fits").build(Need::of_faces(faces, true)).await.expect_err("too much");
+        let error = memory
+            .read(LARGE)
+            .await
+            .expect("it fits")
+            .build(Needed::of_faces(faces, true))
+            .await
+            .expect_err("too much");
         assert_eq!(error.kind, Kind::TooLarge);
     }
 }

@@ -27,7 +27,7 @@ mod stages;
 mod task;
 mod turns;
 
-pub(crate) use self::memory::{Memory, Need};
+pub(crate) use self::memory::{Memory, Needed};
 pub(crate) use self::parts::Pipeline;
 pub(crate) use self::patience::PATIENCE;
 pub(crate) use self::small::SmallMeshes;

@@ -10,7 +10,7 @@ use tesserae_mesh::mesh::{Limits, Resources};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
-use super::memory::{Need, Reading};
+use super::memory::{Needed, Reading};
 use super::slot::Slot;
 use crate::store::Spec;
 
@@ -24,7 +24,7 @@ pub(super) struct Contents {
 }
 
 /// Gets memory for what is to be built; false leaves it to a later call.
-pub(super) type Admits<'a> = dyn FnMut(Need) -> Result<bool> + 'a;
+pub(super) type Admits<'a> = dyn FnMut(Needed) -> Result<bool> + 'a;
 
 /// Reads the mesh or the points of a job, once there is memory for them.
 pub(super) fn open(
@@ -44,7 +44,7 @@ pub(super) fn open(
         InputFormat::Mesh(format) => {
             let resources = &Parts::new(&spec.buffers, buffers.iter().cloned());
             let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
-            let build = |opened: job::Opened<'_>| match admits(Need::of_faces(
+            let build = |opened: job::Opened<'_>| match admits(Needed::of_faces(
                 opened.faces(),
                 opened.spec().clustering.merges_faces(),
             ))? {
@@ -56,7 +56,7 @@ pub(super) fn open(
         InputFormat::Points(format) => {
             let request = PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
             let size = request.size().map_err(|refusal| refusal.error)?;
-            match admits(Need::of_points(size, is_hierarchical))? {
+            match admits(Needed::of_points(size, is_hierarchical))? {
                 true => job::prepare_points(&request).map(Some).map_err(|refusal| refusal.error),
                 false => Ok(None),
             }
