@@ -1,6 +1,6 @@
 // What the page shows is its address:
-// `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&colours=area`, of an image `?cluster=C&layer=means`. It is
-// the whole state of the page that is not the service's, so a reload, a bookmark and a copied link show the same.
+// `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&colours=area`, of an image `?cluster=C&layer=means`. It
+// is the whole state of the page that is not the service's, so a reload, a bookmark and a copied link show the same.
 
 import { LAYERS, type Layer } from "./layers";
 

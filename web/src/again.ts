@@ -1,5 +1,5 @@
-// The same mesh or image once more: with another number of clusters, or with what repairs a failure. It is sent from the
-// files of this page, or a mesh as the service kept it.
+// The same mesh or image once more: with another number of clusters, or with what repairs a failure. It is sent from
+// the files of this page, or a mesh as the service kept it.
 
 import * as address from "./address";
 import { type Job, isHierarchical, nameOf, output, request } from "./api";
@@ -26,7 +26,7 @@ export function explain(job: Job): { words: string; repairs: Repair[] } {
   const { has } = WORDS[kindOf(job)];
   const parts = /number of connected components, (\d+)/.exec(detail)?.[1];
   if (parts) {
-    const words = `${has} ${parts} separate parts, and a cluster cannot reach across a gap: it takes at least ${parts} clusters.`;
+    const words = `${has} ${parts} separate parts. A cluster cannot cross a gap: it takes at least ${parts} clusters.`;
     const join: Repair = { text: "Join parts", change: { bridge_components: true } };
     return { words, repairs: [{ text: `Cluster with ${parts}`, change: { clusters: Number(parts) } }, join] };
   }

@@ -59,7 +59,7 @@ export class Form {
     notice(
       jobs.length > 0
         ? ""
-        : `${chosen[0]?.name ?? ""} is no mesh and no image that is known here: OBJ, PLY, STL, GLB, glTF, OFF, PNG, JPEG.`,
+        : `${chosen[0]?.name ?? ""} is no mesh or image that is known here: OBJ, PLY, STL, GLB, glTF, OFF, PNG, JPEG.`,
     );
     byId("file-name").textContent = chosen.map((file) => `${file.name}, ${size(file.size)}`).join("; ");
     const button = byId<HTMLButtonElement>("submit");

@@ -107,7 +107,7 @@ export class Superpixels {
     this.plane = plane;
     plane.canvas.setAttribute(
       "aria-label",
-      "The image with its superpixels. Arrow keys move it, plus and minus zoom, 0 shows the whole. The table has the same.",
+      "The image with its superpixels. Arrow keys move it, plus and minus zoom, 0 shows all. The table has the same.",
     );
     plane.onPick = (pixel) => this.select(this.clusterAt(pixel));
     plane.onHover = (pixel, x, y) => this.hover(pixel, x, y);
