@@ -172,6 +172,7 @@ fn check(artifact: &Artifact, form: &Form, content: &Content<'_>) -> Result<()> 
         Need::Snapshots => content.snapshots.is_none().then_some("the run's own labels, which a cut has not"),
         Need::Report => content.report.is_none().then_some("the run's own report, which a cut has not"),
         Need::Mesh => (content.mesh.is_none() && content.points.is_none()).then_some("the mesh"),
+        Need::Image => Some("an image in a file, on the command line or over HTTP"),
         // a mesh that is clustered here is never divided
         Need::Faces => None,
     });

@@ -94,7 +94,7 @@ REFUSED_IMAGES: list[tuple[dict[str, Any], str]] = [
     ({"compactness": 0}, "compactness must be from"),
     ({"compactness": np.nan}, "not JSON"),
     ({"mask": np.ones((5, 4), dtype=bool)}, "shape of the pixels"),
-    ({"mask": np.zeros((4, 5), dtype=bool)}, "leaves no item"),
+    ({"mask": np.zeros((4, 5), dtype=bool)}, "no pixel takes part"),
 ]
 
 

@@ -111,6 +111,7 @@ mod tests {
             ("x.TXT", "labels", "labels.txt"),
             ("x.csv", "labels", "labels.csv"),
             ("x.bin", "labels", "labels.bin"),
+            ("x.png", "labels", "labels.png"),
             ("x.json", "report", "report.json"),
             ("x.glb", "mesh", "mesh.glb"),
             ("x.ply", "mesh", "mesh.ply"),
@@ -130,7 +131,7 @@ mod tests {
         for (name, words) in [
             ("x.stl", vec!["--submeshes OUT.stl.zip", "--remesh OUT.stl"]),
             ("x.npz", vec!["--submeshes OUT.npz", "--clusters-graph OUT.npz", "--remesh-source OUT.npz"]),
-            ("x.png", vec![".png", ".npy, ", ".glb", ".stl.zip"]),
+            ("x.gif", vec![".gif", ".npy, ", ".glb", ".stl.zip"]),
             ("x", vec!["the extension says", ".npy"]),
             ("-", vec!["the extension says", ".npy"]),
         ] {

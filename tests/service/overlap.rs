@@ -51,7 +51,7 @@ async fn meshes_of_many_faces_in_small_files_keep_no_thread_from_small_meshes_wh
     // room for all of these while their faces are unknown, and then for no two that have many beside all small ones
     let change = |settings: &mut Settings| {
         settings.meshes_in_memory = 3 * threads;
-        settings.work.memory_budget = Some(7_500_000 * threads as u64);
+        settings.work.memory_budget = Some(8_250_000 * threads as u64);
     };
     let (service, faults) = held(change, Box::new(CpuDevice::new())).await;
     faults.hold(FaultPoint::Finish);

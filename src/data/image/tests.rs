@@ -70,8 +70,8 @@ fn pixels_without_opacity_and_masked_ones_take_no_part_and_do_not_widen_superpix
     let image = of(4, 1, 2, vec![9, 255, 9, 0, 9, 1, 9, 255]);
     let set = superpixels(&image, Some(&[true, true, true, false]), 2, 10.0).expect("points");
     assert_eq!((set.mask.as_deref(), set.at(2, 1)), (Some(&[true, false, true, false][..]), 2.0));
-    let without = superpixels(&image, Some(&[false; 4]), 2, 10.0).expect("points");
-    assert!(without.check().expect_err("no pixel").message.contains("no item"));
+    let error = superpixels(&image, Some(&[false; 4]), 2, 10.0).expect_err("no pixel");
+    assert!(error.message.contains("no pixel takes part"), "{error}");
 }
 
 #[test]

@@ -77,7 +77,7 @@ fn what_is_no_such_array_is_one_clear_line() {
         // a string that has the type inside is not the type
         (file(1, "{'descr': \"'<f4'\", 'fortran_order': False, 'shape': (1,)}", &[0; 4]), "must hold floats"),
         (file(1, "{'descr': [('<f4', '<f4')], 'fortran_order': False, 'shape': (1,)}", &[0; 4]), "must hold floats"),
-        (of(">f8", "(1,)", 8), "must hold floats: {'descr': '>f8'"),
+        (of(">f8", "(1,)", 8), "must hold floats, as numpy's astype makes them: {'descr': '>f8'"),
         (of("|O", "(1,)", 8), "must hold floats"),
         (of("<f8", "(2,)", 8), "2 numbers of 8 bytes, but its data has bytes: 8"),
         (of("<f8", "(2, 3)", 8), "2 × 3 numbers of 8 bytes"),
