@@ -66,7 +66,8 @@ def test_a_mesh_in_memory_has_the_labels_of_its_file(client: tesserae_mesh.Clien
         for mesh in ((points, padded), tesserae_mesh.Mesh(points, padded), path.read_bytes(), path.open("rb")):
             job = client.submit(mesh, clusters=9).wait()
             assert np.array_equal(job.labels(), expected), (name, type(mesh))
-        assert client.submit(path, clusters=9).wait().report()["input"]["faces"] == len(faces)
+        read: Any = client.submit(path, clusters=9).wait().report()["input"]
+        assert read["faces"] == len(faces)
 
 
 def test_points_have_the_labels_that_they_have_in_process(client: tesserae_mesh.Client) -> None:
@@ -79,7 +80,8 @@ def test_points_have_the_labels_that_they_have_in_process(client: tesserae_mesh.
         assert job.output("clusters.csv").startswith(b"cluster,items")
     job = client.submit(points.reshape(6, 10, 4), clusters=5, graph="grid").wait()
     assert job.labels().shape == (6, 10)
-    assert job.report()["input"]["items"] == 60
+    read: Any = job.report()["input"]
+    assert read["items"] == 60
     assert job.output("labels.png").startswith(b"\x89PNG")
 
 

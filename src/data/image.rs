@@ -255,10 +255,10 @@ pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactn
     let takes_part = |pixel: usize| is_opaque(pixel) && mask.is_none_or(|mask| mask[pixel]);
     let mask: Option<Vec<bool>> = (has_alpha || mask.is_some()).then(|| (0..pixels).map(takes_part).collect());
     let taking_part = mask.as_ref().map_or(pixels, |mask| mask.iter().filter(|&&takes_part| takes_part).count());
-    if taking_part == 0 {
+    if pixels > 0 && taking_part == 0 {
         return Err(Error::parameter("no pixel takes part: all are transparent, or left out by a mask"));
     }
-    let side = (taking_part as f64 / clusters as f64).sqrt();
+    let side = (taking_part.max(1) as f64 / clusters as f64).sqrt();
 
     let linear = samples.linear();
     let colours = if channels < 3 { 1 } else { 3 };

@@ -7,6 +7,7 @@ belongs to face i of the arrays.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import json
 import os
@@ -191,8 +192,7 @@ def _npy(array: np.ndarray[Any, Any]) -> bytes:
 
 def _npz(graph: Any) -> bytes:
     """A sparse matrix as a file."""
-    import scipy.sparse
-
+    sparse: Any = importlib.import_module("scipy.sparse")
     file = io.BytesIO()
-    scipy.sparse.save_npz(file, scipy.sparse.csr_matrix(graph))
+    sparse.save_npz(file, sparse.csr_matrix(graph))
     return file.getvalue()
