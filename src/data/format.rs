@@ -74,13 +74,13 @@ impl Format {
         }
     }
 
-    /// Its media type.
-    pub fn media_type(self) -> &'static str {
+    /// Every media type that is taken for it: one.
+    pub fn media_types(self) -> &'static [&'static str] {
         match self {
-            Self::Npy => "application/x-npy",
-            Self::Npz => "application/zip",
-            Self::Png => "image/png",
-            Self::Jpeg => "image/jpeg",
+            Self::Npy => &["application/x-npy"],
+            Self::Npz => &["application/zip"],
+            Self::Png => &["image/png"],
+            Self::Jpeg => &["image/jpeg"],
         }
     }
 }

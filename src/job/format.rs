@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::openapi::{ObjectBuilder, RefOr, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
+use crate::artifacts::{Artifact, Need};
 use crate::data::Format as PointsFormat;
 use crate::error::{Error, Quoted, Result};
 use crate::mesh::Format as MeshFormat;
@@ -43,19 +44,16 @@ impl Format {
     }
 
     /// Every media type that is taken for it, the usual one first.
-    pub fn media_types(self) -> Cow<'static, [&'static str]> {
+    pub fn media_types(self) -> &'static [&'static str] {
         match self {
-            Self::Mesh(format) => format.media_types().into(),
-            Self::Points(format) => vec![format.media_type()].into(),
+            Self::Mesh(format) => format.media_types(),
+            Self::Points(format) => format.media_types(),
         }
     }
 
     /// The usual media type.
     pub fn media_type(self) -> &'static str {
-        match self {
-            Self::Mesh(format) => format.media_type(),
-            Self::Points(format) => format.media_type(),
-        }
+        self.media_types()[0]
     }
 
     /// Whether it is one of points.
@@ -66,6 +64,14 @@ impl Format {
     /// Whether it is one of images.
     pub fn is_image(self) -> bool {
         matches!(self, Self::Points(format) if format.is_image())
+    }
+
+    /// What an output is made of, if jobs on files of this format do not have it: for messages.
+    pub fn lacks(self, artifact: &Artifact) -> Option<&'static str> {
+        if artifact.needs(Need::Image) && !self.is_image() {
+            return Some("an image, and this is none");
+        }
+        (artifact.is_of_meshes_alone() && self.is_of_points()).then_some("a mesh, and these are points")
     }
 
     /// Whether a file may refer to buffers in other files.

@@ -58,7 +58,7 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
 async fn every_place_that_lists_formats_has_exactly_those_of_the_table() {
     let service = Service::start().await;
     let names = Format::ALL.map(Format::name);
-    let types: Vec<&str> = InputFormat::all().flat_map(|format| format.media_types().into_owned()).collect();
+    let types: Vec<&str> = InputFormat::all().flat_map(InputFormat::media_types).copied().collect();
 
     let response = service.post("/v1/jobs?clusters=1").body("x").header("content-type", "model/none").send().await;
     let response = response.expect("answered");

@@ -139,12 +139,7 @@ impl Run<'_> {
                 job::prepare_points(&request)
             }
         };
-        if !format.is_image() {
-            check_no_image(files).map_err(Failure::about(&mesh.source))?;
-        }
-        if format.is_of_points() {
-            check_outputs_of_points(files).map_err(Failure::about(&mesh.source))?;
-        }
+        check_made_of(files, format).map_err(Failure::about(&mesh.source))?;
         // ends with its thread joined: a process must not end while a driver is being opened
         let (prepared, ahead) = std::thread::scope(|scope| {
             let ahead = scope.spawn(|| arguments.device.choice().open_ahead(bytes.len()));
@@ -320,24 +315,12 @@ fn check_images(files: &Files, prepared: &Prepared) -> tesserae_mesh::error::Res
     }
 }
 
-/// Refuses outputs that are made of an image.
-fn check_no_image(files: &Files) -> tesserae_mesh::error::Result<()> {
-    match files.all().find(|file| file.needs(Need::Image)) {
-        Some(file) => {
-            let file = file.named();
-            Err(Error::parameter(format_args!("{file} is made of an image, and this is none: leave it out")))
+/// Refuses outputs that are made of something else.
+fn check_made_of(files: &Files, format: InputFormat) -> tesserae_mesh::error::Result<()> {
+    for file in files.all() {
+        if let Some(what) = format.lacks(file.artifact) {
+            return Err(Error::parameter(format_args!("{} is made of {what}: leave it out", file.named())));
         }
-        None => Ok(()),
     }
-}
-
-/// Refuses outputs that are made of a mesh.
-fn check_outputs_of_points(files: &Files) -> tesserae_mesh::error::Result<()> {
-    match files.all().find(|file| file.artifact.is_of_meshes_alone()) {
-        Some(file) => Err(Error::parameter(format_args!(
-            "{} is made of a mesh, and these are points: leave it out",
-            file.named()
-        ))),
-        None => Ok(()),
-    }
+    Ok(())
 }

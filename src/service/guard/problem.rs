@@ -24,7 +24,7 @@ use crate::metrics::Metrics;
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
 pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
-    let files = InputFormat::all().flat_map(|format| format.media_types().into_owned());
+    let files = InputFormat::all().flat_map(InputFormat::media_types).copied();
     files.chain(["multipart/form-data", "application/octet-stream"]).collect::<Vec<_>>().join(", ")
 });
 

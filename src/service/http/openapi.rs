@@ -240,7 +240,7 @@ fn add_formats(body: &mut RequestBody) {
     for format in InputFormat::all() {
         let mut content = bytes.clone();
         content.example = (format == InputFormat::Mesh(Format::Obj)).then(|| json!(TETRAHEDRON));
-        for name in format.media_types().iter() {
+        for name in format.media_types() {
             body.content.insert((*name).to_owned(), content.clone().into());
         }
     }

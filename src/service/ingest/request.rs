@@ -161,14 +161,9 @@ impl Wanted {
             self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
-        if !format.is_image() {
-            self.kept.check_no_image()?;
-        }
+        self.kept.check_format(format)?;
         match format {
-            InputFormat::Points(format) => {
-                job::check_points(&self.parameters, format, has_graph, has_weights)?;
-                self.kept.check_points()?;
-            }
+            InputFormat::Points(format) => job::check_points(&self.parameters, format, has_graph, has_weights)?,
             InputFormat::Mesh(_) if has_graph => {
                 return Err(Error::parameter("the part graph goes with points, not with a mesh: leave it out"));
             }

@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 use tesserae_mesh::artifacts::{ALL, Artifact, Form, MESH, Need};
 use tesserae_mesh::error::{Error, Quoted, Result};
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::{Name, Parameters};
 
 /// What a job keeps of its mesh.
@@ -39,37 +40,21 @@ impl Kept {
         self.mesh && artifact.needs(Need::Mesh) || artifact.forms.iter().any(|form| self.has(form))
     }
 
-    /// Refuses what is made of images.
-    pub fn check_no_image(&self) -> Result<()> {
-        match self.first_of(|artifact| artifact.needs(Need::Image)) {
-            Some(form) => Err(Error::parameter(format_args!(
-                "{} is made of an image, and this is none: leave it out of outputs",
-                form.file
-            ))),
-            None => Ok(()),
-        }
-    }
-
-    /// The first named form of some outputs.
-    fn first_of(&self, are_meant: impl Fn(&Artifact) -> bool) -> Option<&'static Form> {
-        let meant = made_of_input().filter(|artifact| are_meant(artifact));
-        meant.flat_map(|artifact| artifact.forms).find(|form| self.has(form))
-    }
-
-    /// Refuses what points do not have.
-    pub fn check_points(&self) -> Result<()> {
-        if self.mesh {
+    /// Refuses what jobs on files of this format do not have.
+    pub fn check_format(&self, format: InputFormat) -> Result<()> {
+        if self.mesh && format.is_of_points() {
             return Err(Error::parameter(
                 "keep_mesh goes with meshes, not with points: name what is to be made of them with outputs",
             ));
         }
-        match self.first_of(Artifact::is_of_meshes_alone) {
-            Some(form) => Err(Error::parameter(format_args!(
-                "{} is made of a mesh, and these are points: leave it out of outputs",
-                form.file
-            ))),
-            None => Ok(()),
+        for artifact in made_of_input() {
+            let named = artifact.forms.iter().find(|form| self.has(form));
+            if let (Some(form), Some(what)) = (named, format.lacks(artifact)) {
+                let file = form.file;
+                return Err(Error::parameter(format_args!("{file} is made of {what}: leave it out of outputs")));
+            }
         }
+        Ok(())
     }
 
     /// Refuses outputs that jobs with these parameters do not have.

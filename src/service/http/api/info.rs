@@ -6,8 +6,7 @@ use axum::Json;
 use axum::extract::State as Extract;
 use serde::Serialize;
 use tesserae_mesh::artifacts::{Form, LABELS};
-use tesserae_mesh::data;
-use tesserae_mesh::mesh::Format;
+use tesserae_mesh::job::InputFormat;
 use utoipa::ToSchema;
 
 use crate::http::state::{App, DeviceDescription};
@@ -76,12 +75,12 @@ pub(crate) async fn device(Extract(shared): App) -> Json<DeviceDescription> {
     responses((status = 200, description = "The formats", body = Formats)),
 )]
 pub(crate) async fn formats() -> Json<Formats> {
-    let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
-    let points = |format: data::Format| FormatView { name: format.name(), media_type: format.media_type() };
+    let file = |format: InputFormat| FormatView { name: format.name(), media_type: format.media_type() };
+    let (points, meshes): (Vec<_>, Vec<_>) = InputFormat::all().partition(|format| format.is_of_points());
     let label = |form: &Form| FormatView { name: form.extension(), media_type: form.media_type };
     Json(Formats {
-        meshes: Format::ALL.map(mesh).into(),
-        points: data::Format::ALL.map(points).into(),
+        meshes: meshes.into_iter().map(file).collect(),
+        points: points.into_iter().map(file).collect(),
         labels: LABELS.forms.iter().map(label).collect(),
     })
 }

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::sync::Arc;
 
 use axum::response::Response;
-use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels, Need};
+use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::{self, Input};
 use tesserae_mesh::job::InputFormat;
@@ -76,12 +76,10 @@ pub(crate) async fn made(
 
 /// Refuses outputs that are made of something else than the job was on.
 pub(crate) fn check_input(job: &Job, artifact: &Artifact, form: &Form) -> Result<()> {
-    let refused = match job.spec.format {
-        format if artifact.needs(Need::Image) && !format.is_image() => "an image, and this is none",
-        format if artifact.is_of_meshes_alone() && format.is_of_points() => "a mesh, and these are points",
-        _ => return Ok(()),
-    };
-    Err(Error::new(Kind::Conflict, format_args!("{} is made of {refused}", form.file)))
+    match job.spec.format.lacks(artifact) {
+        Some(what) => Err(Error::new(Kind::Conflict, format_args!("{} is made of {what}", form.file))),
+        None => Ok(()),
+    }
 }
 
 /// The error of an output that is not stored and cannot be made.

@@ -95,22 +95,17 @@ impl Form {
             }
             "buffer" => self.add_buffer(field).await,
             "seeds" => {
-                once("seeds", self.seeds.is_some())?;
-                self.seeds = Some(self.into.save(content(field), files::SEEDS, |_| Ok(())).await?);
+                self.seeds = Some(self.file(field, files::SEEDS, self.seeds.is_some(), |_| Ok(())).await?);
                 Ok(())
             }
             "weights" => {
-                once("weights", self.weights.is_some())?;
-                let weights = self.into.save(content(field), files::WEIGHTS, |_| Ok(())).await?;
-                job::check_head_of_weights(&weights.head)?;
-                self.weights = Some(weights);
+                let is_there = self.weights.is_some();
+                self.weights = Some(self.file(field, files::WEIGHTS, is_there, job::check_head_of_weights).await?);
                 Ok(())
             }
             "graph" => {
-                once("graph", self.graph.is_some())?;
-                let graph = self.into.save(content(field), files::GRAPH, |_| Ok(())).await?;
-                job::check_head_of_graph(&graph.head)?;
-                self.graph = Some(graph);
+                let is_there = self.graph.is_some();
+                self.graph = Some(self.file(field, files::GRAPH, is_there, job::check_head_of_graph).await?);
                 Ok(())
             }
             "" => Err(Error::new(
@@ -121,6 +116,20 @@ impl Form {
                 "a part must be one of mesh, points, parameters, buffer, seeds, weights, graph, not {other:?}"
             ))),
         }
+    }
+
+    /// Saves a part that there is once, and checks its first bytes.
+    async fn file(
+        &mut self,
+        field: Field<'_>,
+        name: &str,
+        is_there: bool,
+        check_head: fn(&[u8]) -> Result<()>,
+    ) -> Result<Saved> {
+        once(name, is_there)?;
+        let saved = self.into.save(content(field), name, |_| Ok(())).await?;
+        check_head(&saved.head)?;
+        Ok(saved)
     }
 
     async fn add_mesh(&mut self, field: Field<'_>, are_points: bool) -> Result<()> {

@@ -109,23 +109,15 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
     assert_eq!(second.reclaim().await, Ok(vec![ticket]));
     let again = claim(&second).await.0;
     assert_eq!(again.attempt, 2);
-    let summary = Summary {
-        faces: 1,
-        clusters: 1,
-        shape: Vec::new(),
-        labels_sha256: None,
-        is_small: false,
-        blobs: Default::default(),
-    };
     for refused in [
-        first.finish(ticket, End::Succeeded(summary.clone())).await,
+        first.finish(ticket, End::Succeeded(SUMMARY)).await,
         first.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await,
         first.release(ticket, Release::Free).await.map(drop),
         first.begin(ticket).await,
     ] {
         assert_eq!(refused.expect_err("it is another's").kind, Kind::Conflict);
     }
-    second.finish(again, End::Succeeded(summary)).await.expect("finished");
+    second.finish(again, End::Succeeded(SUMMARY)).await.expect("finished");
 }
 
 #[tokio::test(flavor = "multi_thread")]

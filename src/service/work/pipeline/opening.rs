@@ -7,6 +7,7 @@ use tesserae_mesh::artifacts::Artifact;
 use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::job::{self, InputFormat, PointsRequest, Prepared};
 use tesserae_mesh::mesh::{Limits, Resources};
+use tesserae_mesh::parameters::Seeds;
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
@@ -39,7 +40,6 @@ pub(super) fn open(
     let parameters = &spec.parameters;
     let outputs: Vec<&Artifact> = spec.kept.artifacts().collect();
     let outputs = &outputs[..];
-    let is_hierarchical = parameters.algorithm.is_hierarchical();
     match spec.format {
         InputFormat::Mesh(format) => {
             let resources = &Parts::new(&spec.buffers, buffers.iter().cloned());
@@ -56,7 +56,8 @@ pub(super) fn open(
         InputFormat::Points(format) => {
             let request = PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
             let size = request.size().map_err(|refusal| refusal.error)?;
-            match admits(Needed::of_points(size, is_hierarchical))? {
+            let merges_items = parameters.algorithm.is_hierarchical() || parameters.seeds == Seeds::Merged;
+            match admits(Needed::of_points(size, merges_items))? {
                 true => job::prepare_points(&request).map(Some).map_err(|refusal| refusal.error),
                 false => Ok(None),
             }
