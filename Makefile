@@ -242,7 +242,7 @@ pages: debug-binary $(VENV)/ready  ## write settings and output of commands into
 	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae --update
 
 .PHONY: picture
-picture: debug-binary $(VENV)/ready  ## draw docs/knot.png, remesh.png, chunks.png and points.png anew, and take the pictures of the page
+picture: debug-binary $(VENV)/ready  ## draw the pictures of the guide anew, and take those of the page (after `make python`)
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures docs
 	mv docs/share.jpg web/src/
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
@@ -252,7 +252,7 @@ picture: debug-binary $(VENV)/ready  ## draw docs/knot.png, remesh.png, chunks.p
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/remesh.png $(TARGET)/remesh.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 40 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/chunks.png apart=0.35
-	$(VENV)/bin/python docs/render_points.py $(TARGET)/debug/tesserae docs/knot.png docs/points.png
+	MPLBACKEND=agg $(PYTHON_VENV)/bin/python -W ignore docs/render_guides.py
 
 # The program that is tried from outside: with checks and named faults.
 .PHONY: debug-binary

@@ -326,8 +326,9 @@ class Clustering:
         return mesh.plot(scalars=_native.colours(self.clusters)[self.labels], rgb=True, **options)
 
     def __repr__(self) -> str:
-        what = "faces" if self._items is None else "items"
-        return f"Clustering({self._outcome.faces} {what}, {self.clusters} clusters, energy {self.energy:.6g})"
+        read = self.report["input"]
+        what = f"{read['faces']} faces" if self._items is None else f"{read['items'] - read['masked']} items"
+        return f"Clustering({what}, {self.clusters} clusters, energy {self.energy:.6g})"
 
     def _repr_html_(self) -> str:
         if self._items is not None:

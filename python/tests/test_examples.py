@@ -13,7 +13,8 @@ import pytest
 import tesserae_mesh._cluster
 
 PYTHON = Path(__file__).parents[1]
-GUIDE = PYTHON.parent / "docs" / "python.md"
+DOCS = PYTHON.parent / "docs"
+GUIDE = DOCS / "python.md"
 
 
 def test_the_example_prints_what_the_guide_shows() -> None:
@@ -29,13 +30,17 @@ def test_an_example_without_its_arguments_shows_its_usage() -> None:
     assert done.stderr.startswith("usage: follow_a_job.py") and "url mesh clusters" in done.stderr
 
 
-def test_the_code_of_the_guide_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.filterwarnings("ignore")  # of other libraries
+@pytest.mark.parametrize("page", ["python.md", "images.md", "volumes.md", "maps.md", "clouds.md"])
+def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert len(blocks) >= 3
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    text = (DOCS / page).read_text(encoding="utf-8")
     names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, str(GUIDE), "exec"), names)  # noqa: S102
+    for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(compile(block, page, "exec"), names)  # noqa: S102
+    drawn = re.findall(r"!\[.*\]\(([a-z]+\.(?:png|jpg))\)", text)
+    assert names and all((tmp_path / picture).stat().st_size > 10_000 for picture in drawn)
 
 
 def test_the_documentation_of_cluster_is_right() -> None:
