@@ -97,7 +97,10 @@ impl Progress {
             Phase::Repair => "repair",
             Phase::Regrow => "regrow",
             Phase::Swap => "swap",
-            Phase::Restart => "restart",
+            Phase::MergedStart => "merged start",
+            Phase::FastStart => "start of fast",
+            Phase::SettledStart => "settled start",
+            Phase::OtherJob => "other job",
             Phase::Trial => "trial",
             Phase::Breathe => "breathe",
         };

@@ -11,7 +11,7 @@ use crate::surface::{DualGraph, Moves};
 
 /// Kinds of optimisation steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum Phase {
     /// Boundary-based optimisation: faces at a boundary move to the neighbouring cluster whose centre is nearer.
     Boundary,
@@ -23,8 +23,14 @@ pub enum Phase {
     Regrow,
     /// Paying swaps: two clusters become one and a third becomes two, where that lowers the energy at once.
     Swap,
-    /// Labels from another start, or a mix of both, because their energy is lower.
-    Restart,
+    /// Labels that were merged from single faces, or a mix with them, because their energy is lower.
+    MergedStart,
+    /// Those of quality `fast`, after swaps, or a mix with them.
+    FastStart,
+    /// Those of quality `fast`, settled before the swaps, or a mix with them.
+    SettledStart,
+    /// Those of a job with another quality or algorithm, or a mix with them.
+    OtherJob,
     /// Merges and splits that pay after their surroundings have settled.
     Trial,
     /// More clusters by splits, then as many again by merges.

@@ -13,7 +13,19 @@ Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
 Format = Literal["obj", "glb", "gltf", "ply", "stl", "off"]
 PointsFormat = Literal["npy", "npz", "png", "jpeg"]
 InputFormat = Union[Format, PointsFormat]
-Phase = Literal["boundary", "refine", "repair", "regrow", "swap", "restart", "trial", "breathe"]
+Phase = Literal[
+    "boundary",
+    "refine",
+    "repair",
+    "regrow",
+    "swap",
+    "merged-start",
+    "fast-start",
+    "settled-start",
+    "other-job",
+    "trial",
+    "breathe",
+]
 DeviceKind = Literal["cpu", "gpu"]
 WeightedBy = Literal["weights", "attribute", "curvature"]
 

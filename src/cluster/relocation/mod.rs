@@ -147,7 +147,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         let tries_more = self.tries_more(best.clusters.count(), has_paid);
         if tries_more && has_paid {
             let merged = merging::merged(self.graph, best.clusters.count(), self.pairs, device, self.cancel)?;
-            self.mix_in_start(&mut best, merged, on_change)?;
+            self.mix_in_start(Phase::MergedStart, &mut best, merged, on_change)?;
         }
         if tries_more && self.effort == Effort::All {
             self.relax(&mut best, TRIALS, on_change)?;
@@ -156,14 +156,15 @@ impl<'a, E: Functional> Relocation<'a, E> {
             let fast = fast()?;
             let mut other = State::new(self.graph, fast.clone());
             swap::swap(&mut other.clusters, &mut other.candidates, self.cancel, |_| Ok(()))?;
-            self.mix_in(&mut best, other, on_change)?;
-            self.mix_in_start(&mut best, fast, on_change)?;
+            self.mix_in(Phase::FastStart, &mut best, other, on_change)?;
+            self.mix_in_start(Phase::SettledStart, &mut best, fast, on_change)?;
         }
         for labels in cheaper {
+            let (phase, labels) = (Phase::OtherJob, labels?);
             match self.graph.moves {
-                Moves::Free => self.mix_in(&mut best, State::new(self.graph, labels?), on_change)?,
+                Moves::Free => self.mix_in(phase, &mut best, State::new(self.graph, labels), on_change)?,
                 // merges alone have not settled
-                Moves::Connected => self.mix_in_start(&mut best, labels?, on_change)?,
+                Moves::Connected => self.mix_in_start(phase, &mut best, labels, on_change)?,
             }
         }
         if tries_more {
@@ -187,7 +188,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         let has_paid = self.swap(&mut best, on_change)?;
         if self.tries_more(best.clusters.count(), has_paid) {
             if has_paid {
-                self.mix_in_start(&mut best, flat()?, on_change)?;
+                self.mix_in_start(Phase::SettledStart, &mut best, flat()?, on_change)?;
             }
             self.relax_and_breathe(&mut best, on_change)?;
         }
@@ -252,8 +253,14 @@ impl<'a, E: Functional> Relocation<'a, E> {
         Ok(fall > 0 && fall > state.clusters.total() / 1000)
     }
 
-    /// The lowest of two clusterings and their mix.
-    fn mix_in(&self, best: &mut State<'a, E>, other: State<'a, E>, on_change: OnChange<'_>) -> Result<()> {
+    /// The lowest of two clusterings and their mix. `phase` names the second.
+    fn mix_in(
+        &self,
+        phase: Phase,
+        best: &mut State<'a, E>,
+        other: State<'a, E>,
+        on_change: OnChange<'_>,
+    ) -> Result<()> {
         let wanted = best.clusters.count();
         let before = best.clusters.energy();
         let mut second = other;
@@ -271,16 +278,22 @@ impl<'a, E: Functional> Relocation<'a, E> {
             }
         }
         if best.clusters.energy() > before {
-            report(Phase::Restart, &mut best.clusters, on_change)?;
+            report(phase, &mut best.clusters, on_change)?;
         }
         Ok(())
     }
 
     /// The same with another start, settled and after its own swaps.
-    fn mix_in_start(&self, best: &mut State<'a, E>, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<()> {
+    fn mix_in_start(
+        &self,
+        phase: Phase,
+        best: &mut State<'a, E>,
+        labels: Vec<u32>,
+        on_change: OnChange<'_>,
+    ) -> Result<()> {
         let mut other = State::new(self.graph, labels);
         settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
-        self.mix_in(best, other, on_change)
+        self.mix_in(phase, best, other, on_change)
     }
 
     /// Rounds of trials, each followed by swaps, until one keeps none.
