@@ -18,11 +18,11 @@ pub type Output<'a> = (&'static str, &'a Target);
 pub fn check(inputs: &[(&str, &Source)], outputs: &[Output<'_>]) -> Result<(), String> {
     let mut read = Names::default();
     for (what, source) in inputs {
-        read.insert(Place::of_source(source), what);
+        read.insert(FilePlace::of_source(source), what);
     }
     let mut written = Names::default();
     for (flag, target) in outputs {
-        let Some(place) = Place::of_target(target) else { continue };
+        let Some(place) = FilePlace::of_target(target) else { continue };
         if let Some(earlier) = written.get(&place) {
             return Err(match earlier == *flag {
                 true => format!("two outputs of {flag} cannot both go to the same place: {target}"),
@@ -46,15 +46,15 @@ struct Names<'a> {
 
 impl<'a> Names<'a> {
     /// Keeps the first name of a place.
-    fn insert(&mut self, place: Option<Place>, name: &'a str) {
-        let Some(Place { path, file }) = place else { return };
+    fn insert(&mut self, place: Option<FilePlace>, name: &'a str) {
+        let Some(FilePlace { path, file }) = place else { return };
         self.by_path.entry(path).or_insert(name);
         if let Some(file) = file {
             self.by_file.entry(file).or_insert(name);
         }
     }
 
-    fn get(&self, place: &Place) -> Option<&'a str> {
+    fn get(&self, place: &FilePlace) -> Option<&'a str> {
         let of_file = || place.file.as_ref().and_then(|file| self.by_file.get(file));
         self.by_path.get(&place.path).or_else(of_file).copied()
     }
@@ -71,8 +71,12 @@ pub struct Kept<'a> {
 impl Resources for Kept<'_> {
     fn load(&self, uri: &str, max_bytes: u64) -> tesserae_mesh::error::Result<Vec<u8>> {
         let bytes = self.beside.load(uri, max_bytes)?;
-        let place = Place::of_file(&self.beside.folder.join(uri));
-        match self.outputs.iter().find(|(_, target)| Place::of_target(target).is_some_and(|target| target.is(&place))) {
+        let place = FilePlace::of_file(&self.beside.folder.join(uri));
+        match self
+            .outputs
+            .iter()
+            .find(|(_, target)| FilePlace::of_target(target).is_some_and(|target| target.is(&place)))
+        {
             Some((flag, _)) => Err(Error::parameter(format_args!(
                 "{flag} would replace a buffer of the mesh, choose another place: {uri:?}"
             ))),
@@ -83,14 +87,14 @@ impl Resources for Kept<'_> {
 
 /// Where a name leads.
 #[derive(Debug)]
-struct Place {
+struct FilePlace {
     /// Absolute and without links; `-` for standard streams, which a file of that name never is.
     path: PathBuf,
     /// What the system tells the file by, where there is one already: it may have several names.
     file: Option<FileId>,
 }
 
-impl Place {
+impl FilePlace {
     fn of_file(path: &Path) -> Self {
         // where a link leads counts, though nothing is there yet
         let beside = || {

@@ -58,7 +58,7 @@ impl Display for Balance {
 
 /// A clustering or a cut, as a line or a row of a table.
 #[derive(Debug, Clone, Default)]
-pub struct Row {
+pub struct SummaryRow {
     /// The mesh.
     pub name: String,
     /// Faces of the mesh.
@@ -83,7 +83,7 @@ pub struct Row {
     pub remesh: Option<Summary>,
 }
 
-impl Row {
+impl SummaryRow {
     /// Of a job with these labels, if it has any.
     pub fn new(name: String, report: &Report, labels: Option<&[u32]>) -> Self {
         Self {
@@ -151,10 +151,10 @@ fn remesh_line(remesh: &Summary) -> String {
 }
 
 /// A heading of a table, and what it has of a row.
-type Column = (&'static str, fn(&Row) -> String);
+type Column = (&'static str, fn(&SummaryRow) -> String);
 
 /// The rows as a table, names to the left and numbers to the right, and below it their remeshes.
-pub fn table(rows: &[Row]) -> Vec<String> {
+pub fn table(rows: &[SummaryRow]) -> Vec<String> {
     const COLUMNS: [Column; 7] = [
         ("mesh", |row| row.name.clone()),
         ("faces", |row| count(row.faces)),
@@ -176,7 +176,7 @@ pub fn table(rows: &[Row]) -> Vec<String> {
         });
         cells.collect::<Vec<_>>().join("  ")
     };
-    let remesh = |row: &Row| {
+    let remesh = |row: &SummaryRow| {
         let clusters = row.clusters.map_or_else(String::new, count);
         Some(format!("{}, {clusters} clusters: {}", row.name, remesh_line(row.remesh.as_ref()?)))
     };
@@ -238,8 +238,9 @@ mod tests {
 
     #[test]
     fn a_table_has_its_columns_below_each_other() {
-        let row = Row { name: "a.obj".into(), faces: 1000, clusters: Some(10), seconds: 0.5, ..Row::default() };
-        let lines = table(&[row.clone(), Row { name: "é, a longer name".into(), faces: 1, ..row }]);
+        let row =
+            SummaryRow { name: "a.obj".into(), faces: 1000, clusters: Some(10), seconds: 0.5, ..SummaryRow::default() };
+        let lines = table(&[row.clone(), SummaryRow { name: "é, a longer name".into(), faces: 1, ..row }]);
         let widths: Vec<usize> = lines.iter().map(|line| line.chars().count()).collect();
         assert_eq!(widths, vec![widths[0]; 3], "{lines:?}");
         assert!(lines[0].starts_with("mesh  ") && lines[1].starts_with("a.obj  "), "{lines:?}");

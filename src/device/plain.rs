@@ -21,7 +21,7 @@ use crate::surface::DualGraph;
 
 /// The state after an iteration.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct State {
+pub struct Iterated {
     /// One cluster a face, internal order.
     pub labels: Vec<u32>,
     /// What the proxies explain of the energy, see [`crate::energy::LatticeEnergy`].
@@ -82,7 +82,7 @@ pub fn iterate<E: Functional>(
     component_of_cluster: &[u32],
     labels: &[u32],
     number: u32,
-) -> Option<State> {
+) -> Option<Iterated> {
     let proxies = sums(graph, component_of_cluster.len(), labels);
     let mut after = pass(graph, &proxies, labels);
     let mut moves = moves(labels, &after);
@@ -93,7 +93,7 @@ pub fn iterate<E: Functional>(
         moves += self::moves(&after, &next);
         after = next;
     }
-    (moves > 0).then(|| State { explained: explained(graph, component_of_cluster, &after), labels: after, moves })
+    (moves > 0).then(|| Iterated { explained: explained(graph, component_of_cluster, &after), labels: after, moves })
 }
 
 /// The labels after one pass of a boundary iteration, with the proxies of these sums.
@@ -139,7 +139,7 @@ impl<'a, E: Functional> Refinement<'a, E> {
     }
 
     /// The next iteration in which something moves; None when there are no bids.
-    pub fn iterate(&mut self) -> Option<State> {
+    pub fn iterate(&mut self) -> Option<Iterated> {
         loop {
             let bids = self.bids();
             if bids.iter().all(Option::is_none) {
@@ -157,7 +157,7 @@ impl<'a, E: Functional> Refinement<'a, E> {
             if moves > 0 {
                 self.readmit(&before);
                 let explained = explained(self.graph, self.component_of_cluster, &self.labels);
-                return Some(State { labels: self.labels.clone(), explained, moves });
+                return Some(Iterated { labels: self.labels.clone(), explained, moves });
             }
         }
     }

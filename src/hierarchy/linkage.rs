@@ -16,7 +16,7 @@ use crate::error::{Error, Kind, Result};
 
 /// One row of the matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Row {
+struct MergeRow {
     children: [u32; 2],
     /// The largest cost of the merge and those below it.
     cost: f64,
@@ -26,7 +26,7 @@ struct Row {
 /// A linkage matrix, checked and in order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Linkage {
-    rows: Vec<Row>,
+    rows: Vec<MergeRow>,
 }
 
 impl Stored {
@@ -71,11 +71,11 @@ pub fn no_single_root(components: u64) -> String {
 impl Linkage {
     fn of(tree: &Tree) -> Self {
         let mut nodes = Nodes::new(tree.faces);
-        let mut rows: Vec<Row> = Vec::with_capacity(tree.merges.len());
+        let mut rows: Vec<MergeRow> = Vec::with_capacity(tree.merges.len());
         for merge in &tree.merges {
             let (_, children) = nodes.merge(merge);
             // no cost is below 0, and a NaN loses
-            let mut row = Row { children, cost: merge.made.cost.max(0.0), faces: 0 };
+            let mut row = MergeRow { children, cost: merge.made.cost.max(0.0), faces: 0 };
             for child in children {
                 let below = child.checked_sub(tree.faces).map(|row| rows[row as usize]);
                 row.cost = row.cost.max(below.map_or(0.0, |below| below.cost));
@@ -96,7 +96,7 @@ impl Linkage {
             .map(|&row| {
                 let row = rows[row as usize];
                 let [a, b] = row.children.map(moved);
-                Row { children: [a.min(b), a.max(b)], ..row }
+                MergeRow { children: [a.min(b), a.max(b)], ..row }
             })
             .collect();
         Self { rows }

@@ -30,7 +30,7 @@ pub enum Format {
 }
 
 /// What is known of a format.
-struct Row {
+struct FormatRow {
     format: Format,
     /// File extensions; the first is also the short name and the value of `?format=`.
     extensions: &'static [&'static str],
@@ -56,8 +56,8 @@ struct Row {
 }
 
 /// Every format, in the order of [`Format`]'s variants.
-static TABLE: [Row; 6] = [
-    Row {
+static TABLE: [FormatRow; 6] = [
+    FormatRow {
         format: Format::Obj,
         extensions: &["obj"],
         media_types: &["model/obj"],
@@ -73,7 +73,7 @@ static TABLE: [Row; 6] = [
         // a line of four-digit numbers
         reader: obj::open,
     },
-    Row {
+    FormatRow {
         format: Format::Glb,
         extensions: &["glb"],
         media_types: &["model/gltf-binary"],
@@ -88,7 +88,7 @@ static TABLE: [Row; 6] = [
         // indices of two bytes, and half a vertex, uncompressed
         reader: gltf::open_binary,
     },
-    Row {
+    FormatRow {
         format: Format::Gltf,
         extensions: &["gltf"],
         media_types: &["model/gltf+json"],
@@ -103,7 +103,7 @@ static TABLE: [Row; 6] = [
         // as in a GLB, in buffers beside it
         reader: gltf::open_json,
     },
-    Row {
+    FormatRow {
         format: Format::Ply,
         extensions: &["ply"],
         media_types: &["model/ply", "model/x-ply", "application/ply", "application/x-ply"],
@@ -118,7 +118,7 @@ static TABLE: [Row; 6] = [
         // an index of a strip, and half a vertex
         reader: ply::open,
     },
-    Row {
+    FormatRow {
         format: Format::Stl,
         extensions: &["stl"],
         media_types: &[
@@ -139,7 +139,7 @@ static TABLE: [Row; 6] = [
         // a triangle of a binary file
         reader: stl::open,
     },
-    Row {
+    FormatRow {
         format: Format::Off,
         extensions: &["off"],
         media_types: &["model/off", "model/x-off"],
@@ -169,7 +169,7 @@ impl Format {
         all
     };
 
-    fn row(self) -> &'static Row {
+    fn row(self) -> &'static FormatRow {
         &TABLE[self as usize]
     }
 
@@ -238,8 +238,8 @@ impl Format {
     }
 
     /// The format that lists this name, in any case.
-    fn listing(names: fn(&Row) -> &'static [&'static str], name: &str) -> Option<Self> {
-        let lists = |row: &&Row| names(row).iter().any(|known| known.eq_ignore_ascii_case(name));
+    fn listing(names: fn(&FormatRow) -> &'static [&'static str], name: &str) -> Option<Self> {
+        let lists = |row: &&FormatRow| names(row).iter().any(|known| known.eq_ignore_ascii_case(name));
         TABLE.iter().find(lists).map(|row| row.format)
     }
 
@@ -269,7 +269,7 @@ impl Format {
         if head.is_empty() || length == Some(0) {
             return Err(self.is_not("it is empty"));
         }
-        let Row { is_it, is_certain, check_head, .. } = self.row();
+        let FormatRow { is_it, is_certain, check_head, .. } = self.row();
         let is_own = is_it(head, length);
         if let Some(foreign) = foreign::recognise(head).filter(|_| !(is_own && *is_certain)) {
             return Err(self.is_not(&format!("it is {}; {}", foreign.name, foreign.advice)));

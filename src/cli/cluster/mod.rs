@@ -14,7 +14,7 @@ use super::device::DeviceArguments;
 use super::inputs::{LimitFlags, Meshes};
 use super::progress::Progress;
 use super::results::{ChoiceFlags, OfJob, Outputs};
-use super::summary::{Row, table};
+use super::summary::{SummaryRow, table};
 use super::{Failure, Quiet, complain, print_line, say};
 
 /// Arguments of `tesserae cluster`.
@@ -151,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Writes what came out to standard output, or to standard error where a result goes to standard output.
-fn summarise(arguments: &Arguments, rows: &[Row]) -> Result<(), Failure> {
+fn summarise(arguments: &Arguments, rows: &[SummaryRow]) -> Result<(), Failure> {
     let is_single = arguments.clusters.len() < 2 && arguments.meshes.files().len() < 2;
     let mut lines = match rows {
         [row] if is_single => row.lines(),

@@ -24,7 +24,7 @@ use crate::inputs::MeshFile;
 use crate::places::Output;
 use crate::progress::Progress;
 use crate::results::{OutputFile, check_places};
-use crate::summary::{Balance, Row};
+use crate::summary::{Balance, SummaryRow};
 use crate::{Failure, complain, signals};
 
 /// Where the parts of the bar end: a mesh is read, prepared, then clustered and written for each number of clusters.
@@ -39,7 +39,7 @@ pub struct Run<'a> {
     pub choices: Choices,
     pub progress: Progress,
     /// What came out so far.
-    pub rows: Vec<Row>,
+    pub rows: Vec<SummaryRow>,
 }
 
 impl Run<'_> {
@@ -83,7 +83,7 @@ impl Run<'_> {
             if self.arguments.is_cut() {
                 self.cuts(mesh, prepared.subject.points(), &outcome, &files, begin)?;
             } else {
-                self.rows.push(Row::new(input.clone(), &outcome.report, outcome.labels.as_deref()));
+                self.rows.push(SummaryRow::new(input.clone(), &outcome.report, outcome.labels.as_deref()));
             }
         }
         Ok(())
@@ -221,7 +221,7 @@ impl Run<'_> {
         let Some(stored) = &outcome.hierarchy else { return Ok(()) };
         for (clusters, files) in &files.of_clusters {
             let mut cut = stored.tree.labels_at(clusters.unwrap_or(1)).map_err(Failure::about(&mesh.source))?;
-            let row = of_cut(Row::new(mesh.source.to_string(), &outcome.report, None), &cut);
+            let row = of_cut(SummaryRow::new(mesh.source.to_string(), &outcome.report, None), &cut);
             if let Some(points) = points {
                 cut.labels = points.with_masked(cut.labels);
             }
@@ -236,7 +236,7 @@ impl Run<'_> {
             };
             self.write_files(mesh, &files.iter().collect::<Vec<_>>(), &content, &remesh)?;
             let remesh = remesh.get().map(|remesh| remesh.summary);
-            self.rows.push(Row { remesh, seconds: begin.elapsed().as_secs_f64(), ..row });
+            self.rows.push(SummaryRow { remesh, seconds: begin.elapsed().as_secs_f64(), ..row });
             begin = Instant::now();
         }
         Ok(())
@@ -244,10 +244,10 @@ impl Run<'_> {
 }
 
 /// The row of a cut.
-fn of_cut(row: Row, cut: &Cut) -> Row {
+fn of_cut(row: SummaryRow, cut: &Cut) -> SummaryRow {
     let clusters = cut.clusters();
     let energy = Some(cut.energy).filter(|energy| energy.is_finite());
-    Row { clusters: Some(clusters), balance: Balance::of(&cut.labels, clusters), energy, ..row }
+    SummaryRow { clusters: Some(clusters), balance: Balance::of(&cut.labels, clusters), energy, ..row }
 }
 
 /// Files besides the mesh or the points.

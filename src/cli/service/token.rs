@@ -39,12 +39,12 @@ enum Command {
         metrics: bool,
 
         #[command(flatten)]
-        place: Place,
+        place: TokensFlag,
     },
     /// List tenants and the ids of their tokens
     List {
         #[command(flatten)]
-        place: Place,
+        place: TokensFlag,
     },
     /// Set the quotas of a tenant, new or known; those that are left out are as the settings of the service say
     Quota {
@@ -57,7 +57,7 @@ enum Command {
         quotas: Quotas,
 
         #[command(flatten)]
-        place: Place,
+        place: TokensFlag,
     },
     /// Take a token back
     Revoke {
@@ -65,13 +65,13 @@ enum Command {
         id: String,
 
         #[command(flatten)]
-        place: Place,
+        place: TokensFlag,
     },
 }
 
 /// Where the tokens are.
 #[derive(Debug, clap::Args)]
-struct Place {
+struct TokensFlag {
     /// File of tokens; `new` makes it if it is not there
     #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
     tokens: PathBuf,

@@ -13,7 +13,7 @@
 //! trials do both. Splits at f·k places, which settle before the merges choose, do.
 
 use super::resize::resize;
-use super::{State, settle_and_swap};
+use super::{Improvable, settle_and_swap};
 use crate::device::Cancel;
 use crate::energy::Functional;
 use crate::error::Result;
@@ -32,14 +32,14 @@ impl Default for Breath {
 
 impl Breath {
     /// Takes one, and keeps the result if that lowers F. Returns whether it does.
-    pub fn lowers<E: Functional>(&mut self, best: &mut State<'_, E>, cancel: &Cancel) -> Result<bool> {
+    pub fn lowers<E: Functional>(&mut self, best: &mut Improvable<'_, E>, cancel: &Cancel) -> Result<bool> {
         let (faces, wanted) = (best.clusters.graph.faces(), best.clusters.count());
         let more = ((u128::from(self.0) * wanted as u128) >> 32) as usize;
         if more == 0 {
             return Ok(false);
         }
-        let mut state = best.clone();
-        let State { clusters, candidates } = &mut state;
+        let mut breath = best.clone();
+        let Improvable { clusters, candidates } = &mut breath;
         resize(clusters, (wanted + more).min(faces), candidates, cancel)?;
         resize(clusters, wanted, candidates, cancel)?;
         settle_and_swap(clusters, candidates, cancel)?;
@@ -51,7 +51,7 @@ impl Breath {
         if fall < clusters.total() / 1000 {
             self.0 = self.0 * 7 / 10;
         }
-        *best = state;
+        *best = breath;
         Ok(true)
     }
 }

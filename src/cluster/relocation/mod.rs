@@ -142,7 +142,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         if self.effort != Effort::All && self.no_swap_can_pay(&labels) {
             return Ok((labels, Ending::Converged));
         }
-        let mut best = State::new(self.graph, labels);
+        let mut best = Improvable::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
         let tries_more = self.tries_more(best.clusters.count(), has_paid);
         if tries_more && has_paid {
@@ -154,7 +154,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         }
         if self.effort > Effort::Swaps {
             let fast = fast()?;
-            let mut other = State::new(self.graph, fast.clone());
+            let mut other = Improvable::new(self.graph, fast.clone());
             swap::swap(&mut other.clusters, &mut other.candidates, self.cancel, |_| Ok(()))?;
             self.mix_in(Phase::FastStart, &mut best, other, on_change)?;
             self.mix_in_start(Phase::SettledStart, &mut best, fast, on_change)?;
@@ -162,7 +162,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         for labels in cheaper {
             let (phase, labels) = (Phase::OtherJob, labels?);
             match self.graph.moves {
-                Moves::Free => self.mix_in(phase, &mut best, State::new(self.graph, labels), on_change)?,
+                Moves::Free => self.mix_in(phase, &mut best, Improvable::new(self.graph, labels), on_change)?,
                 // merges alone have not settled
                 Moves::Connected => self.mix_in_start(phase, &mut best, labels, on_change)?,
             }
@@ -184,7 +184,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         if self.no_swap_can_pay(&labels) {
             return Ok(labels);
         }
-        let mut best = State::new(self.graph, labels);
+        let mut best = Improvable::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
         if self.tries_more(best.clusters.count(), has_paid) {
             if has_paid {
@@ -221,7 +221,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
     }
 
     /// Trials and breaths, in turns, or each as long as F falls.
-    fn relax_and_breathe(&self, best: &mut State<'a, E>, on_change: OnChange<'_>) -> Result<()> {
+    fn relax_and_breathe(&self, best: &mut Improvable<'a, E>, on_change: OnChange<'_>) -> Result<()> {
         let (turns, rounds, breaths) = match self.effort {
             Effort::All => (1, self.rounds(), self.rounds()),
             Effort::Some | Effort::Swaps => (if self.is_small() { MORE_TURNS } else { TURNS }, 1, 1),
@@ -244,21 +244,21 @@ impl<'a, E: Functional> Relocation<'a, E> {
     }
 
     /// Swaps. Returns whether F has fallen by more than a thousandth.
-    fn swap(&self, state: &mut State<'_, E>, on_change: OnChange<'_>) -> Result<bool> {
-        let before = state.clusters.energy().explained;
-        swap::swap(&mut state.clusters, &mut state.candidates, self.cancel, |clusters| {
+    fn swap(&self, improvable: &mut Improvable<'_, E>, on_change: OnChange<'_>) -> Result<bool> {
+        let before = improvable.clusters.energy().explained;
+        swap::swap(&mut improvable.clusters, &mut improvable.candidates, self.cancel, |clusters| {
             report(Phase::Swap, clusters, on_change)
         })?;
-        let fall = state.clusters.energy().explained - before;
-        Ok(fall > 0 && fall > state.clusters.total() / 1000)
+        let fall = improvable.clusters.energy().explained - before;
+        Ok(fall > 0 && fall > improvable.clusters.total() / 1000)
     }
 
     /// The lowest of two clusterings and their mix. `phase` names the second.
     fn mix_in(
         &self,
         phase: Phase,
-        best: &mut State<'a, E>,
-        other: State<'a, E>,
+        best: &mut Improvable<'a, E>,
+        other: Improvable<'a, E>,
         on_change: OnChange<'_>,
     ) -> Result<()> {
         let wanted = best.clusters.count();
@@ -270,7 +270,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         best.candidates.refresh(&mut best.clusters);
         let cluster_worth = best.candidates.merges().first().map_or(0, |&(cost, ..)| cost);
         if let Some(labels) = mixed(&best.clusters, &second.clusters, cluster_worth) {
-            let mut mix = State::new(self.graph, labels);
+            let mut mix = Improvable::new(self.graph, labels);
             resize(&mut mix.clusters, wanted, &mut mix.candidates, self.cancel)?;
             settle_and_swap(&mut mix.clusters, &mut mix.candidates, self.cancel)?;
             if mix.clusters.energy() > best.clusters.energy() {
@@ -287,23 +287,23 @@ impl<'a, E: Functional> Relocation<'a, E> {
     fn mix_in_start(
         &self,
         phase: Phase,
-        best: &mut State<'a, E>,
+        best: &mut Improvable<'a, E>,
         labels: Vec<u32>,
         on_change: OnChange<'_>,
     ) -> Result<()> {
-        let mut other = State::new(self.graph, labels);
+        let mut other = Improvable::new(self.graph, labels);
         settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
         self.mix_in(phase, best, other, on_change)
     }
 
     /// Rounds of trials, each followed by swaps, until one keeps none.
-    fn relax(&self, state: &mut State<'_, E>, rounds: usize, on_change: OnChange<'_>) -> Result<()> {
+    fn relax(&self, improvable: &mut Improvable<'_, E>, rounds: usize, on_change: OnChange<'_>) -> Result<()> {
         for _ in 0..rounds {
-            if trial::round(&mut state.clusters, &mut state.candidates, self.cancel)? == 0 {
+            if trial::round(&mut improvable.clusters, &mut improvable.candidates, self.cancel)? == 0 {
                 break;
             }
-            report(Phase::Trial, &mut state.clusters, on_change)?;
-            self.swap(state, on_change)?;
+            report(Phase::Trial, &mut improvable.clusters, on_change)?;
+            self.swap(improvable, on_change)?;
         }
         Ok(())
     }
@@ -311,12 +311,12 @@ impl<'a, E: Functional> Relocation<'a, E> {
 
 /// A clustering, and what its clusters offer.
 #[derive(Clone)]
-struct State<'a, E: Functional> {
+struct Improvable<'a, E: Functional> {
     clusters: Clusters<'a, E>,
     candidates: Candidates,
 }
 
-impl<'a, E: Functional> State<'a, E> {
+impl<'a, E: Functional> Improvable<'a, E> {
     fn new(graph: &'a DualGraph<E>, labels: Vec<u32>) -> Self {
         Self { clusters: Clusters::new(graph, labels), candidates: Candidates::default() }
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Measurements, Row};
+use super::{BenchRow, Measurements};
 use crate::dev::markdown::{line, table_head};
 use crate::report::DeviceKind;
 
@@ -48,7 +48,7 @@ pub(super) fn report(measurements: &Measurements) -> String {
     out
 }
 
-fn figures(row: &Row, is_gpu: bool) -> Vec<String> {
+fn figures(row: &BenchRow, is_gpu: bool) -> Vec<String> {
     let or = |number: Option<f64>, text: fn(f64) -> String| number.map_or_else(|| "–".to_owned(), text);
     let ms = |number: f64| format!("{number:.1}");
     let mesh = format!("{}{}", row.mesh, if row.is_for_cpu { ", on the cpu" } else { "" });
@@ -68,7 +68,7 @@ fn figures(row: &Row, is_gpu: bool) -> Vec<String> {
 }
 
 /// Where the device's time went, and how often it was waited for.
-fn stages(out: &mut String, rows: &[Row]) {
+fn stages(out: &mut String, rows: &[BenchRow]) {
     out.push_str("\n## On the device\n\n");
     out.push_str("Milliseconds and passes of each stage; waits of the host; dispatches of all kernels, also those ");
     out.push_str("without work.\n\n");

@@ -55,12 +55,12 @@ pub struct Measurements {
     /// Bytes a second of copies within the device's memory, those read and those written; none without timestamps.
     pub copy_bytes_a_second: Option<f64>,
     /// The jobs.
-    pub rows: Vec<Row>,
+    pub rows: Vec<BenchRow>,
 }
 
 /// A job, and what it took; times in milliseconds.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct BenchRow {
     /// The mesh.
     pub mesh: String,
     /// Its faces.
@@ -156,7 +156,7 @@ impl Measurements {
         self.copy_bytes_a_second = device.copy_bandwidth()?;
         for work in work {
             let is_beyond =
-                |row: &Row| row.refused.is_some() && row.algorithm == work.name() && work.is_larger(row.faces);
+                |row: &BenchRow| row.refused.is_some() && row.algorithm == work.name() && work.is_larger(row.faces);
             if self.rows.iter().any(is_beyond) {
                 continue;
             }
@@ -173,7 +173,7 @@ impl Measurements {
 
     /// An error when labels were not the cpu's, or not the same each time, and when no job ran.
     pub fn check(&self) -> Result<()> {
-        if let Some(Row { mesh, algorithm, clusters, .. }) =
+        if let Some(BenchRow { mesh, algorithm, clusters, .. }) =
             self.rows.iter().find(|row| row.same_as_cpu == Some(false) || !row.same_each_time)
         {
             return Err(Error::new(
@@ -200,10 +200,10 @@ fn measure(
     plan: Plan,
     copy_bytes_a_second: Option<f64>,
     cancel: &Cancel,
-) -> Result<Row> {
+) -> Result<BenchRow> {
     let (faces, prepared) = work.prepare()?;
     let clusters = work.clusters(faces).unwrap_or(prepared.input.components());
-    let mut row = Row::new(work, faces, clusters);
+    let mut row = BenchRow::new(work, faces, clusters);
     let mut cpu = CpuDevice::new();
     row.is_for_cpu = faces < plan.faces_for_gpu;
     let device = if row.is_for_cpu { &mut cpu } else { device };
@@ -215,7 +215,7 @@ fn measure(
         let outcome = match job::run(&prepared, device, cancel, &mut |_| {}) {
             Ok(outcome) => outcome,
             Err(error) if matches!(error.kind, Kind::DeviceUnsuitable | Kind::TooLarge | Kind::DeviceLost) => {
-                return Ok(Row { refused: Some(error.message), ..Row::new(work, faces, clusters) });
+                return Ok(BenchRow { refused: Some(error.message), ..BenchRow::new(work, faces, clusters) });
             }
             Err(error) => return Err(error),
         };
@@ -283,7 +283,7 @@ fn sweep(
     }))
 }
 
-impl Row {
+impl BenchRow {
     fn new(work: &Work, faces: u64, clusters: u64) -> Self {
         Self {
             mesh: work.mesh.to_string(),
@@ -317,8 +317,8 @@ impl Row {
 mod tests {
     use super::*;
 
-    fn measured(change: impl FnOnce(&mut Row)) -> Measurements {
-        let mut row = Row::new(&Work::flat(Mesh::Knot(100), None, 10), 100, 10);
+    fn measured(change: impl FnOnce(&mut BenchRow)) -> Measurements {
+        let mut row = BenchRow::new(&Work::flat(Mesh::Knot(100), None, 10), 100, 10);
         row.same_as_cpu = Some(true);
         change(&mut row);
         Measurements {

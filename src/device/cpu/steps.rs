@@ -1,4 +1,4 @@
-//! [`Steps`] and [`MergeSteps`] of the cpu device, and how its state changes.
+//! [`Steps`] and [`MergeSteps`] of the cpu device, and what is known between them.
 
 use std::mem::take;
 
@@ -17,12 +17,12 @@ use crate::surface::DualGraph;
 pub struct CpuSteps<'a, E: Functional> {
     graph: &'a DualGraph<E>,
     component_of_cluster: &'a [u32],
-    state: State<'a, E>,
+    known: Known<'a, E>,
 }
 
-/// The labels, and what is known about them. A step brings it as far as it needs; labels set from outside begin anew.
+/// The labels, and what is known about them. A step makes known what it needs; labels set from outside begin anew.
 #[derive(Debug)]
-enum State<'a, E: Functional> {
+enum Known<'a, E: Functional> {
     /// Nothing.
     Labelled(Labels),
     /// The sums of the clusters.
@@ -33,7 +33,7 @@ enum State<'a, E: Functional> {
     Listed(Box<Listed<'a, E>>),
 }
 
-impl<E: Functional> Default for State<'_, E> {
+impl<E: Functional> Default for Known<'_, E> {
     fn default() -> Self {
         Self::Labelled(Labels::default())
     }
@@ -42,63 +42,63 @@ impl<E: Functional> Default for State<'_, E> {
 impl<'a, E: Functional> CpuSteps<'a, E> {
     /// All faces free.
     pub fn new(graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Self {
-        Self { graph, component_of_cluster, state: State::Labelled(Labels::new(graph.faces())) }
+        Self { graph, component_of_cluster, known: Known::Labelled(Labels::new(graph.faces())) }
     }
 
     fn labels_mut(&mut self) -> &mut Labels {
-        match &mut self.state {
-            State::Labelled(labels) | State::Summed(labels, _) | State::Contracted(labels, ..) => labels,
-            State::Listed(listed) => &mut listed.partition.labels,
+        match &mut self.known {
+            Known::Labelled(labels) | Known::Summed(labels, _) | Known::Contracted(labels, ..) => labels,
+            Known::Listed(listed) => &mut listed.partition.labels,
         }
     }
 
-    /// Takes labels and sums out of the state, and whether clusters merged before.
+    /// Takes labels and sums out, and whether clusters merged before.
     fn take_summed(&mut self) -> (Labels, Clusters<E>, bool) {
-        match take(&mut self.state) {
-            State::Labelled(mut labels) => {
+        match take(&mut self.known) {
+            Known::Labelled(mut labels) => {
                 let clusters = Clusters::of(self.graph, self.component_of_cluster, labels.all());
                 (labels, clusters, false)
             }
-            State::Summed(labels, clusters) => (labels, clusters, false),
-            State::Contracted(labels, clusters, _) => (labels, clusters, true),
-            State::Listed(listed) => (listed.partition.labels, listed.partition.clusters, true),
+            Known::Summed(labels, clusters) => (labels, clusters, false),
+            Known::Contracted(labels, clusters, _) => (labels, clusters, true),
+            Known::Listed(listed) => (listed.partition.labels, listed.partition.clusters, true),
         }
     }
 
-    /// Brings the state to sums at least, and reads them.
+    /// Makes the sums known, and reads them.
     fn with_clusters<T>(&mut self, read: impl FnOnce(&Clusters<E>) -> T) -> T {
-        match &self.state {
-            State::Labelled(_) => {
+        match &self.known {
+            Known::Labelled(_) => {
                 let (labels, clusters, _) = self.take_summed();
                 let result = read(&clusters);
-                self.state = State::Summed(labels, clusters);
+                self.known = Known::Summed(labels, clusters);
                 result
             }
-            State::Summed(_, clusters) | State::Contracted(_, clusters, _) => read(clusters),
-            State::Listed(listed) => read(&listed.partition.clusters),
+            Known::Summed(_, clusters) | Known::Contracted(_, clusters, _) => read(clusters),
+            Known::Listed(listed) => read(&listed.partition.clusters),
         }
     }
 
-    /// Brings the state to listed boundaries, and works on them.
+    /// Makes the boundaries known, and works on them.
     pub fn with_listed<T>(&mut self, work: impl FnOnce(&mut Listed<'a, E>) -> T) -> T {
-        if let State::Listed(listed) = &mut self.state {
+        if let Known::Listed(listed) = &mut self.known {
             return work(listed);
         }
         let (labels, clusters, has_merged) = self.take_summed();
         let mut listed = Box::new(Listed::new(self.graph, labels, clusters, has_merged));
         let result = work(&mut listed);
-        self.state = State::Listed(listed);
+        self.known = Known::Listed(listed);
         result
     }
 
     /// The contraction, where each cluster is what merges made of single faces.
     fn contraction(&mut self, ties: Ties) -> Option<(&Clusters<E>, &mut Contraction<E>)> {
-        if matches!(self.state, State::Labelled(_) | State::Summed(..)) && self.labels_mut().are_faces() {
+        if matches!(self.known, Known::Labelled(_) | Known::Summed(..)) && self.labels_mut().are_faces() {
             let (labels, clusters, _) = self.take_summed();
-            self.state = State::Contracted(labels, clusters, Box::new(Contraction::new(self.graph, ties)));
+            self.known = Known::Contracted(labels, clusters, Box::new(Contraction::new(self.graph, ties)));
         }
-        match &mut self.state {
-            State::Contracted(_, clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),
+        match &mut self.known {
+            Known::Contracted(_, clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),
             _ => None,
         }
     }
@@ -131,7 +131,7 @@ impl<E: Functional> Steps for CpuSteps<'_, E> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         let mut own = take(self.labels_mut());
         own.replace(labels);
-        self.state = State::Labelled(own);
+        self.known = Known::Labelled(own);
         Ok(())
     }
 
@@ -156,7 +156,7 @@ impl<E: Functional> Steps for CpuSteps<'_, E> {
         }
         let mut labels = take(self.labels_mut());
         let grown = grow(graph, &mut labels, front, cancel);
-        self.state = State::Labelled(labels);
+        self.known = Known::Labelled(labels);
         grown
     }
 
@@ -220,7 +220,7 @@ impl<E: Functional> MergeSteps<E> for CpuSteps<'_, E> {
         // in this order, clusters that follow each other lie close together
         let mut pairs = pairs.to_vec();
         pairs.sort_unstable_by_key(|&(_, into)| into);
-        if let State::Contracted(labels, clusters, contraction) = &mut self.state {
+        if let Known::Contracted(labels, clusters, contraction) = &mut self.known {
             contraction.merge(clusters, &pairs);
             labels.merge(clusters.len(), &pairs);
             clusters.merge(&pairs);
@@ -235,9 +235,9 @@ impl<E: Functional> MergeSteps<E> for CpuSteps<'_, E> {
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {
-        Ok(match &mut self.state {
-            State::Listed(listed) => listed.moves_since_merge(),
-            State::Labelled(_) | State::Summed(..) | State::Contracted(..) => Vec::new(),
+        Ok(match &mut self.known {
+            Known::Listed(listed) => listed.moves_since_merge(),
+            Known::Labelled(_) | Known::Summed(..) | Known::Contracted(..) => Vec::new(),
         })
     }
 }

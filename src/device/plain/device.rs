@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Refinement, State, explained, grow, iterate, sums};
+use super::{Iterated, Refinement, explained, grow, iterate, sums};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
 use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
@@ -92,11 +92,11 @@ fn iterations(
     limit: u32,
     cancel: &Cancel,
     on_step: OnStep<'_>,
-    mut iterate: impl FnMut() -> Option<State>,
+    mut iterate: impl FnMut() -> Option<Iterated>,
 ) -> Result<Ending> {
     for _ in 0..limit {
         cancel.check()?;
-        let Some(State { explained, moves, .. }) = iterate() else { return Ok(Ending::Converged) };
+        let Some(Iterated { explained, moves, .. }) = iterate() else { return Ok(Ending::Converged) };
         on_step(Step { energy: LatticeEnergy { explained }, moves });
     }
     Ok(Ending::IterationLimit)

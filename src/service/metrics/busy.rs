@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 use parking_lot::{Mutex, MutexGuard};
 
 #[derive(Debug, Default)]
-pub(super) struct Busy(Mutex<State>);
+pub(super) struct Busy(Mutex<BusyTime>);
 
 #[derive(Debug, Default)]
-struct State {
+struct BusyTime {
     jobs: usize,
     /// When the first of them began, or was last counted.
     since: Option<Instant>,
@@ -28,7 +28,7 @@ impl Busy {
     }
 
     /// The state after what passed until `now` was counted.
-    fn at(&self, now: Instant) -> MutexGuard<'_, State> {
+    fn at(&self, now: Instant) -> MutexGuard<'_, BusyTime> {
         let mut state = self.0.lock();
         if let Some(since) = state.since.replace(now).filter(|_| state.jobs > 0) {
             state.counted += now.saturating_duration_since(since);

@@ -23,7 +23,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use self::node::{Edge, Grown, NO_NODE, Node, Row, Status, resolve};
+use self::node::{Edge, Grown, NO_NODE, Node, NodeEdges, Status, resolve};
 use self::search::{Context, SearchResult};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
@@ -41,7 +41,7 @@ const NEVER: u32 = 0;
 #[derive(Debug)]
 pub struct Contraction<E: Functional> {
     nodes: Vec<Node<E>>,
-    rows: Vec<Row>,
+    rows: Vec<NodeEdges>,
     cluster_of_node: Vec<u32>,
     /// The node of each cluster that has not ended.
     node_of_cluster: Vec<u32>,
@@ -69,7 +69,7 @@ impl<E: Functional> Contraction<E> {
         let faces = graph.faces() as u32;
         let row = |face: u32| {
             let start = graph.neighbour_offsets[face as usize] as usize;
-            Row::new(start, graph.neighbours_of(face).len() as u32, NEVER)
+            NodeEdges::new(start, graph.neighbours_of(face).len() as u32, NEVER)
         };
         let node = |face: u32| Node {
             end: RoughEnd { weight: 0.0, proxy: E::NO_PROXY },
@@ -134,7 +134,7 @@ impl<E: Functional> Contraction<E> {
             ended.status.into = into;
             ended.set_best(Edge::NONE);
             self.nodes[into as usize].status.grown = self.round;
-            self.rows[into as usize] = Row::new(end, 0, self.round);
+            self.rows[into as usize] = NodeEdges::new(end, 0, self.round);
             end += rows[0].len() + rows[1].len();
             self.grown.push(Grown { node: into, rows });
         }
@@ -216,7 +216,7 @@ impl<E: Functional> Contraction<E> {
 
         let mut kept_edges = Vec::with_capacity(room(end, left.len()));
         kept_edges.resize_with(end, AtomicU64::default);
-        let compacted_row = |&(_, row, start): &(u32, &Row, usize)| {
+        let compacted_row = |&(_, row, start): &(u32, &NodeEdges, usize)| {
             let row_edges = &edges[row.edges()];
             let mut searched = row.searched();
             for (target, edge) in kept_edges[start..].iter().zip(row_edges) {
@@ -227,10 +227,10 @@ impl<E: Functional> Contraction<E> {
                 let other = new_number[resolve(nodes, other) as usize];
                 target.store(Edge { other, cost }.packed(), Relaxed);
             }
-            Row::new(start, row_edges.len() as u32, searched)
+            NodeEdges::new(start, row_edges.len() as u32, searched)
         };
         let new_rows = left.par_iter().with_min_len(ITEMS).map(compacted_row).collect();
-        let renewed = |(new, &(old, ..)): (u32, &(u32, &Row, usize))| {
+        let renewed = |(new, &(old, ..)): (u32, &(u32, &NodeEdges, usize))| {
             let Node { end, status, best } = &nodes[old as usize];
             let mut best = Edge::unpacked(best.load(Relaxed));
             if best.other != NO_NODE {

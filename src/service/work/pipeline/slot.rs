@@ -9,17 +9,17 @@ use super::memory;
 
 /// The place of a mesh in memory, shared by all that works on it.
 #[derive(Debug, Clone)]
-pub(super) struct Slot(Arc<Place>);
+pub(super) struct Slot(Arc<HeldSlot>);
 
 #[derive(Debug)]
-struct Place {
+struct HeldSlot {
     _slot: OwnedSemaphorePermit,
     memory: Mutex<Option<memory::Held>>,
 }
 
 impl Slot {
     pub fn new(slot: OwnedSemaphorePermit) -> Self {
-        Self(Arc::new(Place { _slot: slot, memory: Mutex::default() }))
+        Self(Arc::new(HeldSlot { _slot: slot, memory: Mutex::default() }))
     }
 
     /// Holds the job's share of memory, too.

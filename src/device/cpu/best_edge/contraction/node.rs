@@ -21,7 +21,7 @@ pub struct Node<E: Functional> {
 
 /// The edges of a node as of its last search, which wrote them.
 #[derive(Debug)]
-pub struct Row {
+pub struct NodeEdges {
     /// Index of its first edge.
     pub start: usize,
     /// Number of its edges.
@@ -80,7 +80,7 @@ impl<E: Functional> Node<E> {
     }
 }
 
-impl Row {
+impl NodeEdges {
     pub fn new(start: usize, len: u32, searched: u32) -> Self {
         Self { start, len: len.into(), searched: searched.into() }
     }

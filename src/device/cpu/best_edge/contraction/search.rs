@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use super::{Edge, Grown, NO_NODE, Node, Row, resolve};
+use super::{Edge, Grown, NO_NODE, Node, NodeEdges, resolve};
 use crate::device::cpu::best_edge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::dual_edge::{Rank, Ties};
@@ -16,7 +16,7 @@ use crate::prefetch::{prefetch, with_lookahead};
 #[derive(Clone, Copy)]
 pub(super) struct Context<'a, E: Functional> {
     pub(super) nodes: &'a [Node<E>],
-    pub(super) rows: &'a [Row],
+    pub(super) rows: &'a [NodeEdges],
     pub(super) cluster_of_node: &'a [u32],
     pub(super) edges: &'a [AtomicU64],
     pub(super) round: u32,

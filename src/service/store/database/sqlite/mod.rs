@@ -20,7 +20,7 @@ use std::sync::Arc;
 use tesserae_mesh::error::{Error, Result};
 
 use self::check::Damage;
-use self::place::Place;
+use self::place::DatabasePlace;
 use self::readers::Readers;
 use self::writer::Writer;
 use super::super::listeners::{Effects, Listeners};
@@ -34,7 +34,7 @@ pub struct Sqlite {
     readers: Readers,
     writer: Writer,
     damage: Arc<Damage>,
-    place: Arc<Place>,
+    place: Arc<DatabasePlace>,
 }
 
 impl Sqlite {
@@ -42,8 +42,8 @@ impl Sqlite {
     /// process outlasts.
     pub async fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
         let place = match is_temporary {
-            true => Place::temporary(path.to_owned()),
-            false => Place::locked(path.to_owned())?,
+            true => DatabasePlace::temporary(path.to_owned()),
+            false => DatabasePlace::locked(path.to_owned())?,
         };
         let place = Arc::new(place);
         let file = Arc::clone(&place);

@@ -9,7 +9,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::super::super::schema::{self, MIGRATIONS};
 use super::check::{self, START, is_damage};
-use super::place::{Place, failure, lacks_room, message};
+use super::place::{DatabasePlace, failure, lacks_room, message};
 use super::readers::Readers;
 
 /// The connection that writes, and those that read.
@@ -27,7 +27,7 @@ pub enum OpenError {
 }
 
 /// Opens the file, or makes it; as a private one when the disk has no room for the files beside it.
-pub fn open(place: &Arc<Place>) -> Result<Opened> {
+pub fn open(place: &Arc<DatabasePlace>) -> Result<Opened> {
     let opened = open_up_to_date(place).or_else(|error| {
         place.set_private(is_of_room(&error));
         if !place.is_private() {
@@ -59,7 +59,7 @@ fn is_of_room(error: &OpenError) -> bool {
 }
 
 /// Opens the file, or makes it, with the tables as they are to be.
-fn open_up_to_date(place: &Arc<Place>) -> Result<Opened, OpenError> {
+fn open_up_to_date(place: &Arc<DatabasePlace>) -> Result<Opened, OpenError> {
     let connection = place.writing(true)?;
     check::check(&connection, START)?;
     migrate(&connection, &MIGRATIONS)?;

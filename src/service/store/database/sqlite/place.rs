@@ -77,7 +77,7 @@ pub fn lacks_room(error: &rusqlite::Error) -> bool {
 /// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
 /// whatever happened to the lock of the data folder.
 #[derive(Debug)]
-pub struct Place {
+pub struct DatabasePlace {
     pub path: PathBuf,
     /// Whether the process outlasts the file: then no commit waits for the disk.
     pub is_temporary: bool,
@@ -86,7 +86,7 @@ pub struct Place {
     lock: Option<File>,
 }
 
-impl Place {
+impl DatabasePlace {
     /// SQLite's way to open a file for one process.
     const PRIVATE: &str = "unix-excl";
 

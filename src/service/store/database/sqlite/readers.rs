@@ -10,7 +10,7 @@ use tokio::task::block_in_place;
 
 use super::super::rows::Abort;
 use super::check::Damage;
-use super::place::{Place, closed, failure};
+use super::place::{DatabasePlace, closed, failure};
 use super::session::Session;
 
 /// How many there are.
@@ -19,7 +19,7 @@ const READERS: u32 = 4;
 /// Connections that read.
 #[derive(Debug)]
 pub struct Readers {
-    place: Arc<Place>,
+    place: Arc<DatabasePlace>,
     /// One for each connection that may be.
     places: Semaphore,
     /// What they find broken in the file.
@@ -29,7 +29,7 @@ pub struct Readers {
 
 impl Readers {
     /// For a file that is there.
-    pub fn open(place: Arc<Place>) -> rusqlite::Result<Self> {
+    pub fn open(place: Arc<DatabasePlace>) -> rusqlite::Result<Self> {
         let places = Semaphore::new(READERS as usize);
         let readers = Self { place, places, damage: Arc::default(), idle: Mutex::default() };
         readers.give_back(Session::new(readers.place.reading()?));

@@ -19,7 +19,7 @@ use tokio_util::sync::CancellationToken;
 use super::super::super::listeners::{Effects, Listeners};
 use super::super::rows::{Abort, Rows};
 use super::check::Damage;
-use super::place::{Place, closed, failure};
+use super::place::{DatabasePlace, closed, failure};
 use super::session::Session;
 use crate::ops::faults::{FaultPoint, Faults};
 
@@ -38,7 +38,7 @@ impl Writer {
     /// Starts the writer on an open connection to a file; after a failure it opens another one.
     pub fn start(
         connection: Connection,
-        place: Arc<Place>,
+        place: Arc<DatabasePlace>,
         listeners: Arc<Listeners>,
         damage: Arc<Damage>,
         faults: Faults,
@@ -122,7 +122,7 @@ impl<T: Send, C: Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send> Pen
 struct Worker {
     /// None after a failure, until the next command.
     session: Option<Session>,
-    place: Arc<Place>,
+    place: Arc<DatabasePlace>,
     listeners: Arc<Listeners>,
     damage: Arc<Damage>,
     faults: Faults,
