@@ -57,7 +57,7 @@ unit: install-test bundle  ## the tests of the three crates
 	cargo test --locked $(FEATURES) --no-fail-fast
 
 .PHONY: costs
-costs: debug-binary  ## processor time of hostile inputs, with the optimisation of the debug binary
+costs: debug-binary  ## processor time of hostile inputs, with the engine optimised as in the debug binary
 	cargo test --locked --profile dev $(FEATURES) --test costs
 
 .PHONY: end-to-end

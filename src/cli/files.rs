@@ -261,7 +261,7 @@ fn stdout_was_closed() -> bool {
 }
 
 /// How a file is written.
-enum Destination {
+enum Manner {
     /// A regular file, new or old: replaced.
     Beside(PathBuf),
     /// A regular file in a folder that takes no new file: cut to nothing and written.
@@ -270,7 +270,7 @@ enum Destination {
     Inside(PathBuf),
 }
 
-impl Destination {
+impl Manner {
     fn of(path: &Path) -> io::Result<Self> {
         match fs::metadata(path) {
             Ok(old) if old.is_dir() => Err(io::ErrorKind::IsADirectory.into()),
@@ -278,18 +278,16 @@ impl Destination {
             Ok(old) if old.is_file() && !is_descriptor(path) => {
                 let path = fs::canonicalize(path)?;
                 match tempfile::tempfile_in(folder(&path)).map_err(|error| error.kind()) {
-                    Ok(_) => Ok(Destination::Beside(path)),
-                    Err(io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => {
-                        Ok(Destination::Over(path))
-                    }
+                    Ok(_) => Ok(Self::Beside(path)),
+                    Err(io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => Ok(Self::Over(path)),
                     Err(kind) => Err(kind.into()),
                 }
             }
-            Ok(_) => Ok(Destination::Inside(path.to_owned())),
+            Ok(_) => Ok(Self::Inside(path.to_owned())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 let path = end_of_links(path)?;
                 tempfile::tempfile_in(folder(&path))?;
-                Ok(Destination::Beside(path))
+                Ok(Self::Beside(path))
             }
             Err(error) => Err(error),
         }
@@ -335,10 +333,10 @@ pub fn folder(path: &Path) -> &Path {
 
 /// Fails where [`write_file`] would, as far as can be told without opening what could block.
 fn check_file(path: &Path) -> io::Result<()> {
-    match Destination::of(path)? {
-        Destination::Beside(_) => Ok(()),
-        Destination::Over(path) => File::options().append(true).open(path).map(drop),
-        Destination::Inside(path) => may_write(&path),
+    match Manner::of(path)? {
+        Manner::Beside(_) => Ok(()),
+        Manner::Over(path) => File::options().append(true).open(path).map(drop),
+        Manner::Inside(path) => may_write(&path),
     }
 }
 
@@ -353,16 +351,16 @@ fn may_write(_: &Path) -> io::Result<()> {
 }
 
 fn write_file(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-    match Destination::of(path)? {
-        Destination::Inside(path) => {
+    match Manner::of(path)? {
+        Manner::Inside(path) => {
             let _blocking = Blocking::begin()?;
             write_in_place(File::options().append(true).open(path)?, content)
         }
-        Destination::Over(path) => {
+        Manner::Over(path) => {
             let _blocking = Blocking::begin()?;
             write_in_place(File::options().write(true).truncate(true).open(path)?, content)
         }
-        Destination::Beside(path) => {
+        Manner::Beside(path) => {
             let mut builder = tempfile::Builder::new();
             builder.prefix(".tesserae-");
             // As any new file has them: the process's mask still applies.
