@@ -24,6 +24,7 @@
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
 //! | [`hierarchy`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
+//! | [`shapes`] | planes, spheres and cylinders in place of centres: energies, fits, merges, moves |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
 //! | [`export`] | formats of geometry, written |
@@ -80,6 +81,7 @@ mod power;
 mod prefetch;
 pub mod remesh;
 pub mod report;
+pub mod shapes;
 pub mod surface;
 mod union_find;
 

@@ -4,6 +4,7 @@ mod check;
 mod features;
 mod levels;
 mod neighbours;
+mod shapes;
 mod subdivide;
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
@@ -14,6 +15,7 @@ pub use self::features::Features;
 use self::heading::{CLUSTERS, COMPARISON, HIERARCHIES, OUTPUTS, REMESH};
 pub use self::levels::Levels;
 pub use self::neighbours::Neighbours;
+pub use self::shapes::{Length, Shapes};
 pub use self::subdivide::Subdivide;
 use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
@@ -58,9 +60,20 @@ pub struct Parameters {
     /// Meshes: what clusters have little of
     ///
     /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared
-    /// distance of the unit normal to the mean normal, for clusters that are as flat as can be, on the cpu.
+    /// distance of the unit normal to the mean normal, for clusters that are as flat as can be. planes: area × squared
+    /// distance to a plane. shapes: the same with planes, spheres and cylinders. Those but cvd are for the cpu, planes
+    /// and shapes for the algorithm bb.
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub energy: energy::Kind,
+
+    /// Energy shapes: types of shapes that clusters may have, of plane,sphere,cylinder, which are all; planes always
+    #[arg(long, value_name = "plane,sphere,cylinder", help_heading = CLUSTERS, hide_short_help = true)]
+    pub shapes: Option<Shapes>,
+
+    /// Energy shapes: distances below it are noise, which no sphere or cylinder stands for; as a share of the diagonal
+    /// of the mesh, 0.0003 when left out, or with a u behind it as a length, 0.5u
+    #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
+    pub resolution: Option<Length>,
 
     /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
     // the command line has a list of them

@@ -94,6 +94,7 @@ impl Progress {
         let phase = match row.phase {
             Phase::Boundary => "boundary",
             Phase::Refine => "refine",
+            Phase::Refit => "refit",
             Phase::Repair => "repair",
             Phase::Regrow => "regrow",
             Phase::Swap => "swap",

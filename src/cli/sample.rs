@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use tesserae_mesh::dev::sample::{Sample, generate, write_glb, write_obj};
+use tesserae_mesh::artifacts::{Content, LABELS_NPY, Labels};
+use tesserae_mesh::dev::sample::{Sample, generate, generate_part, write_glb, write_obj};
+use tesserae_mesh::error::Error;
 use tesserae_mesh::mesh::Format;
 
 use super::files::{Extension, Shown, Target};
@@ -29,6 +31,14 @@ pub struct Arguments {
     #[arg(value_name = "OUT")]
     out: PathBuf,
 
+    /// part: move every corner by normal noise, so many percent of the diagonal a coordinate, from 0 to 10
+    #[arg(long, value_name = "P", default_value_t = 0.0, allow_negative_numbers = true)]
+    noise: f64,
+
+    /// part: where to write the patch of each face, as an npy
+    #[arg(long, value_name = "OUT.npy")]
+    truth: Option<PathBuf>,
+
     #[command(flatten)]
     quiet: Quiet,
 }
@@ -46,8 +56,25 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     };
     target.check()?;
-    let mesh = generate(arguments.name, arguments.faces).map_err(|error| Failure::Usage("sample", error.message))?;
+    let truth = arguments.truth.clone().map(Target::from);
+    truth.iter().try_for_each(Target::check)?;
+    let usage = |error: Error| Failure::Usage("sample", error.message);
+    let (mesh, patches) = match arguments.name {
+        Sample::Part => generate_part(arguments.faces, arguments.noise).map_err(usage)?,
+        name if truth.is_none() && arguments.noise == 0.0 => {
+            (generate(name, arguments.faces).map_err(usage)?, Vec::new())
+        }
+        name => {
+            let message = format!("--noise and --truth go with the sample part, not with {}", name.name());
+            return Err(Failure::Usage("sample", message));
+        }
+    };
     signals::cancel_when_asked();
+    if let Some(truth) = truth {
+        let clusters = patches.iter().max().map_or(0, |&most| u64::from(most) + 1);
+        let content = Content { labels: Some(Labels::new(clusters, &patches)), ..Content::default() };
+        truth.write((LABELS_NPY.encode)(&content).map_err(Failure::from)?)?;
+    }
     target.write(|out| match format {
         Format::Obj | Format::Gltf | Format::Ply | Format::Stl | Format::Off => write_obj(out, &mesh),
         Format::Glb => write_glb(out, &mesh),

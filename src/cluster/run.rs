@@ -17,6 +17,8 @@ pub enum Phase {
     Boundary,
     /// Refinement: faces move where the energy falls, centres counted as they will be.
     Refine,
+    /// Shapes are fitted to the clusters anew, where that lowers the energy.
+    Refit,
     /// Pieces cut off from their cluster are given to their neighbours.
     Repair,
     /// Variational clustering: all clusters are grown anew, each from its most central face.

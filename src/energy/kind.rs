@@ -14,6 +14,10 @@ pub enum Kind {
     /// By normal: area × squared distance of the unit normal to the mean of the cluster; flat clusters (Cohen-Steiner
     /// et al. 2004)
     L21,
+    /// By plane: area × squared distance to the plane of the cluster; planar clusters (Cohen-Steiner et al. 2004)
+    Planes,
+    /// By shape: the same with planes, spheres and cylinders (Wu & Kobbelt 2005)
+    Shapes,
 }
 
 impl Kind {
@@ -22,14 +26,24 @@ impl Kind {
         match self {
             Kind::Cvd => "cvd",
             Kind::L21 => "l21",
+            Kind::Planes => "planes",
+            Kind::Shapes => "shapes",
         }
     }
 
     /// Whether it sees the normals of faces.
     pub fn is_of_normals(self) -> bool {
         match self {
-            Kind::Cvd => false,
+            Kind::Cvd | Kind::Planes | Kind::Shapes => false,
             Kind::L21 => true,
+        }
+    }
+
+    /// Whether it compares faces with shapes in place of points.
+    pub fn is_of_shapes(self) -> bool {
+        match self {
+            Kind::Cvd | Kind::L21 => false,
+            Kind::Planes | Kind::Shapes => true,
         }
     }
 }

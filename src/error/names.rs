@@ -35,6 +35,7 @@ macro_rules! names {
 }
 
 names! {
+    ALLOW_DISCONNECTED "allow_disconnected",
     BRIDGE_COMPONENTS "bridge_components",
     CLUSTERS "clusters",
     COLLAPSE_FRACTION "collapse_fraction",
@@ -51,8 +52,10 @@ names! {
     OPTIMIZE_ITERATIONS "optimize_iterations",
     PAIRS "pairs",
     QUALITY "quality",
+    RESOLUTION "resolution",
     SEED "seed",
     SEEDS "seeds",
+    SHAPES "shapes",
     SNAPSHOTS "snapshots",
     SUBDIVIDE "subdivide",
     SWITCH_TO_ML_AT "switch_to_ml_at",

@@ -8,8 +8,9 @@ use std::time::Instant;
 
 use sha2::{Digest, Sha256};
 
+use super::shapes::Fitted;
 use super::subject::with_items;
-use super::{Clustered, Outcome, Points, Prepared, Subject, finite, hierarchical, milliseconds};
+use super::{Clustered, Outcome, Points, Prepared, Shaped, Subject, finite, hierarchical, milliseconds};
 use crate::device::{FREE, pieces};
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::Stored;
@@ -22,15 +23,18 @@ use crate::surface::of_faces::OfFaces;
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     let started = Instant::now();
     let spec = &prepared.spec;
-    let Clustered { mut labels, clusters, initial, tree, mut snapshots, .. } = clustered;
+    let Clustered { mut labels, clusters, initial, tree, mut snapshots, shapes, .. } = clustered;
     if tree.is_some() {
         hierarchical::number(&mut labels, clusters)?;
     }
     let (energies, (disconnected_clusters, numbered)) = rayon::join(
-        || Energies::of(&prepared.subject, initial.as_deref(), &labels, clusters),
+        || match (&prepared.subject, &shapes) {
+            (Subject::Shapes(shaped), Some(shapes)) => Energies::of_shapes(shaped, shapes, &labels, clusters),
+            (subject, _) => Energies::of(subject, initial.as_deref(), &labels, clusters),
+        },
         || {
             let keep_numbers = spec.clustering.has_listed_seeds();
-            with_items!(&prepared.subject, |items, _plan| rayon::join(
+            with_items!(&prepared.subject, |items| rayon::join(
                 || pieces::disconnected_clusters(items, clusters, &labels),
                 || Numbered::of(items.in_upload_order(&labels), clusters, keep_numbers),
             ))
@@ -50,7 +54,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     let (labels, labels_sha256) = if spec.clustering.has_labels() {
         let Numbered { labels, number_of_cluster } = numbered?;
         let labels = prepared.subject.with_masked(labels);
-        with_items!(&prepared.subject, |items, _plan| {
+        with_items!(&prepared.subject, |items| {
             snapshots.renumber(&items.upload_face, &items.loose, &number_of_cluster);
         });
         if let Some(Points { members, .. }) = prepared.subject.points() {
@@ -70,6 +74,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     match &prepared.subject {
         Subject::Mesh(surface, _) => warnings.extend(out_of_range(surface, largest)),
         Subject::Normals(surface, _) => warnings.extend(out_of_range(surface, largest)),
+        Subject::Shapes(shaped) => warnings.extend(out_of_range(&shaped.surface, largest)),
         Subject::Points(_) => {}
     }
     let timings_ms = Timings {
@@ -145,6 +150,7 @@ impl Energies {
         match subject {
             Subject::Mesh(surface, _) => Self::of_faces(surface, initial, labels, clusters),
             Subject::Normals(surface, _) => Self::of_faces(surface, initial, labels, clusters),
+            Subject::Shapes(shaped) => Self::of_faces(&shaped.surface, initial, labels, clusters),
             Subject::Points(points) => {
                 let initial = initial.map(|labels| points.energy(|item| labels[item], clusters));
                 let (last, total) =
@@ -152,6 +158,12 @@ impl Energies {
                 Self { initial, last, total: Some(total), hexagon_ratio: None, l21: None }
             }
         }
+    }
+
+    fn of_shapes(shaped: &Shaped, fitted: &Fitted, labels: &[u32], clusters: usize) -> Self {
+        let l21 = shaped.surface.l21(labels, clusters);
+        let [initial, last] = fitted.energies;
+        Self { initial: Some(initial), last, total: None, hexagon_ratio: None, l21 }
     }
 
     fn of_faces<E: OfFaces>(surface: &Surface<E>, initial: Option<&[u32]>, labels: &[u32], clusters: usize) -> Self {

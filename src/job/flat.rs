@@ -254,7 +254,8 @@ impl<'a, E: Functional> Run<'a, E> {
             tree: None,
             iterations: self.iterations.rows,
             levels: Vec::new(),
-            warnings: warnings(self.job.prepared.spec.reported().max_iterations, &clustering, &self.record),
+            shapes: None,
+            warnings: warnings(self.job.prepared.spec.reported().max_iterations, clustering.ending, &self.record),
             snapshots: self.record,
             upload: self.upload,
             cluster,
@@ -277,8 +278,8 @@ pub(super) fn iteration(row: run::Row, energy: Option<f64>, started: Instant) ->
 }
 
 /// What is unusual about the run.
-fn warnings(max_iterations: Option<u32>, clustering: &Clustering, record: &Record) -> Vec<String> {
-    let mut warnings = match (clustering.ending, max_iterations) {
+pub(super) fn warnings(max_iterations: Option<u32>, ending: Ending, record: &Record) -> Vec<String> {
+    let mut warnings = match (ending, max_iterations) {
         (Ending::IterationLimit, Some(limit)) => {
             vec![format!("stopped by {}, maybe before it had converged: {limit}", Name::MAX_ITERATIONS)]
         }

@@ -57,6 +57,7 @@ pub(super) fn run<E: Functional>(
         tree: Some(tree),
         iterations: iterations.rows,
         levels: levels.rows,
+        shapes: None,
         snapshots: Record::default(),
         warnings: Vec::new(),
         upload,

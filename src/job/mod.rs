@@ -16,6 +16,7 @@ mod plan;
 mod points;
 mod prepare;
 mod seed_list;
+mod shapes;
 mod spec;
 mod subject;
 mod watched;
@@ -32,6 +33,7 @@ pub use points::{
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
+pub use shapes::{Shaped, ShapesSpec};
 pub use spec::{Clustering, CoarseSpec, JobSpec, Method};
 pub use subject::{Planned, Points, Subject, Width};
 pub use weight_list::check_head as check_head_of_weights;
@@ -323,6 +325,8 @@ pub struct Clustered {
     iterations: Vec<Iteration>,
     levels: Vec<Level>,
     snapshots: Record,
+    /// The shapes of clusters, of energies that have them.
+    shapes: Option<shapes::Fitted>,
     warnings: Vec<String>,
     upload: Duration,
     cluster: Duration,

@@ -54,6 +54,14 @@ impl<E: Functional> Coarse<E> {
 }
 
 impl<E: Functional> Plan<E> {
+    /// Number of clusters that a hierarchy ends with.
+    pub fn target(&self) -> Option<u64> {
+        match self {
+            Plan::Hierarchy { target, .. } => Some(*target),
+            Plan::Coarse(_) | Plan::Seeded(..) => None,
+        }
+    }
+
     /// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the items cannot have.
     pub(super) fn new(items: &Items<E>, clustering: &Clustering) -> Result<Self> {
         Ok(match clustering {

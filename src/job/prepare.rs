@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::{Clustering, InputFile, JobSpec, Plan, Prepared, Preparing, Refusal, Subject, milliseconds, weight_list};
-use crate::energy::Functional;
+use crate::energy::{self, Functional};
 use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
 use crate::parameters::{Features, Name, Parameters};
@@ -54,8 +54,10 @@ pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
 /// Prepares a surface that the caller built of a mesh in memory, such as one of its points; without seeds and weights.
 pub fn prepare_surface(parameters: &Parameters, mesh: MeshView<'_>, surface: Surface) -> Result<Prepared, Refusal> {
     let checked = Checked::new(parameters, None, None)?;
-    let of_faces =
-        [(Name::FEATURES, checked.spec.features.is_some()), (Name::ENERGY, checked.spec.energy.is_of_normals())];
+    let of_faces = [
+        (Name::FEATURES, checked.spec.features.is_some()),
+        (Name::ENERGY, checked.spec.energy != energy::Kind::default()),
+    ];
     if let Some((name, _)) = of_faces.into_iter().find(|&(_, is_given)| is_given) {
         return Err(Refusal::from(Error::parameter(format_args!(
             "{name} goes with faces, not with the points of a mesh: leave it out"
@@ -101,6 +103,9 @@ impl Checked {
                 Name::SUBDIVIDE,
                 Name::WEIGHTS
             ))));
+        }
+        if weights.is_some() && spec.energy.is_of_shapes() {
+            return Err(Refusal::from(parameters.is_not_of_shapes(Name::WEIGHTS)));
         }
         let weights = weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
         Ok(Self { spec, weights, started })
@@ -169,7 +174,7 @@ impl Checked {
             ));
         }
         let input = describe(mesh, about, &surface);
-        let subject = Subject::of(surface, &spec)?;
+        let subject = Subject::of(surface, mesh, &spec)?;
         let timings = Timings {
             parse: milliseconds(parsed - started),
             topology: milliseconds(parsed.elapsed()),

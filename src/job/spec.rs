@@ -1,12 +1,13 @@
 //! What a job does, typed: made once from its parameters. No later stage asks which algorithm has which options.
 
+use super::shapes::{RESOLUTION, ShapesSpec};
 use super::{InputFile, Refusal, seed_list};
 use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
 use crate::cluster::{flat, hierarchy, relocation};
 use crate::energy;
 use crate::error::Error;
-use crate::parameters::{Algorithm, Features, Name, Optimize, Parameters, Refine, Seeds, Snapshots, Subdivide};
+use crate::parameters::{Algorithm, Features, Name, Optimize, Parameters, Refine, Seeds, Shapes, Snapshots, Subdivide};
 use crate::surface::Moves;
 
 /// What a job does.
@@ -18,6 +19,8 @@ pub struct JobSpec {
     pub bridge_components: bool,
     /// What it minimises.
     pub energy: energy::Kind,
+    /// What shapes clusters may have, where these are not all planes.
+    pub shapes: Option<ShapesSpec>,
     /// Edges that clusters do not cross.
     pub features: Option<Features>,
     /// Power of the curvature that areas are multiplied by.
@@ -153,13 +156,21 @@ impl JobSpec {
             if starts_coarse {
                 settled.seeds = Seeds::Morton;
             }
-        } else if starts_coarse && !settled.algorithm.is_hierarchical() && settled.energy.is_of_normals() {
+        } else if starts_coarse && !settled.algorithm.is_hierarchical() && settled.energy != energy::Kind::default() {
             settled.seeds = Seeds::Merged;
         }
+        if settled.energy.is_of_shapes() {
+            settled.refine = Refine::None;
+        }
+        let shapes = (settled.energy == energy::Kind::Shapes).then(|| {
+            let Shapes(kinds) = settled.shapes.get_or_insert_default().clone();
+            ShapesSpec { kinds, resolution: *settled.resolution.get_or_insert(RESOLUTION) }
+        });
         Ok(Self {
             clustering: Clustering::new(&settled, listed)?,
             bridge_components: settled.bridge_components,
             energy: settled.energy,
+            shapes,
             features: settled.features,
             curvature_exponent: settled.curvature_exponent,
             weight_attribute: settled.weight_attribute.clone(),

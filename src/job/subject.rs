@@ -3,12 +3,13 @@
 use super::flat::Job;
 use super::prepare::plan;
 use super::watched::Watched;
-use super::{Clustered, Clustering, JobSpec, Plan, Prepared, Refusal, flat, hierarchical};
+use super::{Clustered, Clustering, InputFile, JobSpec, Plan, Prepared, Refusal, Shaped, flat, hierarchical};
 use crate::data::{Members, PointSet};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
 use crate::energy::{Functional, Normals, OfPoints};
 use crate::error::{Error, Kind, Result};
+use crate::mesh::MeshView;
 use crate::report::{DeviceKind, Row};
 use crate::surface::{Items, Surface};
 
@@ -19,6 +20,8 @@ pub enum Subject {
     Mesh(Box<Surface>, Plan),
     /// The faces of a mesh by their normals.
     Normals(Box<Surface<Normals>>, Plan<Normals>),
+    /// The faces of a mesh beside shapes.
+    Shapes(Box<Shaped>),
     /// Points with neighbours.
     Points(Box<Points>),
 }
@@ -69,20 +72,24 @@ macro_rules! with_planned {
 }
 pub(super) use with_planned;
 
-/// Evaluates an expression with the items and the plan of a subject, whatever their energy.
+/// Evaluates an expression with the items of a subject, whatever their energy.
 macro_rules! with_items {
-    ($subject:expr, |$items:ident, $plan:ident| $body:expr) => {
+    ($subject:expr, |$items:ident| $body:expr) => {
         match $subject {
-            $crate::job::Subject::Mesh(surface, plan) => {
-                let ($items, $plan) = (&surface.items, plan);
+            $crate::job::Subject::Mesh(surface, _) => {
+                let $items = &surface.items;
                 $body
             }
-            $crate::job::Subject::Normals(surface, plan) => {
-                let ($items, $plan) = (&surface.items, plan);
+            $crate::job::Subject::Normals(surface, _) => {
+                let $items = &surface.items;
+                $body
+            }
+            $crate::job::Subject::Shapes(shaped) => {
+                let $items = &shaped.surface.items;
                 $body
             }
             $crate::job::Subject::Points(points) => $crate::job::subject::with_planned!(&points.planned, |planned| {
-                let ($items, $plan) = (&planned.items, &planned.plan);
+                let $items = &planned.items;
                 $body
             }),
         }
@@ -92,7 +99,11 @@ pub(super) use with_items;
 
 impl Subject {
     /// The faces of a mesh as the energy of a job sees them.
-    pub(super) fn of(surface: Surface, spec: &JobSpec) -> Result<Self, Refusal> {
+    pub(super) fn of(surface: Surface, mesh: MeshView<'_>, spec: &JobSpec) -> Result<Self, Refusal> {
+        if spec.energy.is_of_shapes() {
+            let shaped = Shaped::new(surface, mesh, spec.clustering.clusters());
+            return Ok(Self::Shapes(Box::new(shaped.map_err(Refusal::of(InputFile::Mesh))?)));
+        }
         if spec.energy.is_of_normals() {
             let surface = surface.seen_by(spec.moves());
             let plan = plan(&surface.items, &spec.clustering)?;
@@ -104,22 +115,24 @@ impl Subject {
 
     /// Number of items that are clustered.
     pub fn items(&self) -> usize {
-        with_items!(self, |items, _plan| items.faces())
+        with_items!(self, |items| items.faces())
     }
 
     /// Number of clusters that a hierarchy ends with.
     pub fn target(&self) -> Option<u64> {
-        with_items!(self, |_items, plan| match plan {
-            Plan::Hierarchy { target, .. } => Some(*target),
-            Plan::Coarse(_) | Plan::Seeded(..) => None,
-        })
+        match self {
+            Self::Mesh(_, plan) => plan.target(),
+            Self::Normals(_, plan) => plan.target(),
+            Self::Shapes(_) => None,
+            Self::Points(points) => with_planned!(&points.planned, |planned| planned.plan.target()),
+        }
     }
 
     /// The surface, of a mesh whose faces are seen by their places.
     pub fn mesh(&self) -> Option<&Surface> {
         match self {
             Self::Mesh(surface, _) => Some(surface),
-            Self::Normals(..) | Self::Points(_) => None,
+            Self::Normals(..) | Self::Shapes(_) | Self::Points(_) => None,
         }
     }
 
@@ -128,6 +141,7 @@ impl Subject {
         match self {
             Self::Mesh(surface, _) => surface.feature_edges_inside(labels),
             Self::Normals(surface, _) => surface.feature_edges_inside(labels),
+            Self::Shapes(shaped) => shaped.surface.feature_edges_inside(labels),
             Self::Points(_) => 0,
         }
     }
@@ -136,7 +150,7 @@ impl Subject {
     fn of_three(&self) -> Option<(&Items, &Plan)> {
         match self {
             Self::Mesh(surface, plan) => Some((&surface.items, plan)),
-            Self::Normals(..) => None,
+            Self::Normals(..) | Self::Shapes(_) => None,
             Self::Points(points) => match &points.planned {
                 Width::D3(Planned { items, plan }) => Some((items, plan)),
                 Width::D8(_) | Width::D16(_) | Width::D32(_) | Width::D64(_) => None,
@@ -152,7 +166,7 @@ impl Subject {
     /// The points, of points.
     pub fn points(&self) -> Option<&Points> {
         match self {
-            Self::Mesh(..) | Self::Normals(..) => None,
+            Self::Mesh(..) | Self::Normals(..) | Self::Shapes(_) => None,
             Self::Points(points) => Some(points),
         }
     }
@@ -160,7 +174,7 @@ impl Subject {
     /// Labels of what takes part as labels of all that was read.
     pub(super) fn with_masked(&self, labels: Vec<u32>) -> Vec<u32> {
         match self {
-            Self::Mesh(..) | Self::Normals(..) => labels,
+            Self::Mesh(..) | Self::Normals(..) | Self::Shapes(_) => labels,
             Self::Points(points) => points.with_masked(labels),
         }
     }
@@ -170,6 +184,7 @@ impl Subject {
         match self {
             Self::Mesh(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
             Self::Normals(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
+            Self::Shapes(shaped) => shaped.check(clustering.clusters()).map_err(Refusal::of(InputFile::Mesh))?,
             Self::Points(points) => with_planned!(&mut points.planned, |planned| {
                 planned.plan = plan(&planned.items, clustering)?;
             }),
@@ -191,10 +206,19 @@ impl Subject {
         if device.info().kind == DeviceKind::Gpu {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
-                "the device must be cpu or auto for energies by normals and for points of more than 3 coordinates",
+                "the device must be cpu or auto for energies other than that of places, and for points of more than 3 \
+                 coordinates",
             ));
         }
-        with_items!(self, |items, plan| cluster(prepared, items, plan, &mut CpuDevice::new(), cancel, on_row))
+        let mut cpu = CpuDevice::new();
+        match self {
+            Self::Mesh(surface, plan) => cluster(prepared, &surface.items, plan, &mut cpu, cancel, on_row),
+            Self::Normals(surface, plan) => cluster(prepared, &surface.items, plan, &mut cpu, cancel, on_row),
+            Self::Shapes(shaped) => shaped.cluster(prepared, device.info(), cancel, on_row),
+            Self::Points(points) => with_planned!(&points.planned, |planned| {
+                cluster(prepared, &planned.items, &planned.plan, &mut cpu, cancel, on_row)
+            }),
+        }
     }
 }
 

@@ -4,12 +4,14 @@ use super::{Algorithm, Name, Optimize, Parameters, Seeds};
 use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
 use crate::device::dual_edge::Ties;
+use crate::energy;
 use crate::error::{Error, Result};
 
 impl Parameters {
     /// Checks what can be checked without the mesh. `listed` says whether seeds come as a list.
     pub fn check(&self, listed: bool) -> Result<()> {
         self.check_values()?;
+        self.check_shapes(listed)?;
         if self.seeds == Seeds::Listed && !listed {
             return Err(Error::parameter("seeds are said to be listed, but no list came with the request"));
         }
@@ -106,7 +108,9 @@ impl Parameters {
             (Name::FEATURES, self.features.is_some()),
             (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
             (Name::SUBDIVIDE, self.subdivide.is_some()),
-            (Name::ENERGY, self.energy.is_of_normals()),
+            (Name::ENERGY, self.energy != energy::Kind::Cvd),
+            (Name::SHAPES, self.shapes.is_some()),
+            (Name::RESOLUTION, self.resolution.is_some()),
         ];
         match of_meshes.into_iter().find(|&(_, is_given)| is_given) {
             Some((name, _)) => {
@@ -114,6 +118,50 @@ impl Parameters {
             }
             None => Ok(()),
         }
+    }
+
+    /// Checks what goes with shapes, and refuses what does not.
+    fn check_shapes(&self, listed: bool) -> Result<()> {
+        let of_shapes = [(Name::SHAPES, self.shapes.is_some()), (Name::RESOLUTION, self.resolution.is_some())];
+        if self.energy != energy::Kind::Shapes
+            && let Some((name, _)) = of_shapes.into_iter().find(|&(_, is_given)| is_given)
+        {
+            return Err(Error::parameter(format_args!(
+                "{name} goes with {}, not with the energy {}",
+                Name::ENERGY.with("shapes"),
+                self.energy.name()
+            )));
+        }
+        if !self.energy.is_of_shapes() {
+            return Ok(());
+        }
+        if self.algorithm != Algorithm::Bb {
+            return Err(Error::parameter(format_args!(
+                "the energy {} goes with the algorithm bb, not with {}",
+                self.energy.name(),
+                self.algorithm.name()
+            )));
+        }
+        let others = [
+            (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
+            (Name::CURVATURE_EXPONENT, self.curvature_exponent.is_some()),
+            (Name::QUALITY, self.quality != Quality::Default),
+            (Name::SEEDS, listed || !matches!(self.seeds, Seeds::Coarse | Seeds::Merged)),
+            (Name::SEED, self.seed != 0),
+            (Name::ALLOW_DISCONNECTED, self.allow_disconnected),
+        ];
+        match others.into_iter().find(|&(_, is_given)| is_given) {
+            Some((name, _)) => Err(self.is_not_of_shapes(name)),
+            None => Ok(()),
+        }
+    }
+
+    /// The error for a parameter that energies of shapes do not have.
+    pub fn is_not_of_shapes(&self, name: Name) -> Error {
+        Error::parameter(format_args!(
+            "{name} goes with the energies cvd and l21, not with {}: leave it out",
+            self.energy.name()
+        ))
     }
 
     /// Parameters of flat clusterings only, and whether each was given.

@@ -50,6 +50,18 @@ impl<E: OfFaces> Surface<E> {
         Figures { energy: self.in_source_units(energy), hexagon_ratio, l21 }
     }
 
+    /// A sum of weight × squared lattice length, in units of the finest component, in source units.
+    pub fn source_of_lattice(&self, energy: i128) -> f64 {
+        libm::ldexp(energy as f64, self.units.weight_exponent - 2 * self.frame.exponent) * self.units.density
+    }
+
+    /// A length in lattice units, given its share of the diagonal of the bounding box for that in the source; at most
+    /// the diagonal.
+    pub fn on_lattice(&self, share_of: impl FnOnce(f64) -> f64) -> f64 {
+        let diagonal = self.frame.diagonal;
+        share_of(libm::ldexp(diagonal, -self.frame.exponent)).min(1.0) * diagonal
+    }
+
     /// An energy of lattice areas in source units.
     fn in_source_units(&self, energy: f64) -> f64 {
         libm::ldexp(energy, -2 * (self.frame.exponent + self.units.exponent)) * self.units.density
@@ -70,7 +82,7 @@ impl<E: OfFaces> Surface<E> {
     }
 
     /// Σ 2·(M − |S|), M the area of a cluster and S its vector area.
-    fn l21(&self, labels: &[u32], clusters: usize) -> Option<f64> {
+    pub fn l21(&self, labels: &[u32], clusters: usize) -> Option<f64> {
         self.moment_inside_faces?;
         let mut sums = vec![FaceGeometry::default(); clusters];
         for (face, &label) in self.geometry.iter().zip(labels) {

@@ -36,6 +36,7 @@ pub mod of_faces;
 pub(crate) mod order;
 pub mod points;
 pub(crate) mod rows;
+mod samples;
 mod seen;
 pub(crate) mod weld;
 
@@ -49,6 +50,7 @@ pub use items::{Items, Units};
 pub use loose::Loose;
 pub use order::NO_FACE;
 pub use rows::Rows;
+pub use samples::Samples;
 
 use std::ops::{Deref, Range};
 

@@ -61,6 +61,7 @@ mod trial;
 use self::breathe::Breath;
 use self::candidates::Candidates;
 pub use self::clusters::Clusters;
+pub use self::connection::Connection;
 use self::mix::mixed;
 use self::resize::resize;
 use self::settle::settle;

@@ -9,6 +9,7 @@ mod flat;
 pub mod hard;
 mod icosphere;
 mod knot;
+mod part;
 mod parts;
 mod patch;
 mod sphere;
@@ -40,6 +41,8 @@ pub enum Sample {
     Terrain,
     /// Twelve separate closed shapes, the largest a thousand times as long as the smallest
     Parts,
+    /// Machined part of 13 patches, of which --truth writes the numbers: planes, cylinders, a sphere; closed
+    Part,
     /// Rounded box of quads; closed; 4·a·b + 2·a² faces
     Quads,
     /// Flat rectangle of equal right triangles; open; 2·u·v faces
@@ -52,13 +55,14 @@ pub enum Sample {
 
 impl Sample {
     /// Every shape.
-    pub const ALL: [Sample; 10] = [
+    pub const ALL: [Sample; 11] = [
         Sample::Sphere,
         Sample::Icosphere,
         Sample::Torus,
         Sample::Knot,
         Sample::Terrain,
         Sample::Parts,
+        Sample::Part,
         Sample::Quads,
         Sample::Plane,
         Sample::Strip,
@@ -74,6 +78,7 @@ impl Sample {
             Sample::Knot => "knot",
             Sample::Terrain => "terrain",
             Sample::Parts => "parts",
+            Sample::Part => "part",
             Sample::Quads => "quads",
             Sample::Plane => "plane",
             Sample::Strip => "strip",
@@ -90,6 +95,7 @@ impl Sample {
             Sample::Knot => 72,
             Sample::Terrain | Sample::Plane => 2,
             Sample::Parts => 250,
+            Sample::Part => 400,
             Sample::Quads => 6,
             Sample::Strip => 1,
             Sample::Cube => 12,
@@ -105,13 +111,7 @@ impl Sample {
 /// # Errors
 /// When `faces` is below [`Sample::fewest_faces`] or above [`MAX_FACES`].
 pub fn generate(sample: Sample, faces: u64) -> Result<PolygonMesh> {
-    let fewest = sample.fewest_faces();
-    if !(fewest..=MAX_FACES).contains(&faces) {
-        return Err(Error::parameter(format_args!(
-            "faces must be between {fewest} and {MAX_FACES} for {}, not {faces}",
-            sample.name()
-        )));
-    }
+    check_number(sample, faces)?;
     Ok(match sample {
         Sample::Sphere => whole(sample, sphere::sphere(faces)),
         Sample::Icosphere => whole(sample, icosphere::icosphere(faces)),
@@ -119,11 +119,37 @@ pub fn generate(sample: Sample, faces: u64) -> Result<PolygonMesh> {
         Sample::Knot => whole(sample, knot::knot(faces)),
         Sample::Terrain => whole(sample, terrain::terrain(faces)),
         Sample::Parts => join(parts::parts(faces)),
+        Sample::Part => whole(sample, part::part(faces, 0.0).0),
         Sample::Quads => whole(sample, boxes::rounded_box(faces)),
         Sample::Plane => whole(sample, flat::plane(faces)),
         Sample::Strip => whole(sample, flat::strip(faces)),
         Sample::Cube => whole(sample, boxes::cube(faces)),
     })
+}
+
+fn check_number(sample: Sample, faces: u64) -> Result<()> {
+    let fewest = sample.fewest_faces();
+    match (fewest..=MAX_FACES).contains(&faces) {
+        true => Ok(()),
+        false => Err(Error::parameter(format_args!(
+            "faces must be between {fewest} and {MAX_FACES} for {}, not {faces}",
+            sample.name()
+        ))),
+    }
+}
+
+/// The shape [`Sample::Part`], its corners moved by normal noise of `noise` percent of the diagonal a coordinate, and
+/// the patch that each face belongs to, from 0 to 12.
+///
+/// # Errors
+/// Those of [`generate`], and when `noise` is not from 0 to 10.
+pub fn generate_part(faces: u64, noise: f64) -> Result<(PolygonMesh, Vec<u32>)> {
+    if !(0.0..=10.0).contains(&noise) {
+        return Err(Error::parameter(format_args!("noise must be from 0 to 10 percent, not {noise}")));
+    }
+    check_number(Sample::Part, faces)?;
+    let (piece, patches) = part::part(faces, noise);
+    Ok((whole(Sample::Part, piece), patches))
 }
 
 /// One connected shape.

@@ -1,0 +1,96 @@
+//! The shape that stands for a cluster: of the allowed types, the one with the smallest energy.
+
+use glam::DVec3;
+
+use super::central::{Central, CentralHigher};
+use super::fit::{self, Fit, Known};
+use super::kind::Kind;
+use super::moments::{Higher, Moments};
+use super::prices::Prices;
+
+/// Types beside planes.
+const CURVED: usize = Kind::ALL.len() - 1;
+
+/// Fewer faces have no curved shape.
+pub const FEWEST_FACES: u32 = 3;
+
+/// A shape and the energy of its cluster.
+#[derive(Debug, Clone, Copy)]
+pub struct Candidate {
+    /// The fit.
+    pub fit: Fit,
+    /// Mean square × weight + price: weight × squared units of moments.
+    pub energy: f64,
+}
+
+/// The fits of a cluster.
+#[derive(Debug, Clone, Copy)]
+pub struct Candidates {
+    /// Its mean, in units of moments.
+    pub mean: DVec3,
+    plane: Candidate,
+    curved: [Option<Candidate>; CURVED],
+}
+
+/// What shapes clusters may have.
+#[derive(Debug, Clone, Copy)]
+pub struct Allowed<'a> {
+    /// Types, in the order of [`Kind::ALL`], planes among them.
+    pub kinds: &'a [Kind],
+    /// What they cost in each component.
+    pub prices: &'a [Prices],
+}
+
+impl Allowed<'_> {
+    /// Whether there are others than planes.
+    pub fn are_curved(&self) -> bool {
+        self.kinds.len() > 1
+    }
+
+    /// Fits the types to a cluster of a component, but none that its price alone makes dearer than another. `higher` is
+    /// called if a curved type is tried; `axes` are for cylinders to begin with.
+    pub fn fits(
+        &self,
+        component: u32,
+        moments: &Moments,
+        higher: impl FnOnce() -> Option<Higher>,
+        axes: &[DVec3],
+    ) -> Candidates {
+        let prices = &self.prices[component as usize];
+        let central = Central::of(moments);
+        let fit = fit::plane(&central);
+        let mut least = fit.mean_square * central.weight;
+        let plane = Candidate { fit, energy: least };
+        let mut candidates = Candidates { mean: central.mean, plane, curved: [None; CURVED] };
+        let may_pay = |kind: Kind, least: f64| kind != Kind::Plane && least > prices.of_kind(kind);
+        if !self.kinds.iter().any(|&kind| may_pay(kind, least)) {
+            return candidates;
+        }
+        let Some(higher) = higher() else { return candidates };
+        let higher = CentralHigher::of(&central, moments, &higher);
+        let known = Known { central: &central, higher: &higher, axes };
+        for (place, &kind) in candidates.curved.iter_mut().zip(&self.kinds[1..]) {
+            if may_pay(kind, least)
+                && let Some(fit) = fit::of_kind(kind, known)
+            {
+                let energy = fit.mean_square * central.weight + prices.of_kind(kind);
+                least = least.min(energy);
+                *place = Some(Candidate { fit, energy });
+            }
+        }
+        candidates
+    }
+}
+
+impl Candidates {
+    /// All of them, the plane first.
+    pub fn all(&self) -> impl Iterator<Item = Candidate> {
+        [Some(self.plane)].into_iter().chain(self.curved).flatten()
+    }
+
+    /// The one with the smallest energy, the first of equal ones.
+    pub fn best(&self) -> Candidate {
+        let less = |best: Candidate, other: Candidate| if other.energy < best.energy { other } else { best };
+        self.curved.into_iter().flatten().fold(self.plane, less)
+    }
+}

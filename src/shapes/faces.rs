@@ -1,0 +1,36 @@
+//! Faces as shapes see them.
+
+use crate::surface::{DualGraph, Samples};
+
+/// The faces of a mesh, internal order.
+#[derive(Debug, Clone, Copy)]
+pub struct Faces<'a> {
+    /// Their weights and neighbours.
+    pub graph: &'a DualGraph,
+    /// Points of them.
+    pub samples: &'a Samples,
+}
+
+impl Faces<'_> {
+    /// Number of faces.
+    pub fn count(&self) -> usize {
+        self.graph.faces()
+    }
+
+    /// The weight of a face.
+    #[inline]
+    pub fn weight(&self, face: u32) -> u32 {
+        self.graph.weights[face as usize]
+    }
+
+    /// The samples of a face.
+    #[inline]
+    pub fn samples(&self, face: u32) -> &[[i32; 3]] {
+        self.samples.of(face)
+    }
+
+    /// The unit normal of a face × 2¹⁴.
+    pub fn normal(&self, face: u32) -> [i64; 3] {
+        self.samples.normal(face)
+    }
+}

@@ -1,0 +1,40 @@
+//! The table of types of shapes.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A type of shape that stands for a cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = ShapeType)]
+pub enum Kind {
+    /// A plane.
+    Plane,
+    /// A sphere.
+    Sphere,
+    /// A circular cylinder.
+    Cylinder,
+}
+
+impl Kind {
+    /// All of them, in the order in which fits are tried.
+    pub const ALL: [Kind; 3] = [Kind::Plane, Kind::Sphere, Kind::Cylinder];
+
+    /// As it is written in flags, queries and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Plane => "plane",
+            Kind::Sphere => "sphere",
+            Kind::Cylinder => "cylinder",
+        }
+    }
+
+    /// How many prices it costs: how many numbers it has beyond those of a plane.
+    pub fn prices(self) -> u32 {
+        match self {
+            Kind::Plane => 0,
+            Kind::Sphere => 1,
+            Kind::Cylinder => 2,
+        }
+    }
+}

@@ -1,0 +1,279 @@
+//! Clusters that are merged from single faces, over all components at once.
+//!
+//! A merge costs what it raises the energy by, by the fits of the moments, and a little of what the distance of the
+//! means would cost clusters by places: costs on CAD models are 0 over whole regions, and without that, regions grow as
+//! stars. Of the pairs that are each other's cheapest, an eighth of the merges that are left happen in a round, the
+//! cheapest, so that none merges across an edge while cheaper merges wait.
+//!
+//! # Work
+//!
+//! A round prices the edges of the clusters that merged: at most all that are left. Meshes take a round for every 12 %
+//! of the clusters, so that all rounds together price some 10 pairs a face. Where few pairs choose each other, there
+//! are more rounds: after [`ROUNDS`] of them, a cluster merges with its cheapest neighbour whether or not that chose it,
+//! which leaves at most half of the clusters of each component after a round. (The edges that are the cheapest at one
+//! end form no circle, since no two have the same rank.)
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::best::{Allowed, FEWEST_FACES};
+use super::faces::Faces;
+use super::moments::{Higher, Moments};
+use crate::device::Cancel;
+use crate::device::dual_edge::{Rank, Ties};
+use crate::error::{Error, Kind, Result};
+use crate::union_find;
+
+/// How much the distance of the means counts beside the energy.
+const NEARNESS: f64 = 1e-8;
+
+/// The part of the merges that are left which happen in a round.
+const PART: usize = 8;
+
+/// Rounds in which clusters merge only if both chose each other. Scans take 60 to 120.
+const ROUNDS: usize = 512;
+
+/// Clusters of fewer faces keep no higher moments: they are sums over the faces.
+const KEPT_FROM: u32 = 4;
+
+/// No edge.
+const NONE: u32 = u32::MAX;
+
+/// Clusters that were merged.
+#[derive(Debug)]
+pub struct Merged {
+    /// One a face, without gaps.
+    pub labels: Vec<u32>,
+    /// The component of each cluster.
+    pub component_of_cluster: Vec<u32>,
+    /// The axes of those that are cylinders.
+    pub axes: Vec<Option<DVec3>>,
+}
+
+/// Merges faces until there are so many clusters, which must be possible
+/// ([`crate::cluster::seeds::shares`]).
+pub fn merged(faces: Faces<'_>, allowed: Allowed<'_>, clusters: usize, cancel: &Cancel) -> Result<Merged> {
+    let mut merging = Merging::new(faces, allowed);
+    let mut edges = merging.all_edges();
+    let mut surplus = faces.count().saturating_sub(clusters);
+    let mut round = 0;
+    while surplus > 0 {
+        cancel.check()?;
+        let chosen = merging.choose(&edges, surplus, round >= ROUNDS);
+        if chosen.is_empty() {
+            return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
+        }
+        chosen.iter().for_each(|edge| merging.merge(edge.ends()));
+        surplus -= chosen.len();
+        merging.contract(&mut edges);
+        round += 1;
+    }
+    Ok(merging.ended())
+}
+
+/// A dual edge by its price.
+type Edge = Rank<i64>;
+
+/// A cluster.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    moments: Moments,
+    /// The energy of its best shape: weight × squared units of moments.
+    energy: f64,
+    /// The axis of that, if it has one.
+    axis: Option<DVec3>,
+    faces: u32,
+    component: u32,
+}
+
+struct Merging<'a> {
+    faces: Faces<'a>,
+    allowed: Allowed<'a>,
+    /// One a number of a cluster, which is that of a face at first.
+    parts: Vec<Part>,
+    /// Higher moments of clusters of [`KEPT_FROM`] faces; empty for planes.
+    higher: Vec<Option<Box<Higher>>>,
+    /// The next face of the same cluster, in a circle.
+    next_face: Vec<u32>,
+    /// The cluster that each one became part of; its own number while it is left.
+    into: Vec<u32>,
+    /// Whether a cluster merged in this round.
+    has_merged: Vec<bool>,
+    /// The cheapest edge of each cluster that has edges.
+    cheapest: Vec<u32>,
+}
+
+impl<'a> Merging<'a> {
+    fn new(faces: Faces<'a>, allowed: Allowed<'a>) -> Self {
+        let count = faces.count();
+        let component_of_face = faces.graph.component_of_face();
+        let numbers: Vec<u32> = (0..count as u32).collect();
+        let part = |(&face, &component): (&u32, &u32)| {
+            let moments = Moments::of(&faces, face);
+            // three samples lie in a plane
+            let energy = match faces.samples(face) {
+                [_, _, _] => 0.0,
+                _ => allowed.fits(component, &moments, || None, &[]).best().energy,
+            };
+            Part { moments, energy, axis: None, faces: 1, component }
+        };
+        Self {
+            faces,
+            allowed,
+            parts: numbers.par_iter().zip(&component_of_face).map(part).collect(),
+            higher: if allowed.are_curved() { vec![None; count] } else { Vec::new() },
+            next_face: numbers.clone(),
+            into: numbers,
+            has_merged: vec![false; count],
+            cheapest: vec![NONE; count],
+        }
+    }
+
+    fn all_edges(&self) -> Vec<Edge> {
+        let beside = |face: u32| self.faces.graph.neighbours_of(face).iter().map(move |&near| (face, near));
+        let mut pairs: Vec<(u32, u32)> = (0..self.parts.len() as u32).flat_map(beside).filter(|(a, b)| a < b).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        pairs.into_par_iter().map(|ends| self.edge(ends)).collect()
+    }
+
+    /// A dual edge, given with the smaller number first.
+    fn edge(&self, (low, high): (u32, u32)) -> Edge {
+        Rank::new(in_order(self.price(low, high)), low, high, Ties::Hash)
+    }
+
+    /// What a merge costs, in units of the finest component.
+    fn price(&self, low: u32, high: u32) -> f64 {
+        let [a, b] = [low, high].map(|number| &self.parts[number as usize]);
+        let rise = self.union(low, high).1 - a.energy - b.energy;
+        let [weight_a, weight_b] = [a, b].map(|part| part.moments.weight as f64);
+        let mean = |part: &Part| DVec3::from(part.moments.first.map(|sum| sum as f64 / part.moments.weight as f64));
+        let apart = (mean(a) - mean(b)).length_squared();
+        let nearness = NEARNESS * weight_a * weight_b / (weight_a + weight_b) * apart;
+        let shift = self.faces.graph.components[a.component as usize].energy_shift;
+        (rise + nearness) * f64::from(1u32 << shift)
+    }
+
+    /// The moments of two clusters together, the energy of their best shape, and its axis.
+    fn union(&self, low: u32, high: u32) -> (Moments, f64, Option<DVec3>) {
+        let [a, b] = [low, high].map(|number| &self.parts[number as usize]);
+        let moments = a.moments.with(&b.moments);
+        let axes = [a.axis.or(b.axis), b.axis].map(|axis| axis.unwrap_or(DVec3::ZERO));
+        let known = [a, b].iter().filter(|part| part.axis.is_some()).count();
+        let has_enough = a.faces + b.faces >= FEWEST_FACES;
+        let higher = || has_enough.then(|| self.higher_of(low).with(&self.higher_of(high)));
+        let best = self.allowed.fits(a.component, &moments, higher, &axes[..known]).best();
+        (moments, best.energy, best.fit.shape.axis())
+    }
+
+    fn higher_of(&self, cluster: u32) -> Higher {
+        if let Some(higher) = &self.higher[cluster as usize] {
+            return **higher;
+        }
+        let mut higher = Higher::of(&self.faces, cluster);
+        let mut face = self.next_face[cluster as usize];
+        while face != cluster {
+            higher.add(&Higher::of(&self.faces, face));
+            face = self.next_face[face as usize];
+        }
+        higher
+    }
+
+    /// The edges whose clusters merge in a round, the cheapest first.
+    fn choose(&mut self, edges: &[Edge], surplus: usize, one_end_suffices: bool) -> Vec<Edge> {
+        let cheapest = &mut self.cheapest;
+        let ends = |edge: &Edge| [edge.ends().0, edge.ends().1].map(|end| end as usize);
+        edges.iter().flat_map(ends).for_each(|end| cheapest[end] = NONE);
+        for (number, edge) in (0..).zip(edges) {
+            for end in ends(edge) {
+                if edges.get(cheapest[end] as usize).is_none_or(|best| edge < best) {
+                    cheapest[end] = number;
+                }
+            }
+        }
+        let is_chosen = |&(number, edge): &(u32, &Edge)| {
+            let [low, high] = ends(edge).map(|end| cheapest[end] == number);
+            low && high || one_end_suffices && (low || high)
+        };
+        let mut chosen: Vec<Edge> = (0..).zip(edges).filter(is_chosen).map(|(_, &edge)| edge).collect();
+        let most = if one_end_suffices { surplus } else { (surplus / PART).max(1) };
+        if most < chosen.len() {
+            chosen.select_nth_unstable(most);
+            chosen.truncate(most);
+        }
+        chosen.sort_unstable();
+        chosen
+    }
+
+    /// Merges the clusters that two have become; the one with more faces keeps its number, the smaller one of equal
+    /// ones.
+    fn merge(&mut self, (low, high): (u32, u32)) {
+        let [a, b] = [low, high].map(|cluster| self.root(cluster));
+        let (low, high) = (a.min(b), a.max(b));
+        let (moments, energy, axis) = self.union(low, high);
+        let faces = [low, high].map(|cluster| self.parts[cluster as usize].faces);
+        let all = faces[0] + faces[1];
+        let (from, into) = if faces[1] > faces[0] { (low, high) } else { (high, low) };
+        if self.allowed.are_curved() && all >= KEPT_FROM {
+            let higher = self.higher_of(low).with(&self.higher_of(high));
+            self.higher[from as usize] = None;
+            self.higher[into as usize] = Some(Box::new(higher));
+        }
+        let part = &mut self.parts[into as usize];
+        *part = Part { moments, energy, axis, faces: all, component: part.component };
+        self.next_face.swap(low as usize, high as usize);
+        self.into[from as usize] = into;
+        self.has_merged[from as usize] = true;
+        self.has_merged[into as usize] = true;
+    }
+
+    /// The cluster that one has become.
+    fn root(&mut self, cluster: u32) -> u32 {
+        union_find::root(&mut self.into, cluster)
+    }
+
+    /// Prices the edges of clusters that merged anew.
+    fn contract(&mut self, edges: &mut Vec<Edge>) {
+        let mut changed = Vec::new();
+        edges.retain(|edge| {
+            let (low, high) = edge.ends();
+            let has_changed = self.has_merged[low as usize] || self.has_merged[high as usize];
+            if has_changed {
+                changed.push((low, high));
+            }
+            !has_changed
+        });
+        for (low, high) in &mut changed {
+            for end in [*low, *high] {
+                self.has_merged[end as usize] = false;
+            }
+            let ends = [*low, *high].map(|end| self.root(end));
+            (*low, *high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        }
+        changed.retain(|(low, high)| low != high);
+        changed.par_sort_unstable();
+        changed.dedup();
+        edges.par_extend(changed.into_par_iter().map(|ends| self.edge(ends)));
+    }
+
+    fn ended(mut self) -> Merged {
+        let mut number_of = vec![NONE; self.parts.len()];
+        let (mut component_of_cluster, mut axes) = (Vec::new(), Vec::new());
+        let labels = (0..self.parts.len() as u32).map(|face| {
+            let cluster = self.root(face) as usize;
+            if number_of[cluster] == NONE {
+                number_of[cluster] = axes.len() as u32;
+                component_of_cluster.push(self.parts[cluster].component);
+                axes.push(self.parts[cluster].axis);
+            }
+            number_of[cluster]
+        });
+        Merged { labels: labels.collect(), component_of_cluster, axes }
+    }
+}
+
+/// Integers in the order of numbers.
+fn in_order(price: f64) -> i64 {
+    let bits = price.to_bits() as i64;
+    bits ^ (((bits >> 63) as u64) >> 1) as i64
+}

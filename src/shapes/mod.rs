@@ -1,0 +1,36 @@
+//! Shapes that stand for clusters: planes, spheres and cylinders in place of centres (P§8).
+//!
+//! The energy of a cluster is that of its shape: F = Σ over clusters of (Σ over faces of w·cost + price), where the
+//! cost of a face is three times the mean squared distance of its samples, and richer types than planes have a
+//! [price](prices). `energy=planes` has planes alone.
+//!
+//! | what | where |
+//! |---|---|
+//! | the table of types | [`kind`] |
+//! | shapes in f64 | [`shape`] |
+//! | faces, and the points of them that are compared | [`faces`], [`crate::surface::Samples`] |
+//! | exact sums over clusters | [`moments`], [`monomials`]; about the mean: [`central`] |
+//! | the shape that fits moments best | [`fit`], [`eigen`] |
+//! | a shape as integers, and what a face costs | [`proxy`] |
+//! | the best shape of a cluster | [`best`] |
+//! | merges from single faces | [`merging`] |
+//! | moves of faces | [`moves`] |
+//! | the whole way | [`run`] |
+//!
+//! Shapes may come from anywhere, as long as they are the same bytes everywhere: what decides is the energy of their
+//! proxies, in integers. A new type needs a row of [`kind::Kind`], a variant of [`shape::Shape`], and a file in `fit`.
+
+pub mod best;
+pub mod central;
+pub mod eigen;
+pub mod faces;
+pub mod fit;
+pub mod kind;
+pub mod merging;
+pub mod moments;
+pub mod monomials;
+pub mod moves;
+pub mod prices;
+pub mod proxy;
+pub mod run;
+pub mod shape;

@@ -1,0 +1,40 @@
+//! What a type costs. A plane is a flat sphere: without a price, noise turns planes into spheres.
+//!
+//! A sphere costs 3·R²·Ā, a cylinder twice that, R the resolution and Ā the area of the mesh over the number of
+//! clusters: what faces at the distance R would cost in a cluster of mean size. Prices are those of clusters, so that
+//! borders do not shift.
+
+use super::kind::Kind;
+use super::moments::SHIFT;
+use crate::surface::DualGraph;
+
+/// The price of one number more than a plane has, in a component.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prices {
+    /// Weight × squared units of moments.
+    unit: f64,
+}
+
+impl Prices {
+    /// Those of each component, for so many clusters; `resolution` in lattice units, at most 2²⁸·⁸.
+    pub fn of(graph: &DualGraph, clusters: usize, resolution: f64) -> Vec<Self> {
+        let units = |shift: u32| f64::from(1u32 << shift);
+        let all: f64 =
+            graph.components.iter().map(|component| component.weight as f64 * units(component.energy_shift)).sum();
+        let mean = all / clusters as f64;
+        let scaled = resolution / f64::from(1u32 << SHIFT);
+        let price = |shift: u32| Self { unit: 3.0 * scaled * scaled * mean / units(shift) };
+        graph.components.iter().map(|component| price(component.energy_shift)).collect()
+    }
+
+    /// The price of a type in units of moments.
+    pub fn of_kind(&self, kind: Kind) -> f64 {
+        f64::from(kind.prices()) * self.unit
+    }
+
+    /// The price of a type in the energy: weight × squared lattice units. Those of all clusters sum up to less than
+    /// 2¹²⁵ in units of the finest component.
+    pub fn exact(&self, kind: Kind) -> i128 {
+        (self.of_kind(kind) * f64::from(1u32 << (2 * SHIFT))) as i128
+    }
+}

@@ -1,0 +1,236 @@
+//! Clusterings by shapes, from the merges to the end.
+//!
+//! Boundary phases and fits alternate until neither changes anything. A fit is taken only if the energy of the cluster,
+//! summed up over its faces in integers, is strictly below that of the shape so far. So F, an integer that is not
+//! negative, falls with every pass and every round of fits, and the run ends. There is no refinement, and no repair:
+//! clusters are connected all along.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::best::{Allowed, FEWEST_FACES};
+use super::faces::Faces;
+use super::kind::Kind;
+use super::merging::merged;
+use super::moments::{Higher, Moments, SHIFT};
+use super::moves::Clusters;
+use super::prices::Prices;
+use super::proxy::Proxy;
+use super::shape::Shape;
+use crate::cluster::run::Phase;
+use crate::device::{Cancel, Ending};
+use crate::error::Result;
+
+/// Rounds of fits at most. Scans take 5 to 60.
+const ROUNDS: usize = 1024;
+
+/// Fits whose energy, by moments, is this many times that of the shape so far are not worth a sum over the faces.
+const MARGIN: f64 = 1.01;
+
+/// What to make.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Number of clusters.
+    pub clusters: usize,
+    /// Types, in the order of [`Kind::ALL`], planes among them.
+    pub kinds: Vec<Kind>,
+    /// Distances below it are noise, in lattice units.
+    pub resolution: f64,
+    /// Steps after which to stop, converged or not.
+    pub most_steps: Option<u32>,
+}
+
+/// A step of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// What kind of step it was.
+    pub phase: Phase,
+    /// F after it, in units of the finest component.
+    pub energy: i128,
+    /// Faces that moved.
+    pub moves: u64,
+}
+
+/// What a run ends with.
+#[derive(Debug)]
+pub struct Clustering {
+    /// After the merges; one a face.
+    pub initial: Vec<u32>,
+    /// In the end.
+    pub labels: Vec<u32>,
+    /// The shape of each cluster, in units of moments.
+    pub shapes: Vec<Shape>,
+    /// F before and after.
+    pub energies: [i128; 2],
+    /// Why it ended.
+    pub ending: Ending,
+}
+
+/// Clusters faces. Calls `on_step` with the start and with every step, and the labels after it.
+pub fn cluster(
+    faces: Faces<'_>,
+    options: &Options,
+    cancel: &Cancel,
+    on_step: &mut dyn FnMut(Step, &[u32]),
+) -> Result<Clustering> {
+    let prices = Prices::of(faces.graph, options.clusters, options.resolution);
+    let allowed = Allowed { kinds: &options.kinds, prices: &prices };
+    let merged = merged(faces, allowed, options.clusters, cancel)?;
+    let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
+    let initial = run.clusters.labels.clone();
+    let first = run.energy();
+    on_step(Step { phase: Phase::Boundary, energy: first, moves: 0 }, &initial);
+    let ending = run.to_the_end(options.most_steps.unwrap_or(u32::MAX), cancel, on_step)?;
+    let energies = [first, run.energy()];
+    Ok(Clustering { initial, labels: run.clusters.labels, shapes: run.shapes, energies, ending })
+}
+
+struct Run<'a> {
+    allowed: Allowed<'a>,
+    component_of_cluster: Vec<u32>,
+    shapes: Vec<Shape>,
+    clusters: Clusters<'a>,
+}
+
+/// A shape with its proxy, and the costs of its faces.
+struct Fitted {
+    shape: Shape,
+    proxy: Proxy,
+    cost: i128,
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        faces: Faces<'a>,
+        allowed: Allowed<'a>,
+        labels: Vec<u32>,
+        component_of_cluster: Vec<u32>,
+        axes: &[Option<DVec3>],
+    ) -> Self {
+        let members = members(&labels, &vec![true; axes.len()]);
+        let fit = |((members, axis), &component): ((&Vec<u32>, &Option<DVec3>), &u32)| {
+            fitted(faces, allowed, component, members, *axis, None)
+        };
+        let fits: Vec<Fitted> = members.par_iter().zip(axes).zip(&component_of_cluster).filter_map(fit).collect();
+        let shapes = fits.iter().map(|fit| fit.shape).collect();
+        let proxies = fits.iter().map(|fit| fit.proxy).collect();
+        let costs = fits.iter().map(|fit| fit.cost).collect();
+        Self { allowed, component_of_cluster, shapes, clusters: Clusters::new(faces, labels, proxies, costs) }
+    }
+
+    /// F, in units of the finest component.
+    fn energy(&self) -> i128 {
+        let of = |(number, cost): (usize, &i128)| {
+            let component = self.component_of_cluster[number] as usize;
+            let shift = self.clusters.faces.graph.components[component].energy_shift;
+            (cost + self.allowed.prices[component].exact(self.shapes[number].kind())) << shift
+        };
+        self.clusters.costs.iter().enumerate().map(of).sum()
+    }
+
+    fn to_the_end(
+        &mut self,
+        most_steps: u32,
+        cancel: &Cancel,
+        on_step: &mut dyn FnMut(Step, &[u32]),
+    ) -> Result<Ending> {
+        let mut left = most_steps;
+        let mut has_new_shape = vec![true; self.shapes.len()];
+        for _ in 0..ROUNDS {
+            let mut faces = self.clusters.at_boundaries(&has_new_shape);
+            while !faces.is_empty() && left > 0 {
+                cancel.check()?;
+                let (moves, next) = self.clusters.pass(&faces);
+                if moves > 0 {
+                    left -= 1;
+                    on_step(Step { phase: Phase::Boundary, energy: self.energy(), moves }, &self.clusters.labels);
+                }
+                faces = next;
+            }
+            if left == 0 {
+                return Ok(Ending::IterationLimit);
+            }
+            cancel.check()?;
+            has_new_shape = self.fit();
+            if !has_new_shape.contains(&true) {
+                return Ok(if self.clusters.is_bounded() { Ending::WorkLimit } else { Ending::Converged });
+            }
+            left -= 1;
+            on_step(Step { phase: Phase::Refit, energy: self.energy(), moves: 0 }, &self.clusters.labels);
+        }
+        Ok(Ending::WorkLimit)
+    }
+
+    /// Fits shapes to the clusters that changed. Returns which took one.
+    fn fit(&mut self) -> Vec<bool> {
+        let Self { allowed, component_of_cluster, shapes, clusters } = self;
+        let members = members(&clusters.labels, &clusters.has_changed);
+        let fit = |(number, members): (usize, &Vec<u32>)| {
+            let so_far = Some((shapes[number].kind(), clusters.costs[number]));
+            (!members.is_empty())
+                .then(|| {
+                    let axis = shapes[number].axis();
+                    fitted(clusters.faces, *allowed, component_of_cluster[number], members, axis, so_far)
+                })
+                .flatten()
+        };
+        let fits: Vec<Option<Fitted>> = members.par_iter().enumerate().map(fit).collect();
+        clusters.has_changed.fill(false);
+        let is_new = fits.iter().map(Option::is_some).collect();
+        for (number, fit) in fits.into_iter().enumerate() {
+            if let Some(Fitted { shape, proxy, cost }) = fit {
+                (shapes[number], clusters.proxies[number], clusters.costs[number]) = (shape, proxy, cost);
+            }
+        }
+        is_new
+    }
+}
+
+/// The faces of chosen clusters, ascending.
+fn members(labels: &[u32], is_chosen: &[bool]) -> Vec<Vec<u32>> {
+    let mut members = vec![Vec::new(); is_chosen.len()];
+    for (face, &label) in (0..).zip(labels) {
+        if is_chosen[label as usize] {
+            members[label as usize].push(face);
+        }
+    }
+    members
+}
+
+/// The best shape of some faces that is better than the one so far, given by its type and costs.
+fn fitted(
+    faces: Faces<'_>,
+    allowed: Allowed<'_>,
+    component: u32,
+    members: &[u32],
+    axis: Option<DVec3>,
+    so_far: Option<(Kind, i128)>,
+) -> Option<Fitted> {
+    let mut moments = Moments::default();
+    members.iter().for_each(|&face| moments.add(&Moments::of(&faces, face)));
+    let higher = || {
+        let mut higher = Higher::default();
+        members.iter().for_each(|&face| higher.add(&Higher::of(&faces, face)));
+        (members.len() as u32 >= FEWEST_FACES).then_some(higher)
+    };
+    let candidates = allowed.fits(component, &moments, higher, axis.as_slice());
+    let prices = &allowed.prices[component as usize];
+    let with_price = |kind: Kind, cost: i128| cost + prices.exact(kind);
+    let mut least = so_far.map(|(kind, cost)| with_price(kind, cost));
+    let mut best = None;
+    for candidate in candidates.all() {
+        let by_moments = candidate.energy * f64::from(1u32 << (2 * SHIFT));
+        if least.is_some_and(|least| by_moments > MARGIN * least as f64) {
+            continue;
+        }
+        let shape = candidate.fit.shape;
+        let Some(proxy) = Proxy::new(&shape, candidates.mean) else { continue };
+        let of_face = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));
+        let cost = members.iter().map(of_face).sum();
+        if least.is_none_or(|least| with_price(proxy.kind, cost) < least) {
+            least = Some(with_price(proxy.kind, cost));
+            best = Some(Fitted { shape, proxy, cost });
+        }
+    }
+    best
+}

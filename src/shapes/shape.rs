@@ -1,0 +1,104 @@
+//! Shapes in f64.
+
+use glam::DVec3;
+
+use super::kind::Kind;
+
+/// A shape. Unit vectors for directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// A plane.
+    Plane {
+        /// On it.
+        point: DVec3,
+        /// Across it.
+        normal: DVec3,
+    },
+    /// A sphere.
+    Sphere {
+        /// Its centre.
+        centre: DVec3,
+        /// Its radius.
+        radius: f64,
+    },
+    /// A cylinder.
+    Cylinder {
+        /// On its axis.
+        point: DVec3,
+        /// Along it.
+        axis: DVec3,
+        /// Its radius.
+        radius: f64,
+    },
+}
+
+/// A shape beside a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tangent {
+    /// The nearest point of the shape.
+    pub point: DVec3,
+    /// The normal there: away from the centre or the axis.
+    pub normal: DVec3,
+    /// 1 over the radius, 0 of a plane.
+    pub curvature: f64,
+    /// The axis of a cylinder.
+    pub axis: Option<DVec3>,
+}
+
+/// A unit vector across a unit vector.
+pub fn across(direction: DVec3) -> DVec3 {
+    let other = if direction.x.abs() < 0.6 { DVec3::X } else { DVec3::Y };
+    let across = direction.cross(other);
+    across / across.length()
+}
+
+impl Shape {
+    /// Its type.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Shape::Plane { .. } => Kind::Plane,
+            Shape::Sphere { .. } => Kind::Sphere,
+            Shape::Cylinder { .. } => Kind::Cylinder,
+        }
+    }
+
+    /// The axis of a cylinder.
+    pub fn axis(&self) -> Option<DVec3> {
+        match *self {
+            Shape::Cylinder { axis, .. } => Some(axis),
+            Shape::Plane { .. } | Shape::Sphere { .. } => None,
+        }
+    }
+
+    /// The shape beside a place.
+    pub fn tangent(&self, at: DVec3) -> Tangent {
+        let round = |centre: DVec3, radius: f64, out: DVec3, axis: Option<DVec3>| {
+            let length = out.length();
+            let is_middle = length <= 1e-6 * radius;
+            let normal = if is_middle { across(axis.unwrap_or(DVec3::Z)) } else { out / length };
+            Tangent { point: centre + radius * normal, normal, curvature: 1.0 / radius, axis }
+        };
+        match *self {
+            Shape::Plane { point, normal } => {
+                Tangent { point: at - (at - point).dot(normal) * normal, normal, curvature: 0.0, axis: None }
+            }
+            Shape::Sphere { centre, radius } => round(centre, radius, at - centre, None),
+            Shape::Cylinder { point, axis, radius } => {
+                let along = (at - point).dot(axis) * axis;
+                round(point + along, radius, at - point - along, Some(axis))
+            }
+        }
+    }
+
+    /// The distance of a place, below 0 inside or behind.
+    pub fn distance(&self, at: DVec3) -> f64 {
+        match *self {
+            Shape::Plane { point, normal } => (at - point).dot(normal),
+            Shape::Sphere { centre, radius } => (at - centre).length() - radius,
+            Shape::Cylinder { point, axis, radius } => {
+                let from = at - point;
+                (from - from.dot(axis) * axis).length() - radius
+            }
+        }
+    }
+}
