@@ -10,6 +10,7 @@ pub use crate::hierarchy::Level;
 use crate::mesh::{Format, Part};
 use crate::parameters::{Algorithm, Parameters};
 pub use crate::remesh::Summary;
+use crate::shapes::table::ClusterShape;
 
 /// Everything that is known about an ended clustering.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -31,6 +32,8 @@ pub struct Report {
     pub feature_edges_inside: u64,
     /// The energy before and after.
     pub energy: Energy,
+    /// The shapes of the clusters, one a label; null for energies without shapes.
+    pub shapes: Option<Vec<ClusterShape>>,
     /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels. Row 0 of a flat
     /// clustering is its start, and the only one where no face moves: that is 0 iterations. From 10,000 rows on,
     /// iterations of a phase that are less than a thousandth of those so far share a row: the number, energy and time

@@ -51,8 +51,13 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         l21: energies.l21.and_then(finite),
     };
     let feature_edges_inside = prepared.subject.feature_edges_inside(&labels);
+    let mut table_of_shapes = None;
     let (labels, labels_sha256) = if spec.clustering.has_labels() {
+        let of_run = labels;
         let Numbered { labels, number_of_cluster } = numbered?;
+        if let (Subject::Shapes(shaped), Some(shapes)) = (&prepared.subject, &shapes) {
+            table_of_shapes = Some(shaped.table(shapes, &of_run, &number_of_cluster));
+        }
         let labels = prepared.subject.with_masked(labels);
         with_items!(&prepared.subject, |items| {
             snapshots.renumber(&items.upload_face, &items.loose, &number_of_cluster);
@@ -92,6 +97,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         disconnected_clusters,
         feature_edges_inside,
         energy,
+        shapes: table_of_shapes,
         iterations: clustered.iterations,
         levels: clustered.levels,
         timings_ms,

@@ -15,7 +15,8 @@ use crate::shapes::faces::Faces;
 use crate::shapes::kind::Kind;
 use crate::shapes::run::{self, Clustering, Options, Step};
 use crate::shapes::shape::Shape;
-use crate::surface::{Samples, Surface};
+use crate::shapes::table::{ClusterShape, table};
+use crate::surface::{Corners, Samples, Surface};
 
 /// Resolution where the caller gives none.
 pub(super) const RESOLUTION: Length = Length::Share(3e-4);
@@ -26,6 +27,7 @@ pub struct Shaped {
     /// Their places, weights and neighbours.
     pub surface: Surface,
     samples: Samples,
+    corners: Corners,
 }
 
 /// What shapes clusters may have.
@@ -49,14 +51,24 @@ pub(super) struct Fitted {
 impl Shaped {
     /// Refuses numbers of clusters that the mesh cannot have.
     pub(super) fn new(surface: Surface, mesh: MeshView<'_>, clusters: Option<u64>) -> Result<Self> {
-        let samples = rayon::scope(|_| surface.samples(mesh));
-        let shaped = Self { surface, samples };
+        let corners = surface.corners(mesh);
+        let samples = rayon::scope(|_| surface.samples(&corners));
+        let shaped = Self { surface, samples, corners };
         shaped.check(clusters)?;
         Ok(shaped)
     }
 
     pub(super) fn check(&self, clusters: Option<u64>) -> Result<()> {
         seeds::shares(&self.surface.items, clusters.unwrap_or(0)).map(|_| ())
+    }
+
+    /// The shapes for the report. `labels` are those of the run, `number_of_cluster` what each became.
+    pub(super) fn table(&self, fitted: &Fitted, labels: &[u32], number_of_cluster: &[u32]) -> Vec<ClusterShape> {
+        let labels: Vec<u32> = labels.iter().map(|&label| number_of_cluster[label as usize]).collect();
+        let mut numbered: Vec<(u32, Shape)> = number_of_cluster.iter().copied().zip(fitted.shapes.clone()).collect();
+        numbered.sort_unstable_by_key(|&(number, _)| number);
+        let shapes: Vec<Shape> = numbered.into_iter().map(|(_, shape)| shape).collect();
+        table(&self.surface, &self.corners, &labels, &shapes)
     }
 
     /// F in source units. It counts the squared distance of a triangle three times.

@@ -16,6 +16,7 @@
 //! | merges from single faces | [`merging`] |
 //! | moves of faces | [`moves`] |
 //! | the whole way | [`run`] |
+//! | what reports say of shapes, fitted to corners | [`mod@table`] |
 //!
 //! Shapes may come from anywhere, as long as they are the same bytes everywhere: what decides is the energy of their
 //! proxies, in integers. A new type needs a row of [`kind::Kind`], a variant of [`shape::Shape`], and a file in `fit`.
@@ -34,3 +35,4 @@ pub mod prices;
 pub mod proxy;
 pub mod run;
 pub mod shape;
+pub mod table;

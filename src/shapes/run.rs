@@ -60,7 +60,7 @@ pub struct Clustering {
     pub labels: Vec<u32>,
     /// The shape of each cluster, in units of moments.
     pub shapes: Vec<Shape>,
-    /// F before and after.
+    /// F before and after, without prices.
     pub energies: [i128; 2],
     /// Why it ended.
     pub ending: Ending,
@@ -78,10 +78,10 @@ pub fn cluster(
     let merged = merged(faces, allowed, options.clusters, cancel)?;
     let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
     let initial = run.clusters.labels.clone();
-    let first = run.energy();
-    on_step(Step { phase: Phase::Boundary, energy: first, moves: 0 }, &initial);
+    let before = run.costs();
+    on_step(Step { phase: Phase::Boundary, energy: run.energy(), moves: 0 }, &initial);
     let ending = run.to_the_end(options.most_steps.unwrap_or(u32::MAX), cancel, on_step)?;
-    let energies = [first, run.energy()];
+    let energies = [before, run.costs()];
     Ok(Clustering { initial, labels: run.clusters.labels, shapes: run.shapes, energies, ending })
 }
 
@@ -120,12 +120,20 @@ impl<'a> Run<'a> {
 
     /// F, in units of the finest component.
     fn energy(&self) -> i128 {
-        let of = |(number, cost): (usize, &i128)| {
-            let component = self.component_of_cluster[number] as usize;
-            let shift = self.clusters.faces.graph.components[component].energy_shift;
-            (cost + self.allowed.prices[component].exact(self.shapes[number].kind())) << shift
+        let price = |(shape, &component): (&Shape, &u32)| {
+            self.allowed.prices[component as usize].exact(shape.kind()) << self.shift(component)
         };
-        self.clusters.costs.iter().enumerate().map(of).sum()
+        self.costs() + self.shapes.iter().zip(&self.component_of_cluster).map(price).sum::<i128>()
+    }
+
+    /// F without prices.
+    fn costs(&self) -> i128 {
+        let costs = self.clusters.costs.iter().zip(&self.component_of_cluster);
+        costs.map(|(cost, &component)| cost << self.shift(component)).sum()
+    }
+
+    fn shift(&self, component: u32) -> u32 {
+        self.clusters.faces.graph.components[component as usize].energy_shift
     }
 
     fn to_the_end(

@@ -70,6 +70,15 @@ impl Shape {
         }
     }
 
+    /// The same in a unit that this one is so many of.
+    pub fn scaled(&self, by: f64) -> Self {
+        match *self {
+            Shape::Plane { point, normal } => Shape::Plane { point: point * by, normal },
+            Shape::Sphere { centre, radius } => Shape::Sphere { centre: centre * by, radius: radius * by },
+            Shape::Cylinder { point, axis, radius } => Shape::Cylinder { point: point * by, axis, radius: radius * by },
+        }
+    }
+
     /// The shape beside a place.
     pub fn tangent(&self, at: DVec3) -> Tangent {
         let round = |centre: DVec3, radius: f64, out: DVec3, axis: Option<DVec3>| {

@@ -22,6 +22,7 @@ mod ascending;
 pub(crate) mod bridge;
 mod coarse;
 pub(crate) mod components;
+mod corners;
 mod counts;
 mod curvature;
 mod density;
@@ -42,6 +43,7 @@ pub(crate) mod weld;
 
 pub use coarse::{Coarse, Grouping};
 pub use components::Component;
+pub use corners::Corners;
 pub use counts::Counts;
 pub use density::Wanted;
 pub use features::WantedFeatures;

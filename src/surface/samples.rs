@@ -7,8 +7,8 @@
 use rayon::prelude::*;
 
 use super::Surface;
+use super::corners::Corners;
 use super::lattice::round_centroid;
-use crate::mesh::MeshView;
 
 /// Samples of a face at most.
 const MOST: usize = 64;
@@ -55,34 +55,40 @@ impl Samples {
 }
 
 impl Surface {
-    /// Samples of the faces of the mesh that this surface was built of.
-    pub fn samples(&self, mesh: MeshView<'_>) -> Samples {
-        let corners = |face: u32| mesh.faces.corners(face as usize);
-        let count = |face: u32| corners(face).len().clamp(1, MOST);
-        let upload_face = &self.items.upload_face;
-        let are_triangles = mesh.faces.are_triangles();
-        let offsets = (!are_triangles).then(|| {
-            let ends = upload_face.iter().scan(0, |sum, &face| {
-                *sum += count(face) as u32;
+    /// Samples of faces with these corners.
+    pub fn samples(&self, corners: &Corners) -> Samples {
+        let of_face = |face: u32| {
+            let vertices = corners.of(face);
+            let count = vertices.len().min(MOST);
+            (0..count).map(move |number| {
+                let edge = number * vertices.len() / count;
+                let ends = [edge, (edge + 1) % vertices.len()].map(|at| corners.position(vertices[at]));
+                round_centroid((ends[0] + ends[1]) / 2.0)
+            })
+        };
+        let offsets = (!corners.are_of_triangles()).then(|| {
+            let ends = (0..corners.faces()).scan(0, |sum, face| {
+                *sum += corners.of(face).len().min(MOST) as u32;
                 Some(*sum)
             });
             std::iter::once(0).chain(ends).collect::<Vec<u32>>()
         });
-        let position = |corner: u32| self.frame.position(mesh.positions.at(corner as usize));
-        let sample = |face: u32, number: usize| {
-            let corners = corners(face);
-            let edge = number * corners.len() / count(face);
-            let [a, b] = [edge, (edge + 1) % corners.len()].map(|at| position(corners[at]));
-            round_centroid((a + b) / 2.0)
-        };
-        let points = match are_triangles {
-            true => upload_face.par_iter().flat_map_iter(|&face| (0..3).map(move |at| sample(face, at))).collect(),
-            false => upload_face.iter().flat_map(|&face| (0..count(face)).map(move |at| sample(face, at))).collect(),
-        };
+        let points = (0..corners.faces()).into_par_iter().flat_map_iter(of_face).collect();
         let normals = self.geometry.par_iter().map(|face| {
             let scale = if face.area > 0.0 { f64::from(1 << NORMAL_BITS) / face.area } else { 0.0 };
             (face.normal * scale).to_array().map(|axis| (axis + 0.5).floor() as i16)
         });
         Samples { offsets, points, normals: normals.collect() }
+    }
+
+    /// The area of a face and its normal, which is as long as the area is large; lattice units.
+    pub fn area_and_normal(&self, face: u32) -> (f64, glam::DVec3) {
+        let geometry = &self.geometry[face as usize];
+        (geometry.area, geometry.normal)
+    }
+
+    /// The frame of the lattice.
+    pub fn frame(&self) -> &crate::mesh::Frame {
+        &self.frame
     }
 }

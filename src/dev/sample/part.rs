@@ -37,9 +37,9 @@ const END: u32 = 12;
 /// the diagonal a coordinate.
 pub fn part(faces: u64, noise: f64) -> (Piece, Vec<u32>) {
     let about = (faces as f64 / USUAL).sqrt();
-    let scale = |step: i32| about * (1.0 + f64::from((step + 1) / 2 * (1 - step % 2 * 2)) / 200.0);
-    let sizes = (1..120).map(|step| Sizes::at(scale(step)));
-    let sizes = sizes.fold(Sizes::at(about), |best, other| {
+    // points come in eights, rows make up for it
+    let rows = (60..160).map(|percent| Sizes::at(about, about * f64::from(percent) / 100.0));
+    let sizes = rows.fold(Sizes::at(about, about), |best, other| {
         if other.faces().abs_diff(faces) < best.faces().abs_diff(faces) { other } else { best }
     });
     let mut made = Rings::new(sizes).closed();
@@ -73,11 +73,12 @@ struct Sizes {
 }
 
 impl Sizes {
-    fn at(scale: f64) -> Self {
+    /// Those at a scale of the outline and one of the rows.
+    fn at(scale: f64, of_rows: f64) -> Self {
         let around = (96.0 * scale).round() as u64 / 8 * 8;
         let [x, y] = [HALF.x - CORNER, HALF.y - CORNER];
         let of_side = |length: f64| (around as f64 * 0.3 * length / (x + y)) as u64 / 2 * 2 + 2;
-        let rows = [8.0, 10.0, 14.0, 12.0, 8.0, 7.0].map(|rows: f64| ((rows * scale).round() as u64).max(2));
+        let rows = [8.0, 10.0, 14.0, 12.0, 8.0, 7.0].map(|rows: f64| ((rows * of_rows).round() as u64).max(2));
         Self { outline: [(around / 8).max(2), of_side(x), of_side(y)], rows }
     }
 

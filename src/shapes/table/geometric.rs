@@ -1,0 +1,128 @@
+//! The shape nearest to the corners of a cluster: least squares of true distances, by Gauss and Newton's method.
+//!
+//! f64 with + − × ÷ √ in a fixed order, as the fits that decide labels.
+
+use glam::DVec3;
+
+use super::Cluster;
+use crate::shapes::eigen::{eigen, smallest};
+use crate::shapes::shape::{Shape, across};
+
+/// Steps at most. Without noise, 3 to 6 are enough.
+const STEPS: usize = 30;
+
+/// Numbers that a step changes at most: those of a cylinder.
+const MOST: usize = 5;
+
+/// The shape of this type that is nearest to the corners, in lattice units; `start` is not far from it.
+pub(super) fn fit(cluster: Cluster<'_>, start: &Shape) -> Shape {
+    let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
+    for (at, of_corner) in cluster.weighted_corners() {
+        sum += of_corner * at;
+        weight += of_corner;
+    }
+    let mean = sum / weight;
+    if let Shape::Plane { .. } = start {
+        return plane(cluster, mean);
+    }
+    let mut best = centred(*start, mean);
+    let mut squares = squares_of(cluster, &best);
+    for _ in 0..STEPS {
+        let next = centred(stepped(cluster, &best), mean);
+        let after = squares_of(cluster, &next);
+        // no number is not below either
+        if after.partial_cmp(&squares).is_none_or(std::cmp::Ordering::is_ge) {
+            break;
+        }
+        let is_done = after > squares * (1.0 - 1e-9);
+        (best, squares) = (next, after);
+        if is_done {
+            break;
+        }
+    }
+    best
+}
+
+fn plane(cluster: Cluster<'_>, mean: DVec3) -> Shape {
+    let mut about = [[0.0; 3]; 3];
+    for (at, weight) in cluster.weighted_corners() {
+        let from = (at - mean).to_array();
+        for (row, x) in about.iter_mut().zip(from) {
+            row.iter_mut().zip(from).for_each(|(sum, y)| *sum += weight * x * y);
+        }
+    }
+    Shape::Plane { point: mean, normal: DVec3::from(smallest(about).1) }
+}
+
+/// The same shape; the point of a cylinder's axis is the nearest to the mean.
+fn centred(shape: Shape, mean: DVec3) -> Shape {
+    match shape {
+        Shape::Cylinder { point, axis, radius } => {
+            Shape::Cylinder { point: point + (mean - point).dot(axis) * axis, axis, radius }
+        }
+        other => other,
+    }
+}
+
+fn squares_of(cluster: Cluster<'_>, shape: &Shape) -> f64 {
+    let square = |(at, weight): (DVec3, f64)| {
+        let distance = shape.distance(at);
+        weight * distance * distance
+    };
+    cluster.weighted_corners().map(square).sum()
+}
+
+/// The shape after a step.
+fn stepped(cluster: Cluster<'_>, shape: &Shape) -> Shape {
+    match *shape {
+        Shape::Plane { .. } => *shape,
+        Shape::Sphere { centre, radius } => {
+            let slopes = |at: DVec3| {
+                let n = shape.tangent(at).normal;
+                [-n.x, -n.y, -n.z, -1.0, 0.0]
+            };
+            let [x, y, z, r, _] = solved(cluster, shape, slopes);
+            Shape::Sphere { centre: centre + DVec3::new(x, y, z), radius: radius + r }
+        }
+        Shape::Cylinder { point, axis, radius } => {
+            let u = across(axis);
+            let v = axis.cross(u);
+            // the axis turns by its last two numbers over the radius, which are lengths as the others
+            let slopes = |at: DVec3| {
+                let n = shape.tangent(at).normal;
+                let along = (at - point).dot(axis) / radius;
+                [-n.dot(u), -n.dot(v), -1.0, -along * n.dot(u), -along * n.dot(v)]
+            };
+            let [x, y, r, turn_u, turn_v] = solved(cluster, shape, slopes);
+            let turned = axis + (turn_u * u + turn_v * v) / radius;
+            let axis = turned / turned.length();
+            Shape::Cylinder { point: point + x * u + y * v, axis, radius: radius + r }
+        }
+    }
+}
+
+/// The numbers that lower the sum of squares most, to first order; `slopes` are those of the distance.
+fn solved(cluster: Cluster<'_>, shape: &Shape, slopes: impl Fn(DVec3) -> [f64; MOST]) -> [f64; MOST] {
+    let (mut products, mut right) = ([[0.0; MOST]; MOST], [0.0; MOST]);
+    for (at, weight) in cluster.weighted_corners() {
+        let slopes = slopes(at);
+        let distance = shape.distance(at);
+        for i in 0..MOST {
+            right[i] -= weight * slopes[i] * distance;
+            for j in 0..MOST {
+                products[i][j] += weight * slopes[i] * slopes[j];
+            }
+        }
+    }
+    let (values, vectors) = eigen(products);
+    let largest = values.into_iter().fold(0.0, f64::max);
+    let mut by = [0.0; MOST];
+    for at in 0..MOST {
+        // directions that the corners do not tell stay as they are
+        if values[at] > 1e-12 * largest {
+            let along: f64 = (0..MOST).map(|i| vectors[i][at] * right[i]).sum();
+            (0..MOST).for_each(|i| by[i] += vectors[i][at] * along / values[at]);
+        }
+    }
+    by
+}

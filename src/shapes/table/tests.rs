@@ -1,0 +1,86 @@
+use super::*;
+use crate::dev::sample::generate_part;
+
+/// The true patches of a part, and the shapes that are reported of them from a start that is somewhat off.
+fn reported(noise: f64) -> Vec<ClusterShape> {
+    let (mesh, truth) = generate_part(3000, noise).expect("a part");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let corners = surface.corners((&mesh).into());
+    let labels: Vec<u32> = surface.items.upload_face.iter().map(|&face| truth[face as usize]).collect();
+    let frame = surface.frame();
+    let turned = |at: [f64; 3]| {
+        let [x, y, z] = at;
+        DVec3::new(0.8 * x - 0.36 * y + 0.48 * z, 0.6 * x + 0.48 * y - 0.64 * z, 0.8 * y + 0.6 * z)
+    };
+    let place = |at: [f64; 3]| frame.position(turned(at).to_array()) / 64.0;
+    let length = |length: f64| libm::ldexp(length, frame.exponent) / 64.0;
+    let plane = Shape::Plane { point: DVec3::ZERO, normal: DVec3::X };
+    let cylinder = |x: f64, y: f64, radius: f64| Shape::Cylinder {
+        point: place([x, y, 0.3]),
+        axis: (turned([0.02, 0.01, 1.0])).normalize(),
+        radius: length(radius * 0.97),
+    };
+    let sphere = Shape::Sphere { centre: place([0.01, 0.0, 1.1]), radius: length(1.12) };
+    let corner = |x: f64, y: f64| cylinder(x, y, 0.5);
+    let shapes = [
+        plane,
+        corner(1.5, 1.0),
+        plane,
+        corner(-1.5, 1.0),
+        plane,
+        corner(-1.5, -1.0),
+        plane,
+        corner(1.5, -1.0),
+        plane,
+        sphere,
+        plane,
+        cylinder(0.0, 0.0, 0.6),
+        plane,
+    ];
+    table(&surface, &corners, &labels, &shapes)
+}
+
+#[test]
+fn shapes_of_a_part_are_its_own_to_six_digits() {
+    let rows = reported(0.0);
+    let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6, "{a} {b}");
+    for row in &rows {
+        assert!(row.residual.max < 1e-6 && row.normal_deviation.rms < 12.0, "{row:?}");
+    }
+    let axis = DVec3::new(0.48, -0.64, 0.6);
+    for label in [1, 3, 5, 7] {
+        let cylinder = rows[label].cylinder.expect("a cylinder");
+        near(cylinder.radius, 0.5);
+        assert!((cylinder.angle - 90.0).abs() < 1e-4, "{cylinder:?}");
+        near(cylinder.extent[1] - cylinder.extent[0], 1.0);
+        near(DVec3::from(cylinder.axis).dot(axis).abs(), 1.0);
+        assert!(cylinder.convex);
+    }
+    let boss = rows[11].cylinder.expect("a cylinder");
+    near(boss.radius, 0.6);
+    assert_eq!(boss.angle, 360.0);
+    let bowl = rows[9].sphere.expect("a sphere");
+    near(bowl.radius, 1.1);
+    assert!(!bowl.convex);
+    let top = rows[8].plane.expect("a plane");
+    near(DVec3::from(top.normal).dot(axis), 1.0);
+    // the top has the sides, and the bowl inside
+    let beside: Vec<u32> = rows[8].neighbours.iter().map(|neighbour| neighbour.label).collect();
+    assert_eq!(beside, [0, 1, 2, 3, 4, 5, 6, 7, 9]);
+    let side = &rows[8].neighbours[0];
+    near(side.length, 2.0);
+    assert!((side.angle - 90.0).abs() < 1e-4, "{side:?}");
+    let rim = &rows[11].neighbours[0];
+    assert!(rim.label == 10 && (rim.angle + 90.0).abs() < 3.0, "{rim:?}");
+}
+
+#[test]
+fn noise_leaves_residuals_of_its_size() {
+    let rows = reported(0.05);
+    let deviation = 0.0005 * DVec3::new(4.0, 3.0, 1.7).length();
+    for row in &rows {
+        assert!(row.residual.rms < 1.5 * deviation && row.residual.max > row.residual.rms, "{row:?}");
+    }
+    let boss = rows[11].cylinder.expect("a cylinder");
+    assert!((boss.radius - 0.6).abs() < 2e-3 && boss.radius != 0.6, "{boss:?}");
+}
