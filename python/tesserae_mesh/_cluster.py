@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tesserae_mesh._progress import Progress
 
 Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
-Energy = Literal["cvd", "l21"]
+Energy = Literal["cvd", "l21", "planes", "shapes"]
 Quality = Literal["fast", "default", "best"]
 Device = Literal["auto", "cpu", "gpu"]
 
@@ -42,6 +42,8 @@ def cluster(
     *,
     algorithm: Algorithm = "bb",
     energy: Energy = "cvd",
+    shapes: Optional[str] = None,
+    resolution: Union[float, str, None] = None,
     quality: Quality = "default",
     seeds: Union[Literal["coarse", "merged", "morton", "random"], ArrayLike] = "coarse",
     seed: int = 0,
@@ -92,13 +94,20 @@ def cluster(
         (parallel multilevel) and ``"ml"`` (multilevel; section 4) and ``"hr"`` (hierarchical, Garland et al. 2001)
         make hierarchies; ``"acvd"`` (Valette & Chassery 2004) and ``"vc"`` (Cohen-Steiner et al. 2004) are sequential
         references.
-    energy : {"cvd", "l21"}
+    energy : {"cvd", "l21", "planes", "shapes"}
         What clusters have little of: ``"cvd"``, area x squared distance to their mean place, for compact clusters;
-        ``"l21"``, area x squared distance of the unit normal to their mean normal, for flat ones (on the cpu).
+        ``"l21"``, area x squared distance of the unit normal to their mean normal, for flat ones; ``"planes"``, area x
+        squared distance to a plane; ``"shapes"``, to a plane, sphere or cylinder. Those but cvd work on the cpu, planes
+        and shapes with bb. ``Clustering.report["shapes"]`` has the shapes.
+    shapes : str, optional
+        Energy shapes: types that clusters may have, ``"plane,sphere,cylinder"`` when left out; planes always.
+    resolution : float or str, optional
+        Energy shapes: distances below it are noise, which no sphere or cylinder stands for; a share of the diagonal of
+        the mesh, 0.0003 when left out, or a length, ``"0.5u"``.
     quality : {"default", "fast", "best"}
         How much time to take for how low an energy; bb and pml.
     seeds : {"coarse", "merged", "morton", "random"} or array_like of int
-        Where flat clusters start: on a coarser mesh, merged from single faces (energy l21 takes this for coarse),
+        Where flat clusters start: on a coarser mesh, merged from single faces (energies other than cvd take this for coarse),
         stratified by area along a Morton curve, on random faces (Parallel
         Mesh Clustering, section 5.3), or on these faces. Cluster i then is the one of seed i.
     seed : int
@@ -193,6 +202,8 @@ def cluster(
         as_json(
             algorithm=algorithm,
             energy=energy,
+            shapes=shapes,
+            resolution=resolution,
             clusters=clusters,
             quality=quality,
             seeds=seeds if isinstance(seeds, str) else "listed",

@@ -20,6 +20,7 @@ mod mesh;
 mod npy;
 mod remesh;
 mod report;
+mod shapes;
 mod snapshots;
 mod submeshes;
 
@@ -51,11 +52,12 @@ pub use means::MEANS;
 pub use mesh::MESH;
 pub use remesh::{REMESH, REMESH_SOURCE};
 pub use report::{REPORT, REPORT_JSON};
+pub use shapes::SHAPES;
 pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
 pub use submeshes::SUBMESHES;
 
 /// Every output. The report is last: it has the time that writing the others took.
-pub static ALL: [&Artifact; 12] = [
+pub static ALL: [&Artifact; 13] = [
     &LABELS,
     &SNAPSHOTS,
     &HIERARCHY,
@@ -67,6 +69,7 @@ pub static ALL: [&Artifact; 12] = [
     &MEANS,
     &REMESH,
     &REMESH_SOURCE,
+    &SHAPES,
     &REPORT,
 ];
 
@@ -143,6 +146,8 @@ pub enum Need {
     Snapshots,
     /// The hierarchy.
     Hierarchy,
+    /// Shapes of the clusters, in the report.
+    Shapes,
     /// The report.
     Report,
     /// Faces and positions of the mesh as they were read.
@@ -161,6 +166,7 @@ impl Need {
             Need::Faces => parameters.subdivide.is_none(),
             Need::Snapshots => parameters.snapshots.is_some(),
             Need::Hierarchy => is_hierarchical,
+            Need::Shapes => parameters.energy.is_of_shapes(),
             Need::Report | Need::Mesh | Need::Image => true,
         }
     }

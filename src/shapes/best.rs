@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::central::{Central, CentralHigher};
+use super::eigen::smallest_value;
 use super::fit::{self, Fit, Known};
 use super::kind::Kind;
 use super::moments::{Higher, Moments};
@@ -26,9 +27,9 @@ pub struct Candidate {
 /// The fits of a cluster.
 #[derive(Debug, Clone, Copy)]
 pub struct Candidates {
-    /// Its mean, in units of moments.
-    pub mean: DVec3,
-    plane: Candidate,
+    central: Central,
+    /// The energy of its plane.
+    plane: f64,
     curved: [Option<Candidate>; CURVED],
 }
 
@@ -58,10 +59,9 @@ impl Allowed<'_> {
     ) -> Candidates {
         let prices = &self.prices[component as usize];
         let central = Central::of(moments);
-        let fit = fit::plane(&central);
-        let mut least = fit.mean_square * central.weight;
-        let plane = Candidate { fit, energy: least };
-        let mut candidates = Candidates { mean: central.mean, plane, curved: [None; CURVED] };
+        let plane = smallest_value(central.matrix()) * central.weight;
+        let mut least = plane;
+        let mut candidates = Candidates { central, plane, curved: [None; CURVED] };
         let may_pay = |kind: Kind, least: f64| kind != Kind::Plane && least > prices.of_kind(kind);
         if !self.kinds.iter().any(|&kind| may_pay(kind, least)) {
             return candidates;
@@ -83,14 +83,22 @@ impl Allowed<'_> {
 }
 
 impl Candidates {
-    /// All of them, the plane first.
-    pub fn all(&self) -> impl Iterator<Item = Candidate> {
-        [Some(self.plane)].into_iter().chain(self.curved).flatten()
+    /// The mean of the cluster, in units of moments.
+    pub fn mean(&self) -> DVec3 {
+        self.central.mean
     }
 
-    /// The one with the smallest energy, the first of equal ones.
-    pub fn best(&self) -> Candidate {
-        let less = |best: Candidate, other: Candidate| if other.energy < best.energy { other } else { best };
-        self.curved.into_iter().flatten().fold(self.plane, less)
+    /// All of them, the plane first.
+    pub fn all(&self) -> impl Iterator<Item = Candidate> {
+        let plane = Candidate { fit: fit::plane(&self.central), energy: self.plane };
+        [Some(plane)].into_iter().chain(self.curved).flatten()
+    }
+
+    /// The smallest energy, and the axis of the first shape that has it, of a cylinder.
+    pub fn best(&self) -> (f64, Option<DVec3>) {
+        self.curved.iter().flatten().fold((self.plane, None), |best, candidate| match candidate.energy < best.0 {
+            true => (candidate.energy, candidate.fit.shape.axis()),
+            false => best,
+        })
     }
 }

@@ -6,8 +6,45 @@
 const SWEEPS: usize = 12;
 
 /// The eigenvalues of a symmetric matrix, and its eigenvectors as columns, in no particular order.
-pub fn eigen<const N: usize>(mut of: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
+pub fn eigen<const N: usize>(of: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
     let mut vectors = std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
+    let values = diagonal(of, |p, q, turn| {
+        for row in &mut vectors {
+            (row[p], row[q]) = turn.of(row[p], row[q]);
+        }
+    });
+    (values, vectors)
+}
+
+/// The smallest eigenvalue of a matrix that has none below 0, and its eigenvector.
+pub fn smallest<const N: usize>(of: [[f64; N]; N]) -> (f64, [f64; N]) {
+    let (values, vectors) = eigen(of);
+    let least = (1..N).fold(0, |least, at| if values[at] < values[least] { at } else { least });
+    (values[least].max(0.0), vectors.map(|row| row[least]))
+}
+
+/// The smallest eigenvalue alone, which is the same.
+pub fn smallest_value<const N: usize>(of: [[f64; N]; N]) -> f64 {
+    diagonal(of, |_, _, _| ()).into_iter().fold(f64::INFINITY, f64::min).max(0.0)
+}
+
+/// A turn of two axes.
+struct Turn {
+    sine: f64,
+    cosine: f64,
+}
+
+impl Turn {
+    #[inline]
+    fn of(&self, a: f64, b: f64) -> (f64, f64) {
+        (self.cosine * a - self.sine * b, self.sine * a + self.cosine * b)
+    }
+}
+
+/// Turns axes until a matrix is diagonal, and calls `tell` with each turn. Returns the diagonal. The upper half of the
+/// matrix counts.
+#[inline]
+fn diagonal<const N: usize>(mut of: [[f64; N]; N], mut tell: impl FnMut(usize, usize, &Turn)) -> [f64; N] {
     for _ in 0..SWEEPS {
         let (mut beside, mut along) = (0.0, 0.0);
         for p in 0..N {
@@ -22,39 +59,37 @@ pub fn eigen<const N: usize>(mut of: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N])
         }
         for p in 0..N {
             for q in p + 1..N {
-                rotate(&mut of, &mut vectors, p, q);
+                if of[p][q] != 0.0 {
+                    tell(p, q, &turned(&mut of, p, q));
+                }
             }
         }
     }
-    (std::array::from_fn(|at| of[at][at]), vectors)
+    std::array::from_fn(|at| of[at][at])
 }
 
-/// Turns the axes p and q so that the element between them gets 0.
-fn rotate<const N: usize>(of: &mut [[f64; N]; N], vectors: &mut [[f64; N]; N], p: usize, q: usize) {
+/// Turns the axes p < q so that the element between them gets 0.
+#[inline]
+fn turned<const N: usize>(of: &mut [[f64; N]; N], p: usize, q: usize) -> Turn {
     let between = of[p][q];
-    if between == 0.0 {
-        return;
-    }
     let ratio = (of[q][q] - of[p][p]) / (2.0 * between);
     let sign = if ratio >= 0.0 { 1.0 } else { -1.0 };
     let tangent = sign / (ratio.abs() + (ratio * ratio + 1.0).sqrt());
     let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
-    let sine = tangent * cosine;
-    let turn = |a: f64, b: f64| (cosine * a - sine * b, sine * a + cosine * b);
-    for row in of.iter_mut().chain(vectors) {
-        (row[p], row[q]) = turn(row[p], row[q]);
+    let turn = Turn { sine: tangent * cosine, cosine };
+    of[p][p] -= tangent * between;
+    of[q][q] += tangent * between;
+    of[p][q] = 0.0;
+    for k in 0..p {
+        (of[k][p], of[k][q]) = turn.of(of[k][p], of[k][q]);
     }
-    for column in 0..N {
-        (of[p][column], of[q][column]) = turn(of[p][column], of[q][column]);
+    for k in p + 1..q {
+        (of[p][k], of[k][q]) = turn.of(of[p][k], of[k][q]);
     }
-    (of[p][q], of[q][p]) = (0.0, 0.0);
-}
-
-/// The smallest eigenvalue of a matrix that has none below 0, and its eigenvector.
-pub fn smallest<const N: usize>(of: [[f64; N]; N]) -> (f64, [f64; N]) {
-    let (values, vectors) = eigen(of);
-    let least = (1..N).fold(0, |least, at| if values[at] < values[least] { at } else { least });
-    (values[least].max(0.0), vectors.map(|row| row[least]))
+    for k in q + 1..N {
+        (of[p][k], of[q][k]) = turn.of(of[p][k], of[q][k]);
+    }
+    turn
 }
 
 #[cfg(test)]
@@ -84,5 +119,7 @@ mod tests {
         assert_eq!(eigen([[0.0; 3]; 3]).0, [0.0; 3]);
         let (least, vector) = smallest([[3.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]]);
         assert_eq!((least, vector), (1.0, [0.0, 1.0, 0.0]));
+        let of = [[3.0, 0.5, 0.25], [0.5, 1.0, 0.125], [0.25, 0.125, 2.0]];
+        assert_eq!(smallest_value(of), smallest(of).0);
     }
 }

@@ -48,23 +48,44 @@ pub struct Merged {
     pub component_of_cluster: Vec<u32>,
     /// The axes of those that are cylinders.
     pub axes: Vec<Option<DVec3>>,
+    /// The energies of their best shapes: weight × squared units of moments.
+    pub energies: Vec<f64>,
 }
 
 /// Merges faces until there are so many clusters, which must be possible
 /// ([`crate::cluster::seeds::shares`]).
 pub fn merged(faces: Faces<'_>, allowed: Allowed<'_>, clusters: usize, cancel: &Cancel) -> Result<Merged> {
+    let surplus = faces.count().saturating_sub(clusters);
+    merged_in_groups(faces, allowed, &vec![0; faces.count()], vec![surplus], cancel)
+}
+
+/// Merges faces of one group, so many times in each of the groups. Faces of a group must be connected.
+pub fn merged_in_groups(
+    faces: Faces<'_>,
+    allowed: Allowed<'_>,
+    group_of_face: &[u32],
+    mut surplus: Vec<usize>,
+    cancel: &Cancel,
+) -> Result<Merged> {
     let mut merging = Merging::new(faces, allowed);
-    let mut edges = merging.all_edges();
-    let mut surplus = faces.count().saturating_sub(clusters);
+    let mut edges = merging.edges_inside(group_of_face, &surplus);
+    let mut left: usize = surplus.iter().sum();
     let mut round = 0;
-    while surplus > 0 {
+    while left > 0 {
         cancel.check()?;
-        let chosen = merging.choose(&edges, surplus, round >= ROUNDS);
+        let chosen = merging.choose(&edges, left, round >= ROUNDS);
         if chosen.is_empty() {
             return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
         }
-        chosen.iter().for_each(|edge| merging.merge(edge.ends()));
-        surplus -= chosen.len();
+        for edge in chosen {
+            let of_group = &mut surplus[group_of_face[edge.ends().0 as usize] as usize];
+            if *of_group > 0 {
+                merging.merge(edge.ends());
+                *of_group -= 1;
+                left -= 1;
+            }
+        }
+        edges.retain(|edge| surplus[group_of_face[edge.ends().0 as usize] as usize] > 0);
         merging.contract(&mut edges);
         round += 1;
     }
@@ -113,7 +134,7 @@ impl<'a> Merging<'a> {
             // three samples lie in a plane
             let energy = match faces.samples(face) {
                 [_, _, _] => 0.0,
-                _ => allowed.fits(component, &moments, || None, &[]).best().energy,
+                _ => allowed.fits(component, &moments, || None, &[]).best().0,
             };
             Part { moments, energy, axis: None, faces: 1, component }
         };
@@ -129,9 +150,14 @@ impl<'a> Merging<'a> {
         }
     }
 
-    fn all_edges(&self) -> Vec<Edge> {
+    /// The edges inside groups in which there are merges.
+    fn edges_inside(&self, group_of_face: &[u32], surplus: &[usize]) -> Vec<Edge> {
         let beside = |face: u32| self.faces.graph.neighbours_of(face).iter().map(move |&near| (face, near));
-        let mut pairs: Vec<(u32, u32)> = (0..self.parts.len() as u32).flat_map(beside).filter(|(a, b)| a < b).collect();
+        let is_inside = |&(a, b): &(u32, u32)| {
+            let [of_a, of_b] = [a, b].map(|face| group_of_face[face as usize]);
+            a < b && of_a == of_b && surplus[of_a as usize] > 0
+        };
+        let mut pairs: Vec<(u32, u32)> = (0..self.parts.len() as u32).flat_map(beside).filter(is_inside).collect();
         pairs.sort_unstable();
         pairs.dedup();
         pairs.into_par_iter().map(|ends| self.edge(ends)).collect()
@@ -162,8 +188,8 @@ impl<'a> Merging<'a> {
         let known = [a, b].iter().filter(|part| part.axis.is_some()).count();
         let has_enough = a.faces + b.faces >= FEWEST_FACES;
         let higher = || has_enough.then(|| self.higher_of(low).with(&self.higher_of(high)));
-        let best = self.allowed.fits(a.component, &moments, higher, &axes[..known]).best();
-        (moments, best.energy, best.fit.shape.axis())
+        let (energy, axis) = self.allowed.fits(a.component, &moments, higher, &axes[..known]).best();
+        (moments, energy, axis)
     }
 
     fn higher_of(&self, cluster: u32) -> Higher {
@@ -258,17 +284,18 @@ impl<'a> Merging<'a> {
 
     fn ended(mut self) -> Merged {
         let mut number_of = vec![NONE; self.parts.len()];
-        let (mut component_of_cluster, mut axes) = (Vec::new(), Vec::new());
+        let (mut component_of_cluster, mut axes, mut energies) = (Vec::new(), Vec::new(), Vec::new());
         let labels = (0..self.parts.len() as u32).map(|face| {
             let cluster = self.root(face) as usize;
             if number_of[cluster] == NONE {
                 number_of[cluster] = axes.len() as u32;
                 component_of_cluster.push(self.parts[cluster].component);
                 axes.push(self.parts[cluster].axis);
+                energies.push(self.parts[cluster].energy);
             }
             number_of[cluster]
         });
-        Merged { labels: labels.collect(), component_of_cluster, axes }
+        Merged { labels: labels.collect(), component_of_cluster, axes, energies }
     }
 }
 

@@ -15,6 +15,7 @@
 //! | the best shape of a cluster | [`best`] |
 //! | merges from single faces | [`merging`] |
 //! | moves of faces | [`moves`] |
+//! | moves of whole clusters | [`swaps`] |
 //! | the whole way | [`run`] |
 //! | what reports say of shapes, fitted to corners | [`mod@table`] |
 //!
@@ -35,4 +36,5 @@ pub mod prices;
 pub mod proxy;
 pub mod run;
 pub mod shape;
+pub mod swaps;
 pub mod table;

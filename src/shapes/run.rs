@@ -4,6 +4,9 @@
 //! summed up over its faces in integers, is strictly below that of the shape so far. So F, an integer that is not
 //! negative, falls with every pass and every round of fits, and the run ends. There is no refinement, and no repair:
 //! clusters are connected all along.
+//!
+//! Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at most [`SWAPS`]
+//! times.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,12 +20,16 @@ use super::moves::Clusters;
 use super::prices::Prices;
 use super::proxy::Proxy;
 use super::shape::Shape;
+use super::swaps::{Swapped, Swaps};
 use crate::cluster::run::Phase;
 use crate::device::{Cancel, Ending};
 use crate::error::Result;
 
 /// Rounds of fits at most. Scans take 5 to 60.
 const ROUNDS: usize = 1024;
+
+/// Rounds of swaps at most.
+const SWAPS: usize = 4;
 
 /// Fits whose energy, by moments, is this many times that of the shape so far are not worth a sum over the faces.
 const MARGIN: f64 = 1.01;
@@ -80,7 +87,20 @@ pub fn cluster(
     let initial = run.clusters.labels.clone();
     let before = run.costs();
     on_step(Step { phase: Phase::Boundary, energy: run.energy(), moves: 0 }, &initial);
-    let ending = run.to_the_end(options.most_steps.unwrap_or(u32::MAX), cancel, on_step)?;
+    let mut ending = run.to_the_end(options.most_steps.unwrap_or(u32::MAX), cancel, on_step)?;
+    for _ in 0..SWAPS {
+        if ending != Ending::Converged {
+            break;
+        }
+        let Some(mut other) = run.swapped(cancel)? else { break };
+        let after = other.to_the_end(u32::MAX, cancel, &mut |_, _| ())?;
+        if other.energy() >= run.energy() {
+            break;
+        }
+        let moves = run.clusters.labels.iter().zip(&other.clusters.labels).filter(|(a, b)| a != b).count() as u64;
+        (run, ending) = (other, after);
+        on_step(Step { phase: Phase::Swap, energy: run.energy(), moves }, &run.clusters.labels);
+    }
     let energies = [before, run.costs()];
     Ok(Clustering { initial, labels: run.clusters.labels, shapes: run.shapes, energies, ending })
 }
@@ -169,6 +189,17 @@ impl<'a> Run<'a> {
         Ok(Ending::WorkLimit)
     }
 
+    /// The same with clusters that merged and others that were split; none if no such swap pays.
+    fn swapped(&self, cancel: &Cancel) -> Result<Option<Self>> {
+        let Self { allowed, component_of_cluster, shapes, clusters } = self;
+        let axes: Vec<Option<DVec3>> = shapes.iter().map(Shape::axis).collect();
+        let swaps =
+            Swaps { faces: clusters.faces, allowed: *allowed, labels: &clusters.labels, component_of_cluster, axes };
+        Ok(swaps.made(cancel)?.map(|Swapped { labels, component_of_cluster, axes }| {
+            Run::new(clusters.faces, *allowed, labels, component_of_cluster, &axes)
+        }))
+    }
+
     /// Fits shapes to the clusters that changed. Returns which took one.
     fn fit(&mut self) -> Vec<bool> {
         let Self { allowed, component_of_cluster, shapes, clusters } = self;
@@ -232,7 +263,7 @@ fn fitted(
             continue;
         }
         let shape = candidate.fit.shape;
-        let Some(proxy) = Proxy::new(&shape, candidates.mean) else { continue };
+        let Some(proxy) = Proxy::new(&shape, candidates.mean()) else { continue };
         let of_face = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));
         let cost = members.iter().map(of_face).sum();
         if least.is_none_or(|least| with_price(proxy.kind, cost) < least) {
@@ -241,4 +272,42 @@ fn fitted(
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::generate_part;
+    use crate::surface::Surface;
+
+    #[test]
+    fn the_energy_that_is_kept_is_that_of_the_labels_and_a_shape_must_be_better_by_one_unit() {
+        let (mesh, _) = generate_part(1500, 0.3).expect("a part");
+        let surface = Surface::build(&mesh).expect("a surface");
+        let samples = surface.samples(&surface.corners((&mesh).into()));
+        let faces = Faces { graph: &surface.graph, samples: &samples };
+        let options = Options { clusters: 13, kinds: Kind::ALL.to_vec(), resolution: 1e5, most_steps: None };
+        let prices = Prices::of(faces.graph, options.clusters, options.resolution);
+        let allowed = Allowed { kinds: &options.kinds, prices: &prices };
+        let merged = merged(faces, allowed, options.clusters, &Cancel::default()).expect("clusters");
+        let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
+        let (mut steps, mut last) = (0, run.energy());
+        run.to_the_end(u32::MAX, &Cancel::default(), &mut |step, _| {
+            assert!(step.energy < last, "{step:?} {last}");
+            (steps, last) = (steps + 1, step.energy);
+        })
+        .expect("an end");
+        assert!(steps > 2 && last == run.energy());
+        let members = members(&run.clusters.labels, &[true; 13]);
+        for (number, members) in members.iter().enumerate() {
+            let proxy = &run.clusters.proxies[number];
+            let cost_of = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));
+            assert_eq!(run.clusters.costs[number], members.iter().map(cost_of).sum::<i128>());
+        }
+        let axis = run.shapes[0].axis();
+        let again = |so_far| fitted(faces, allowed, 0, &members[0], axis, so_far);
+        let found = again(None).expect("a shape");
+        let with = |cost| Some((found.proxy.kind, cost));
+        assert!(again(with(found.cost)).is_none() && again(with(found.cost + 1)).is_some());
+    }
 }

@@ -20,4 +20,5 @@ mod plain;
 mod quality;
 mod reference;
 mod sample;
+mod shapes;
 mod snapshots;

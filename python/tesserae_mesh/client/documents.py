@@ -16,6 +16,7 @@ InputFormat = Union[Format, PointsFormat]
 Phase = Literal[
     "boundary",
     "refine",
+    "refit",
     "repair",
     "regrow",
     "swap",
@@ -243,6 +244,66 @@ class RemeshSummary(TypedDict):
     checked: bool
 
 
+class Deviation(TypedDict):
+    """How far faces are from a shape."""
+
+    rms: float
+    max: float
+
+
+class PlaneShape(TypedDict):
+    """A plane."""
+
+    point: list[float]
+    normal: list[float]
+
+
+class SphereShape(TypedDict):
+    """A sphere."""
+
+    centre: list[float]
+    radius: float
+    convex: bool
+
+
+class CylinderShape(TypedDict):
+    """A cylinder; the extent is along the axis from the point, the angle in degrees."""
+
+    point: list[float]
+    axis: list[float]
+    radius: float
+    convex: bool
+    extent: list[float]
+    angle: float
+
+
+class BesideShape(TypedDict):
+    """A cluster beside another: length of the border, and angle in degrees by which the surface bends there."""
+
+    label: int
+    length: float
+    angle: float
+
+
+# a member is named type
+ClusterShape = TypedDict(
+    "ClusterShape",
+    {
+        "label": int,
+        "type": Literal["plane", "sphere", "cylinder"],
+        "faces": int,
+        "area": float,
+        "residual": Deviation,
+        "normal_deviation": Deviation,
+        "plane": PlaneShape,
+        "sphere": SphereShape,
+        "cylinder": CylinderShape,
+        "neighbours": list[BesideShape],
+    },
+    total=False,
+)
+
+
 class Report(TypedDict):
     """Everything that is known about an ended clustering."""
 
@@ -254,6 +315,7 @@ class Report(TypedDict):
     disconnected_clusters: int
     feature_edges_inside: int
     energy: Energy
+    shapes: list[ClusterShape] | None
     iterations: list[Iteration]
     levels: list[Level]
     timings_ms: Timings

@@ -32,8 +32,12 @@ class Parameters(TypedDict, total=False):
 
     #: How to cluster: ``"bb"``, ``"acvd"``, ``"vc"`` make flat clusters, ``"pml"``, ``"ml"``, ``"hr"`` a hierarchy.
     algorithm: Algorithm
-    #: What clusters have little of: distance from their mean place, or from their mean normal.
-    energy: Literal["cvd", "l21"]
+    #: What clusters have little of: distance from their mean place, their mean normal, a plane, or a shape.
+    energy: Literal["cvd", "l21", "planes", "shapes"]
+    #: Energy ``"shapes"``: types that clusters may have, of ``"plane,sphere,cylinder"``.
+    shapes: str
+    #: Energy ``"shapes"``: distances below it are noise; a share of the diagonal, or a length as ``"0.5u"``.
+    resolution: float | str
     #: Number of clusters. May be left out with listed ``seeds``, and for hierarchies, which then go to the top.
     clusters: int
     #: How much time to take for how low an energy.

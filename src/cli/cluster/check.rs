@@ -87,6 +87,9 @@ fn check_outputs(arguments: &Arguments) -> Result<(), String> {
         let (output, name) = (file.named(), parameters.algorithm.name());
         return Err(format!("{output} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
     }
+    if let Some(file) = lacking(Need::Shapes) {
+        return Err(format!("{} goes with --energy planes or shapes", file.named()));
+    }
     let is_file = |file: &OutputFile| file.is_labels() && file.target != Target::Stdout;
     let has_labels = outputs.files().iter().any(is_file) || !outputs.folders().is_empty();
     if parameters.snapshots.is_some() && !has_labels {

@@ -114,10 +114,10 @@ pub fn table(surface: &Surface, corners: &Corners, labels: &[u32], shapes: &[Sha
         })
         .collect();
     borders::add(surface, corners, labels, &mut rows);
-    for loose in &surface.items.loose {
-        let host = surface.items.upload_face.iter().position(|&face| face == loose.host);
-        if let Some(host) = host {
-            rows[labels[host] as usize].faces += 1;
+    if !surface.items.loose.is_empty() {
+        let internal = surface.items.internal_faces();
+        for loose in &surface.items.loose {
+            rows[labels[internal[loose.host as usize] as usize] as usize].faces += 1;
         }
     }
     rows

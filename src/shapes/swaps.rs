@@ -1,0 +1,170 @@
+//! Moves of whole clusters: two neighbours become one and a third becomes two, wherever that lowers the energy.
+//!
+//! Where merges from single faces went wrong, no move of a face makes up for it. What a merge costs and what a split
+//! gains is told by the fits of moments. The faces of a cluster merge to two parts for the split, all clusters at once,
+//! in the time of a start; only those take part whose energy is above that of the cheapest merge. The split with the
+//! largest gain and the cheapest merge make a swap, then the next of clusters that are not beside those of another swap.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::best::{Allowed, FEWEST_FACES};
+use super::faces::Faces;
+use super::merging::{Merged, merged_in_groups};
+use super::moments::{Higher, Moments};
+use crate::device::Cancel;
+use crate::error::Result;
+
+/// A clustering whose clusters may be swapped.
+pub(super) struct Swaps<'a> {
+    pub faces: Faces<'a>,
+    pub allowed: Allowed<'a>,
+    /// One a face.
+    pub labels: &'a [u32],
+    pub component_of_cluster: &'a [u32],
+    /// Of clusters that are cylinders.
+    pub axes: Vec<Option<DVec3>>,
+}
+
+/// What is known of a cluster.
+struct Part {
+    moments: Moments,
+    higher: Option<Higher>,
+    component: u32,
+    axis: Option<DVec3>,
+    /// In units of the finest component.
+    energy: f64,
+}
+
+/// What clusters become.
+pub(super) struct Swapped {
+    pub labels: Vec<u32>,
+    pub component_of_cluster: Vec<u32>,
+    pub axes: Vec<Option<DVec3>>,
+}
+
+/// A split of a cluster.
+struct Split {
+    gain: f64,
+    cluster: u32,
+    halves: [u32; 2],
+}
+
+impl Swaps<'_> {
+    /// The clusters after the swaps that pay; none if no swap does.
+    pub fn made(&self, cancel: &Cancel) -> Result<Option<Swapped>> {
+        let parts = self.parts();
+        let beside = self.pairs();
+        let rise = |&[a, b]: &[u32; 2]| (self.together(&parts[a as usize], &parts[b as usize]), [a, b]);
+        let mut merges: Vec<(f64, [u32; 2])> = beside.par_iter().map(rise).collect();
+        merges.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let Some(&(least, _)) = merges.first() else { return Ok(None) };
+        let mut sizes = vec![0usize; parts.len()];
+        self.labels.iter().for_each(|&label| sizes[label as usize] += 1);
+        let may_pay = |(part, &size): (&Part, &usize)| if part.energy > least { size.saturating_sub(2) } else { 0 };
+        let surplus: Vec<usize> = parts.iter().zip(&sizes).map(may_pay).collect();
+        let is_split: Vec<bool> = surplus.iter().map(|&surplus| surplus > 0).collect();
+        let halves = merged_in_groups(self.faces, self.allowed, self.labels, surplus, cancel)?;
+        let splits = self.splits(&parts, &is_split, &halves);
+        Ok(self.swapped(&merges, &splits, &halves))
+    }
+
+    fn parts(&self) -> Vec<Part> {
+        let components = self.component_of_cluster;
+        let mut members = vec![Vec::new(); components.len()];
+        (0..).zip(self.labels).for_each(|(face, &label)| members[label as usize].push(face));
+        let part = |((members, &component), &axis): ((&Vec<u32>, &u32), &Option<DVec3>)| {
+            let mut moments = Moments::default();
+            members.iter().for_each(|&face| moments.add(&Moments::of(&self.faces, face)));
+            let has_enough = self.allowed.are_curved() && members.len() as u32 >= FEWEST_FACES;
+            let higher = has_enough.then(|| {
+                let mut higher = Higher::default();
+                members.iter().for_each(|&face| higher.add(&Higher::of(&self.faces, face)));
+                higher
+            });
+            let (energy, axis) = self.allowed.fits(component, &moments, || higher, axis.as_slice()).best();
+            Part { moments, higher, component, axis, energy: energy * self.scale(component) }
+        };
+        members.par_iter().zip(components).zip(&self.axes).map(part).collect()
+    }
+
+    /// The pairs of clusters beside each other.
+    fn pairs(&self) -> Vec<[u32; 2]> {
+        let label = |face: u32| self.labels[face as usize];
+        let beside =
+            |face: u32| self.faces.graph.neighbours_of(face).iter().map(move |&near| [label(face), label(near)]);
+        let mut pairs: Vec<[u32; 2]> = (0..self.labels.len() as u32).flat_map(beside).filter(|[a, b]| a < b).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        pairs
+    }
+
+    /// What merging two clusters raises the energy by.
+    fn together(&self, a: &Part, b: &Part) -> f64 {
+        let moments = a.moments.with(&b.moments);
+        let higher = || Some(a.higher?.with(&b.higher?));
+        let axes: Vec<DVec3> = a.axis.into_iter().chain(b.axis).collect();
+        let (energy, _) = self.allowed.fits(a.component, &moments, higher, &axes).best();
+        energy * self.scale(a.component) - a.energy - b.energy
+    }
+
+    fn scale(&self, component: u32) -> f64 {
+        f64::from(1u32 << self.faces.graph.components[component as usize].energy_shift)
+    }
+
+    /// The splits of clusters in two, those with the largest gain first.
+    fn splits(&self, parts: &[Part], is_split: &[bool], halves: &Merged) -> Vec<Split> {
+        let mut first = vec![None; parts.len()];
+        let mut is_seen = vec![false; halves.energies.len()];
+        let mut splits = Vec::new();
+        for (&cluster, &half) in self.labels.iter().zip(&halves.labels) {
+            if !is_split[cluster as usize] || std::mem::replace(&mut is_seen[half as usize], true) {
+                continue;
+            }
+            let Some(other) = first[cluster as usize].replace(half) else { continue };
+            let part = &parts[cluster as usize];
+            let energy: f64 = [other, half].map(|half: u32| halves.energies[half as usize]).iter().sum();
+            splits.push(Split {
+                gain: part.energy - energy * self.scale(part.component),
+                cluster,
+                halves: [other, half],
+            });
+        }
+        splits.sort_unstable_by(|a, b| b.gain.total_cmp(&a.gain).then(a.cluster.cmp(&b.cluster)));
+        splits
+    }
+
+    /// The clustering after the swaps that pay, each of clusters of its own: energies add up, wherever these are.
+    fn swapped(&self, merges: &[(f64, [u32; 2])], splits: &[Split], halves: &Merged) -> Option<Swapped> {
+        let (mut axes, mut components) = (self.axes.clone(), self.component_of_cluster.to_vec());
+        let mut is_taken = vec![false; components.len()];
+        // what each cluster becomes, and what of it leaves
+        let mut becomes: Vec<u32> = (0..components.len() as u32).collect();
+        let mut leaves = vec![None; components.len()];
+        let mut merges = merges.iter();
+        for &Split { gain, cluster, halves: [stays, goes] } in splits {
+            if std::mem::replace(&mut is_taken[cluster as usize], true) {
+                continue;
+            }
+            let is_free = |&&(_, [a, b]): &&(f64, [u32; 2])| !is_taken[a as usize] && !is_taken[b as usize];
+            let Some(&(_, [a, b])) = merges.find(is_free).filter(|&&(rise, _)| rise < gain) else { break };
+            (is_taken[a as usize], is_taken[b as usize]) = (true, true);
+            becomes[b as usize] = a;
+            leaves[cluster as usize] = Some((goes, b));
+            components[b as usize] = components[cluster as usize];
+            axes[a as usize] = axes[a as usize].or(axes[b as usize]);
+            axes[cluster as usize] = halves.axes[stays as usize];
+            axes[b as usize] = halves.axes[goes as usize];
+        }
+        let after = |(&label, &half): (&u32, &u32)| match leaves[label as usize] {
+            Some((goes, to)) if goes == half => to,
+            _ => becomes[label as usize],
+        };
+        let has_any = leaves.iter().any(Option::is_some);
+        has_any.then(|| Swapped {
+            labels: self.labels.iter().zip(&halves.labels).map(after).collect(),
+            component_of_cluster: components,
+            axes,
+        })
+    }
+}
