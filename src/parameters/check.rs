@@ -108,7 +108,7 @@ impl Parameters {
             (Name::FEATURES, self.features.is_some()),
             (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
             (Name::SUBDIVIDE, self.subdivide.is_some()),
-            (Name::ENERGY, self.energy != energy::Kind::Cvd),
+            (Name::ENERGY, self.energy != energy::Kind::default()),
             (Name::SHAPES, self.shapes.is_some()),
             (Name::RESOLUTION, self.resolution.is_some()),
         ];
@@ -158,10 +158,7 @@ impl Parameters {
 
     /// The error for a parameter that energies of shapes do not have.
     pub fn is_not_of_shapes(&self, name: Name) -> Error {
-        Error::parameter(format_args!(
-            "{name} goes with the energies cvd and l21, not with {}: leave it out",
-            self.energy.name()
-        ))
+        Error::parameter(format_args!("{name} does not go with the energy {}: leave it out", self.energy.name()))
     }
 
     /// Parameters of flat clusterings only, and whether each was given.

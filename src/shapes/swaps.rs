@@ -1,7 +1,7 @@
 //! Moves of whole clusters: two neighbours become one and a third becomes two, wherever that lowers the energy.
 //!
-//! Where merges from single faces went wrong, no move of a face makes up for it. What a merge costs and what a split
-//! gains is told by the fits of moments. The faces of a cluster merge to two parts for the split, all clusters at once,
+//! Where merges from single faces went wrong, no move of a face makes up for it. Fits of moments say what a merge costs and
+//! what a split gains. The faces of a cluster merge to two parts for the split, all clusters at once,
 //! in the time of a start; only those take part whose energy is above that of the cheapest merge. The split with the
 //! largest gain and the cheapest merge make a swap, then the next of clusters that are not beside those of another swap.
 

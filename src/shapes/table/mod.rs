@@ -177,6 +177,8 @@ impl Cluster<'_> {
                 sphere = Some(Sphere { centre: place(centre), radius: length(radius), convex });
             }
             Shape::Cylinder { point, axis, radius } => {
+                // of the two directions, the one whose largest coordinate is above 0
+                let axis = if axis.max_element() > -axis.min_element() { axis } else { -axis };
                 let extent = extent::along(*self, point, axis).map(length);
                 let angle = extent::around(*self, point, axis);
                 let (point, axis, radius) = (place(point), axis.to_array(), length(radius));
