@@ -148,7 +148,9 @@ JOB = "00000000-0000-4000-8000-000000000000"
 OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 EVERYTHING: Document = {
     "algorithm": "bb",
-    "energy": "l21",
+    "energy": "shapes",
+    "shapes": "plane,sphere",
+    "resolution": "0.5u",
     "clusters": 1,
     "quality": "fast",
     "seeds": "morton",

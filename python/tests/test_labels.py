@@ -52,6 +52,10 @@ OPTIONS: list[tuple[list[str], dict[str, Any]]] = [
     (["-k", "20", "--seeds", "random", "--seed", "7"], {"clusters": 20, "seeds": "random", "seed": 7}),
     (["-k", "20", "--quality", "fast"], {"clusters": 20, "quality": "fast"}),
     (["-k", "60", "--features", "40"], {"clusters": 60, "features": 40}),
+    (
+        ["-k", "40", "--energy", "shapes", "--shapes", "cylinder", "--resolution", "0.001"],
+        {"clusters": 40, "energy": "shapes", "shapes": "cylinder", "resolution": 0.001},
+    ),
     (["-k", "20", "--curvature-exponent", "1.5"], {"clusters": 20, "curvature_exponent": 1.5}),
     (
         ["-k", "20", "--refine", "none", "--allow-disconnected"],

@@ -1,9 +1,9 @@
 //! Moves of whole clusters: two neighbours become one and a third becomes two, wherever that lowers the energy.
 //!
-//! Where merges from single faces went wrong, no move of a face makes up for it. Fits of moments say what a merge costs and
-//! what a split gains. The faces of a cluster merge to two parts for the split, all clusters at once,
-//! in the time of a start; only those take part whose energy is above that of the cheapest merge. The split with the
-//! largest gain and the cheapest merge make a swap, then the next of clusters that are not beside those of another swap.
+//! Where merges from single faces went wrong, no move of a face makes up for it. Fits of moments say what a merge costs
+//! and what a split gains. For the splits, the faces of all clusters merge to two parts each, in the time of a start;
+//! clusters whose energy is below the cost of the cheapest merge cannot pay, and are left out. The split with the
+//! largest gain and the cheapest merge make a swap, then the next, each of clusters of its own.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ pub(super) struct Swaps<'a> {
 /// What is known of a cluster.
 struct Part {
     moments: Moments,
-    higher: Option<Higher>,
+    higher: Option<Box<Higher>>,
     component: u32,
     axis: Option<DVec3>,
     /// In units of the finest component.
@@ -80,9 +80,10 @@ impl Swaps<'_> {
             let higher = has_enough.then(|| {
                 let mut higher = Higher::default();
                 members.iter().for_each(|&face| higher.add(&Higher::of(&self.faces, face)));
-                higher
+                Box::new(higher)
             });
-            let (energy, axis) = self.allowed.fits(component, &moments, || higher, axis.as_slice()).best();
+            let of_part = || higher.as_deref().copied();
+            let (energy, axis) = self.allowed.fits(component, &moments, of_part, axis.as_slice()).best();
             Part { moments, higher, component, axis, energy: energy * self.scale(component) }
         };
         members.par_iter().zip(components).zip(&self.axes).map(part).collect()
@@ -102,7 +103,7 @@ impl Swaps<'_> {
     /// What merging two clusters raises the energy by.
     fn together(&self, a: &Part, b: &Part) -> f64 {
         let moments = a.moments.with(&b.moments);
-        let higher = || Some(a.higher?.with(&b.higher?));
+        let higher = || Some(a.higher.as_deref()?.with(b.higher.as_deref()?));
         let axes: Vec<DVec3> = a.axis.into_iter().chain(b.axis).collect();
         let (energy, _) = self.allowed.fits(a.component, &moments, higher, &axes).best();
         energy * self.scale(a.component) - a.energy - b.energy
@@ -134,7 +135,7 @@ impl Swaps<'_> {
         splits
     }
 
-    /// The clustering after the swaps that pay, each of clusters of its own: energies add up, wherever these are.
+    /// The clustering after the swaps that pay. Energies add up, wherever the clusters are.
     fn swapped(&self, merges: &[(f64, [u32; 2])], splits: &[Split], halves: &Merged) -> Option<Swapped> {
         let (mut axes, mut components) = (self.axes.clone(), self.component_of_cluster.to_vec());
         let mut is_taken = vec![false; components.len()];
@@ -166,5 +167,38 @@ impl Swaps<'_> {
             component_of_cluster: components,
             axes,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::generate_part;
+    use crate::shapes::kind::Kind;
+    use crate::shapes::prices::Prices;
+    use crate::surface::Surface;
+
+    #[test]
+    fn two_patches_in_one_cluster_and_one_in_two_change_places() {
+        let (mesh, truth) = generate_part(1500, 0.0).expect("a part");
+        let surface = Surface::build(&mesh).expect("a surface");
+        let samples = surface.samples(&surface.corners((&mesh).into()));
+        let faces = Faces { graph: &surface.graph, samples: &samples };
+        let prices = Prices::of(faces.graph, 13, surface.on_lattice(|_| 3e-4));
+        let allowed = Allowed { kinds: &Kind::ALL, prices: &prices };
+        let truth: Vec<u32> = surface.upload_face.iter().map(|&face| truth[face as usize]).collect();
+        let made = |labels: &[u32]| {
+            let component_of_cluster = &[0; 13];
+            let swaps = Swaps { faces, allowed, labels, component_of_cluster, axes: vec![None; 13] };
+            swaps.made(&Cancel::default()).expect("not cancelled").map(|swapped| swapped.labels)
+        };
+        assert_eq!(made(&truth), None);
+        // the first side and the top are one; a face of the bowl is the other
+        let mut wrong: Vec<u32> = truth.iter().map(|&patch| if patch == 0 { 8 } else { patch }).collect();
+        let of_bowl = wrong.iter().position(|&patch| patch == 9).expect("a bowl");
+        wrong[of_bowl] = 0;
+        let right = made(&wrong).expect("a swap");
+        let pairs: std::collections::BTreeSet<_> = right.into_iter().zip(truth).collect();
+        assert_eq!(pairs.len(), 13, "{pairs:?}");
     }
 }

@@ -18,4 +18,5 @@ mod outputs;
 mod points;
 mod running;
 mod serve;
+mod shapes;
 mod streams;

@@ -57,6 +57,27 @@ async fn labels_are_the_same_in_every_format() {
 }
 
 #[tokio::test]
+async fn shapes_are_in_the_report() {
+    let service = Service::start().await;
+    let job = service.submit("clusters=9&energy=shapes&shapes=sphere&resolution=0.1u", sphere(1000)).await;
+    let job = service.ended(&job).await;
+    assert_eq!(job["state"], "succeeded", "{job}");
+    let report = json(service.get(&format!("{}/report", path(&job)))).await;
+    assert_eq!(report["shapes"].as_array().map(Vec::len), Some(9));
+    assert_eq!(
+        (&report["parameters"]["shapes"], &report["parameters"]["resolution"]),
+        (&"plane,sphere".into(), &"0.1u".into())
+    );
+    let refused = |query: &str| {
+        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
+        refused(request.body(sphere(1000)), 422, "invalid-parameter")
+    };
+    assert!(refused("clusters=9&energy=planes&algorithm=hr").await.contains("algorithm bb"));
+    assert!(refused("clusters=9&shapes=sphere").await.contains("energy=shapes"));
+    assert!(refused("clusters=9&energy=shapes&resolution=2").await.contains("resolution must be a share"));
+}
+
+#[tokio::test]
 async fn the_report_agrees_with_the_labels() {
     use sha2::Digest as _;
     let (service, job) = done().await;

@@ -1,0 +1,53 @@
+//! Shapes of clusters, and the part with known patches.
+
+use serde_json::Value;
+
+use crate::command::Folder;
+
+fn run(folder: &Folder, command: &str) -> String {
+    String::from_utf8(folder.run(&command.split(' ').collect::<Vec<_>>()).expect_success()).expect("text")
+}
+
+#[test]
+fn shapes_of_a_part_are_written_alone_and_in_the_report() {
+    let folder = Folder::new();
+    run(&folder, "sample part --faces 1500 --truth t.npy p.obj");
+    let said = run(
+        &folder,
+        "cluster p.obj -k 13 --energy shapes --resolution 0.001u --labels l.npy --shapes-out s.json --report r.json",
+    );
+    assert!(said.starts_with("13 clusters of 1,"), "{said}");
+    let (shapes, report) = (folder.json("s.json"), folder.json("r.json"));
+    assert_eq!(shapes, report["shapes"]);
+    assert_eq!(report["parameters"]["shapes"], "plane,sphere,cylinder");
+    assert_eq!(report["parameters"]["resolution"], "0.001u");
+    let rows = shapes.as_array().expect("rows");
+    let of = |kind: &str| rows.iter().filter(|row| row["type"] == kind && row[kind].is_object()).count();
+    assert_eq!([of("plane"), of("sphere"), of("cylinder")], [7, 1, 5]);
+    let faces: u64 = rows.iter().map(|row| row["faces"].as_u64().expect("a number")).sum();
+    assert_eq!(faces, report["input"]["faces"].as_u64().expect("a number"));
+    // a patch of the truth is a label
+    let numbers = |name: &str| {
+        let bytes = folder.read(name);
+        let start = bytes.len() - 4 * faces as usize;
+        bytes[start..].as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word)).collect::<Vec<_>>()
+    };
+    let pairs: std::collections::BTreeSet<_> = numbers("l.npy").into_iter().zip(numbers("t.npy")).collect();
+    assert_eq!(pairs.len(), 13);
+    // other energies have no shapes
+    run(&folder, "cluster p.obj -k 13 --report c.json");
+    assert_eq!(folder.json("c.json")["shapes"], Value::Null);
+}
+
+#[test]
+fn noise_moves_the_corners_of_the_part_alone() {
+    let folder = Folder::new();
+    run(&folder, "sample part --faces 1500 a.obj");
+    run(&folder, "sample part --faces 1500 --noise 0.1 b.obj");
+    let lines = |name: &str, start: &str| {
+        let text = String::from_utf8(folder.read(name)).expect("text");
+        text.lines().filter(|line| line.starts_with(start)).map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(lines("a.obj", "f "), lines("b.obj", "f "));
+    assert_ne!(lines("a.obj", "v "), lines("b.obj", "v "));
+}
