@@ -8,10 +8,10 @@
 //! # Work
 //!
 //! A round prices the edges of the clusters that merged: at most all that are left. Meshes take a round for every 12 %
-//! of the clusters, so that all rounds together price some 10 pairs a face. Where few pairs choose each other, there
-//! are more rounds: after [`ROUNDS`] of them, a cluster merges with its cheapest neighbour whether or not that chose it,
-//! which leaves at most half of the clusters of each component after a round. (The edges that are the cheapest at one
-//! end form no circle, since no two have the same rank.)
+//! of the clusters, so that all rounds together look at every edge some 10 times. Where few pairs choose each other,
+//! there are more rounds. After [`LOOKS`] times as many looks as the mesh has edges, a cluster merges with its cheapest
+//! neighbour whether or not that chose it, which leaves at most half of the clusters of each component after a round.
+//! (The edges that are the cheapest at one end form no circle, since no two have the same rank.)
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -30,8 +30,8 @@ const NEARNESS: f64 = 1e-8;
 /// The part of the merges that are left which happen in a round.
 const PART: usize = 8;
 
-/// Rounds in which clusters merge only if both chose each other. Scans take 60 to 120.
-const ROUNDS: usize = 512;
+/// Looks at an edge, on average, in rounds in which clusters merge only if both chose each other.
+const LOOKS: usize = 64;
 
 /// Clusters of fewer faces keep no higher moments: they are sums over the faces.
 const KEPT_FROM: u32 = 4;
@@ -70,10 +70,11 @@ pub fn merged_in_groups(
     let mut merging = Merging::new(faces, allowed);
     let mut edges = merging.edges_inside(group_of_face, &surplus);
     let mut left: usize = surplus.iter().sum();
-    let mut round = 0;
+    let mut looks_left = LOOKS * edges.len();
     while left > 0 {
         cancel.check()?;
-        let chosen = merging.choose(&edges, left, round >= ROUNDS);
+        looks_left = looks_left.saturating_sub(edges.len());
+        let chosen = merging.choose(&edges, left, looks_left == 0);
         if chosen.is_empty() {
             return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
         }
@@ -87,7 +88,6 @@ pub fn merged_in_groups(
         }
         edges.retain(|edge| surplus[group_of_face[edge.ends().0 as usize] as usize] > 0);
         merging.contract(&mut edges);
-        round += 1;
     }
     Ok(merging.ended())
 }

@@ -4,6 +4,7 @@
 //! exactly, and they see how far a chord is from an arc. Corners alone do not: two sides of a box fit a cylinder
 //! through the three edges along them. A polygon has the middles of its edges, too, of [`MOST`] at most.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Surface;
@@ -81,10 +82,10 @@ impl Surface {
         Samples { offsets, points, normals: normals.collect() }
     }
 
-    /// The area of a face and its normal, which is as long as the area is large; lattice units.
-    pub fn area_and_normal(&self, face: u32) -> (f64, glam::DVec3) {
+    /// The area of a face, its normal, which is as long as the area is large, and its mean place; lattice units.
+    pub fn area_normal_and_place(&self, face: u32) -> (f64, DVec3, DVec3) {
         let geometry = &self.geometry[face as usize];
-        (geometry.area, geometry.normal)
+        (geometry.area, geometry.normal, geometry.centroid)
     }
 
     /// The frame of the lattice.

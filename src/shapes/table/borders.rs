@@ -60,9 +60,8 @@ pub(super) fn add(surface: &Surface, corners: &Corners, labels: &[u32], rows: &m
 
 /// The angle by which the surface bends between two faces that share a vertex, in degrees, with its sign.
 fn bend(surface: &Surface, corners: &Corners, faces: [u32; 2], vertex: u32) -> f64 {
-    let [one, other] = faces.map(|face| surface.area_and_normal(face).1);
+    let [(_, one, _), (_, other, place)] = faces.map(|face| surface.area_normal_and_place(face));
     let angle = libm::atan2(one.cross(other).length(), one.dot(other)).to_degrees();
     // the second face lies below the first where the surface is convex
-    let middle = corners.positions_of(faces[1]).sum::<glam::DVec3>() / corners.of(faces[1]).len() as f64;
-    if (middle - corners.position(vertex)).dot(one) > 0.0 { -angle } else { angle }
+    if (place - corners.position(vertex)).dot(one) > 0.0 { -angle } else { angle }
 }

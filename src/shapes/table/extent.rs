@@ -22,7 +22,7 @@ pub(super) fn around(cluster: Cluster<'_>, point: DVec3, axis: DVec3) -> f64 {
     let v = axis.cross(u);
     let turn = |at: DVec3| libm::atan2((at - point).dot(v), (at - point).dot(u));
     let arc = |&face: &u32| {
-        let first = turn(cluster.middle(face));
+        let first = turn(cluster.surface.area_normal_and_place(face).2);
         let from_first = cluster.corners.positions_of(face).map(|at| {
             let by = turn(at) - first;
             by - TAU * (by / TAU + 0.5).floor()

@@ -141,11 +141,6 @@ impl Cluster<'_> {
         })
     }
 
-    /// The mean place of the corners of a face.
-    fn middle(&self, face: u32) -> DVec3 {
-        self.corners.positions_of(face).sum::<DVec3>() / self.corners.of(face).len() as f64
-    }
-
     fn row(&self, label: u32, shape: &Shape) -> ClusterShape {
         let frame = self.surface.frame();
         let scale = libm::ldexp(1.0, -frame.exponent);
@@ -153,15 +148,15 @@ impl Cluster<'_> {
         let length = |length: f64| length * scale;
         let (mut residual, mut turn, mut outwards, mut area) = (Sum::default(), Sum::default(), 0.0, 0.0);
         for &face in self.members {
-            let (of_face, normal) = self.surface.area_and_normal(face);
+            let (of_face, normal, place) = self.surface.area_normal_and_place(face);
             area += of_face;
-            outwards += normal.dot(shape.tangent(self.middle(face)).normal);
+            outwards += normal.dot(shape.tangent(place).normal);
         }
         let side = if outwards < 0.0 { -1.0 } else { 1.0 };
         for &face in self.members {
-            let (of_face, normal) = self.surface.area_and_normal(face);
+            let (of_face, normal, place) = self.surface.area_normal_and_place(face);
             if of_face > 0.0 {
-                let beside = side * shape.tangent(self.middle(face)).normal;
+                let beside = side * shape.tangent(place).normal;
                 turn.add(libm::atan2(normal.cross(beside).length(), normal.dot(beside)).to_degrees(), of_face);
             }
             let corners = self.corners.of(face).len() as f64;
