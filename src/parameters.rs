@@ -57,7 +57,7 @@ pub struct Parameters {
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub algorithm: Algorithm,
 
-    /// Meshes: what clusters have little of
+    /// Meshes: what to minimise
     ///
     /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared
     /// distance of the unit normal to the mean normal, for clusters that are as flat as can be. planes: area × squared

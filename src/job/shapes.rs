@@ -16,7 +16,9 @@ use crate::shapes::kind::Kind;
 use crate::shapes::run::{self, Clustering, Options, Step};
 use crate::shapes::shape::Shape;
 use crate::shapes::table::{ClusterShape, table};
-use crate::surface::{Corners, Samples, Surface};
+use crate::surface::Surface;
+use crate::surface::corners::Corners;
+use crate::surface::samples::Samples;
 
 /// Resolution where the caller gives none.
 pub(super) const RESOLUTION: Length = Length::Share(3e-4);

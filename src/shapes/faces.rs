@@ -1,6 +1,7 @@
 //! Faces as shapes see them.
 
-use crate::surface::{DualGraph, Samples};
+use crate::surface::DualGraph;
+use crate::surface::samples::Samples;
 
 /// The faces of a mesh, internal order.
 #[derive(Debug, Clone, Copy)]

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | the table of types | [`kind`] |
 //! | shapes in f64 | [`shape`] |
-//! | faces, and the points of them that are compared | [`faces`], [`crate::surface::Samples`] |
+//! | faces, and the points of them that are compared | [`faces`], [`mod@crate::surface::samples`] |
 //! | exact sums over clusters | [`moments`], [`monomials`]; about the mean: [`central`] |
 //! | the shape that fits moments best | [`fit`], [`eigen`] |
 //! | a shape as integers, and what a face costs | [`proxy`] |

@@ -4,8 +4,8 @@
 //!
 //! A pass looks at faces in their order. A face considers the clusters of its neighbours and takes the one where it
 //! costs least (the smaller number of equal ones). It moves at once if it costs strictly less there than in its own,
-//! and its cluster is seen to stay connected ([`Connection`]). The next pass looks at the faces that moved, those beside
-//! them, and those whose cluster would not have stayed connected. Passes end with one in which nothing moves.
+//! and its cluster is seen to stay connected ([`Connection`]). The next pass looks at the faces that moved, those
+//! beside them, and those whose cluster would not have stayed connected. Passes end with one in which nothing moves.
 //!
 //! Shapes are held, so that F falls by weight × difference of costs with every move, and by nothing else. Clusters stay
 //! connected, and none gets empty: a face that is alone in its cluster does not move.

@@ -22,7 +22,7 @@ mod ascending;
 pub(crate) mod bridge;
 mod coarse;
 pub(crate) mod components;
-mod corners;
+pub mod corners;
 mod counts;
 mod curvature;
 mod density;
@@ -37,13 +37,12 @@ pub mod of_faces;
 pub(crate) mod order;
 pub mod points;
 pub(crate) mod rows;
-mod samples;
+pub mod samples;
 mod seen;
 pub(crate) mod weld;
 
 pub use coarse::{Coarse, Grouping};
 pub use components::Component;
-pub use corners::Corners;
 pub use counts::Counts;
 pub use density::Wanted;
 pub use features::WantedFeatures;
@@ -52,7 +51,6 @@ pub use items::{Items, Units};
 pub use loose::Loose;
 pub use order::NO_FACE;
 pub use rows::Rows;
-pub use samples::Samples;
 
 use std::ops::{Deref, Range};
 

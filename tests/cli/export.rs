@@ -1,7 +1,7 @@
 //! `tesserae export`, and the outputs of `cluster` that are made of the mesh.
 
 use crate::command::Folder;
-use tesserae_mesh::artifacts::{self, Artifact, Form, LABELS_PNG, MEANS, Need, REPORT, npy_header};
+use tesserae_mesh::artifacts::{self, Artifact, Form, LABELS_PNG, MEANS, Need, REPORT, SHAPES, npy_header};
 
 fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {
     artifacts::ALL.into_iter().filter(|artifact| artifact.needs.contains(&Need::Mesh))
@@ -43,12 +43,14 @@ fn exports_are_what_cluster_writes_for_any_number_of_threads() {
     }
 }
 
-/// The report is left out: it has times.
+/// The report is left out: it has times. Shapes are those of other energies.
 #[test]
 fn every_output_of_cluster_has_the_same_bytes_for_any_number_of_threads() {
     let folder = Folder::new();
     folder.sample("quads", 1000, "q.obj");
-    let all = || artifacts::ALL.into_iter().filter(|artifact| ![REPORT.name, MEANS.name].contains(&artifact.name));
+    let all = || {
+        artifacts::ALL.into_iter().filter(|artifact| ![REPORT.name, MEANS.name, SHAPES.name].contains(&artifact.name))
+    };
     // of images
     let is_of_mesh = |form: &&Form| form.file != LABELS_PNG.file;
     let mut written = 0;

@@ -77,6 +77,7 @@ fn closed_shapes_are_manifolds_of_the_right_genus_wound_outwards() {
         (Sample::Torus, 0),
         (Sample::Knot, 0),
         (Sample::Parts, 9 * 2),
+        (Sample::Part, 2),
         (Sample::Quads, 2),
         (Sample::Cube, 2),
     ] {
@@ -113,7 +114,7 @@ fn open_shapes_are_discs_seen_from_above() {
 fn the_number_of_faces_is_close_to_the_request() {
     for sample in Sample::ALL {
         let first = match sample {
-            Sample::Cube | Sample::Parts => 1500,
+            Sample::Cube | Sample::Parts | Sample::Part => 1500,
             _ => 200,
         };
         for faces in [200, 333, 1500, 1750, 10_007, 69_451] {
@@ -266,13 +267,14 @@ fn samples_are_the_same_on_every_machine() {
 }
 
 /// SHA-256 of the OBJ followed by the GLB of every sample at 2,000 faces.
-const PINNED: [(&str, &str); 10] = [
+const PINNED: [(&str, &str); 11] = [
     ("sphere", "e1fdf902aa1eb2b1e15930db5c970d0456d3362035a9e3305f41c0c5e5f3e915"),
     ("icosphere", "faaac69e3aebea3c8108a22ede0392abc791f6d8f9a8419b0f212d03a532baf2"),
     ("torus", "038bd55f0c348052dcc763012a6f04801faf4fbdf26bac3feed3e8695367aac7"),
     ("knot", "1cf57eea5fb8c5f9d1d1eb07aa8e46291bc8c8278c866147fc70b49ebdf59247"),
     ("terrain", "66481e457051df50d6a0ad822d0a8a85150a8c18abf760e992856fe4c026b5bc"),
     ("parts", "8c25a6420ff1b5fe37d4f772c848cdd6f79425bc1439da9a260e9cc8ef4e360d"),
+    ("part", ""),
     ("quads", "56f0874ef484941cf5e9958121f0749f890e05b23c493b78cd4aee89128d9732"),
     ("plane", "f456259eb9b16688a0682d8ef3344703599d4d4eaf7e243934dec712bbd5583e"),
     ("strip", "e8e25d6a87ebf03a3f46b89caa11b38a8d2a4f1bdedc037eb51570ccd63c4a7a"),

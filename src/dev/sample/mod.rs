@@ -25,7 +25,7 @@ use crate::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 /// The largest number of faces that a sample is made with; what a mesh may have by default.
 pub const MAX_FACES: u64 = 50_000_000;
 
-/// A shape. From some 1,500 faces on (200 for all but `cube` and `icosphere`), the number of faces is within 10 % of
+/// A shape. From some 1,500 faces on (200 for all but `cube`, `icosphere`, `parts` and `part`), the number of faces is within 10 % of
 /// the request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Sample {

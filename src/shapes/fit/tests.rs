@@ -3,7 +3,8 @@ use crate::energy::OfPoints;
 use crate::shapes::faces::Faces;
 use crate::shapes::moments::{Higher, Moments};
 use crate::shapes::shape::across;
-use crate::surface::{Component, DualGraph, Moves, Samples};
+use crate::surface::samples::Samples;
+use crate::surface::{Component, DualGraph, Moves};
 
 /// Faces with a normal at points of a shape.
 fn faces_at(points: &[(DVec3, DVec3)]) -> (DualGraph<OfPoints<3>>, Samples) {

@@ -6,7 +6,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ClusterShape;
-use crate::surface::{Corners, Surface};
+use crate::surface::Surface;
+use crate::surface::corners::Corners;
 
 /// A cluster beside another.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]

@@ -15,7 +15,8 @@ use utoipa::ToSchema;
 use super::kind::Kind;
 use super::moments::SHIFT;
 use super::shape::Shape;
-use crate::surface::{Corners, Surface};
+use crate::surface::Surface;
+use crate::surface::corners::Corners;
 
 pub use self::borders::Neighbour;
 
