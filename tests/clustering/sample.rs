@@ -274,7 +274,7 @@ const PINNED: [(&str, &str); 11] = [
     ("knot", "1cf57eea5fb8c5f9d1d1eb07aa8e46291bc8c8278c866147fc70b49ebdf59247"),
     ("terrain", "66481e457051df50d6a0ad822d0a8a85150a8c18abf760e992856fe4c026b5bc"),
     ("parts", "8c25a6420ff1b5fe37d4f772c848cdd6f79425bc1439da9a260e9cc8ef4e360d"),
-    ("part", ""),
+    ("part", "1758389ecd3651a7c152ab84fd8d40ffad15310f0d337be7254aa2b4010f8cbf"),
     ("quads", "56f0874ef484941cf5e9958121f0749f890e05b23c493b78cd4aee89128d9732"),
     ("plane", "f456259eb9b16688a0682d8ef3344703599d4d4eaf7e243934dec712bbd5583e"),
     ("strip", "e8e25d6a87ebf03a3f46b89caa11b38a8d2a4f1bdedc037eb51570ccd63c4a7a"),

@@ -25,8 +25,8 @@ use crate::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 /// The largest number of faces that a sample is made with; what a mesh may have by default.
 pub const MAX_FACES: u64 = 50_000_000;
 
-/// A shape. From some 1,500 faces on (200 for all but `cube`, `icosphere`, `parts` and `part`), the number of faces is within 10 % of
-/// the request.
+/// A shape. From some 1,500 faces on (200 for all but `cube`, `icosphere`, `parts` and `part`), the number of faces is
+/// within 10 % of the request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Sample {
     /// Unit sphere of nearly equal triangles; closed; the number of faces, rounded up to even

@@ -1,7 +1,8 @@
 //! A machined part whose patches are known: a test of clusterings by shapes.
 //!
 //! A plate 4 × 3 × 1 with corners of radius ½, a bowl in its top (radius 1.1, rim 0.9), a boss below (radius 0.6,
-//! height 0.7), turned so that nothing lies along an axis: 7 planes, 5 cylinders, 1 sphere. All corners lie on the shapes.
+//! height 0.7), turned so that nothing lies along an axis: 7 planes, 5 cylinders, 1 sphere. All corners lie on the
+//! shapes.
 //!
 //! The part is made of rings of equally many points about its middle; between two rings is a row of a patch.
 
