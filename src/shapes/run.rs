@@ -87,13 +87,13 @@ pub fn cluster(
     let initial = run.clusters.labels.clone();
     let before = run.costs();
     on_step(Step { phase: Phase::Boundary, energy: run.energy(), moves: 0 }, &initial);
-    let mut ending = run.to_the_end(options.most_steps.unwrap_or(u32::MAX), cancel, on_step)?;
+    let mut ending = run.converge(options.most_steps.unwrap_or(u32::MAX), cancel, on_step)?;
     for _ in 0..SWAPS {
         if ending != Ending::Converged {
             break;
         }
         let Some(mut other) = run.swapped(cancel)? else { break };
-        let after = other.to_the_end(u32::MAX, cancel, &mut |_, _| ())?;
+        let after = other.converge(u32::MAX, cancel, &mut |_, _| ())?;
         if other.energy() >= run.energy() {
             break;
         }
@@ -156,12 +156,7 @@ impl<'a> Run<'a> {
         self.clusters.faces.graph.components[component as usize].energy_shift
     }
 
-    fn to_the_end(
-        &mut self,
-        most_steps: u32,
-        cancel: &Cancel,
-        on_step: &mut dyn FnMut(Step, &[u32]),
-    ) -> Result<Ending> {
+    fn converge(&mut self, most_steps: u32, cancel: &Cancel, on_step: &mut dyn FnMut(Step, &[u32])) -> Result<Ending> {
         let mut left = most_steps;
         let mut has_new_shape = vec![true; self.shapes.len()];
         for _ in 0..ROUNDS {
@@ -292,7 +287,7 @@ mod tests {
         let merged = merged(faces, allowed, options.clusters, &Cancel::default()).expect("clusters");
         let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
         let (mut steps, mut last) = (0, run.energy());
-        run.to_the_end(u32::MAX, &Cancel::default(), &mut |step, _| {
+        run.converge(u32::MAX, &Cancel::default(), &mut |step, _| {
             assert!(step.energy < last, "{step:?} {last}");
             (steps, last) = (steps + 1, step.energy);
         })

@@ -142,7 +142,7 @@ fn moments_of_a_union_are_the_sum_and_central_ones_those_about_the_mean() {
     }
     let weights: Vec<f64> = graph.weights.iter().map(|&weight| 3.0 * f64::from(weight)).collect();
     let at: Vec<DVec3> = (0..4)
-        .map(|face| DVec3::from(faces.samples(face)[0].map(|x| f64::from((i64::from(x) + 32 >> 6) as i32))))
+        .map(|face| DVec3::from(faces.samples(face)[0].map(|x| f64::from(((i64::from(x) + 32) >> 6) as i32))))
         .collect();
     let all: f64 = weights.iter().sum();
     assert_eq!(moments.weight as f64, all);
