@@ -47,7 +47,8 @@ impl Stored {
         }
         let components = self.header.components().unwrap_or(1);
         if roots > 1 && roots <= components {
-            return conflict(no_single_root(components));
+            let has_features = self.header.parameters.get("features").is_some_and(|features| !features.is_null());
+            return conflict(no_single_root(components, has_features));
         }
         if roots > 1 {
             return conflict(format!(
@@ -60,11 +61,14 @@ impl Stored {
 }
 
 /// Why a mesh in several pieces has no linkage matrix.
-pub fn no_single_root(components: u64) -> String {
+pub fn no_single_root(components: u64, has_features: bool) -> String {
+    let (pieces, way_out) = match has_features {
+        false => ("connected components", format!("{} joins them", Name::BRIDGE_COMPONENTS)),
+        true => ("regions between feature edges", format!("leave {} out", Name::FEATURES)),
+    };
     format!(
-        "a linkage matrix needs a tree with a single root, but there are {components} connected components and the \
-         hierarchy as many roots; {} joins them",
-        Name::BRIDGE_COMPONENTS
+        "a linkage matrix needs a tree with a single root, but there are {components} {pieces} and the hierarchy as many \
+         roots; {way_out}"
     )
 }
 

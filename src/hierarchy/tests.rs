@@ -193,6 +193,8 @@ fn trees_without_a_linkage_matrix_say_what_to_ask_for() {
     assert!(message(&early).contains("leave clusters out"));
     early.header.input["components"] = json!(2);
     assert!(message(&early).contains("bridge_components"));
+    early.header.parameters.insert("features".into(), json!("30"));
+    assert!(message(&early).contains("regions") && message(&early).contains("leave features out"));
     let single = Stored { tree: Tree { faces: 1, ..Tree::default() }, ..small() };
     assert!(message(&single).contains("two faces"));
 }

@@ -155,7 +155,8 @@ impl Run<'_> {
     fn check_target(&self, mesh: &MeshFile, prepared: &Prepared) -> Result<(), Failure> {
         match prepared.subject.target() {
             Some(target) if target > 1 && self.arguments.outputs.includes(&LINKAGE_NPY) => {
-                Err(Failure::about(&mesh.source)(Error::new(Kind::Conflict, no_single_root(target))))
+                let has_features = self.arguments.parameters.features.is_some();
+                Err(Failure::about(&mesh.source)(Error::new(Kind::Conflict, no_single_root(target, has_features))))
             }
             _ => Ok(()),
         }
