@@ -4,7 +4,7 @@
 
 import { LAYERS, type Layer } from "./layers";
 
-export const COLOURS = ["area", "roundness", "energy"] as const;
+export const COLOURS = ["area", "roundness", "energy", "shape"] as const;
 
 export interface Address {
   job: string | null;

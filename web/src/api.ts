@@ -1,6 +1,7 @@
 // The service's interface. The token lives in sessionStorage and travels in a header, never in an address.
 
 import { notice } from "./dom";
+import type { Shape } from "./shapes";
 
 export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled";
 export type Phase = "boundary" | "refine" | "repair" | "regrow";
@@ -42,6 +43,8 @@ interface PointsInput {
 
 export interface Report {
   input: Input;
+  /** Of energies of shapes: a row a label. */
+  shapes?: Shape[] | null;
   clusters: number | null;
   energy: { initial: number | null; final: number | null; hexagon_ratio: number | null; explained?: number | null };
   timings_ms: Record<string, number>;

@@ -96,7 +96,8 @@ export class Form {
       return { clusters, compactness: Number(value("compactness")), quality, outputs: OUTPUTS };
     }
     const algorithm = value("algorithm");
-    const parameters: Record<string, unknown> = { algorithm, keep_mesh: true };
+    const method = algorithm === "shapes" ? { energy: algorithm } : { algorithm };
+    const parameters: Record<string, unknown> = { ...method, keep_mesh: true };
     if (hasQuality(algorithm)) parameters["quality"] = quality;
     // a hierarchy is made as a whole, so that the slider has all of it
     if (!isHierarchical(algorithm)) parameters["clusters"] = Number(value("clusters"));

@@ -9,6 +9,7 @@ import type { Scene } from "./load";
 import type { Parting } from "./panes";
 import { part } from "./part";
 import type { Selection } from "./selection";
+import { type Shape, titleOf } from "./shapes";
 import { Coloured } from "./shown";
 import { keepThumbnail } from "./thumbnails";
 import type { Tools } from "./tools";
@@ -21,6 +22,8 @@ export class Picture {
   /** Called with a cluster that is clicked, of which job it is, and whether Shift was held. */
   onPick: (cluster: number | null, isOther: boolean, withShift: boolean) => void = () => {};
   mesh: Triangles | null = null;
+  /** The shape of each cluster, where the energy is of shapes. */
+  shapes: Shape[] = [];
   private view: View | null = null;
 
   constructor(
@@ -69,9 +72,9 @@ export class Picture {
     }
   }
 
-  /** Draws the labels of one or two jobs; `numbers` colour the clusters of the first in place of hues. */
-  show(numbers: Float64Array | null, hasOther: boolean, parting: Parting): void {
-    this.view?.show(this.mine.shown(numbers), hasOther ? this.other.shown(null) : null, parting);
+  /** Draws the labels of one or two jobs; the first has the given colours, or hues. */
+  show(colours: Uint8Array | null, hasOther: boolean, parting: Parting): void {
+    this.view?.show(this.mine.shown(colours), hasOther ? this.other.shown(null) : null, parting);
     this.element.dataset["clusters"] = String(this.mine.hues.length);
   }
 
@@ -125,7 +128,9 @@ export class Picture {
     if (!place || cluster === null) return this.selection.pointAway();
     const coloured = isOther ? this.other : this.mine;
     const faces = `${count(coloured.clusters.faces[cluster] ?? 0)} faces`;
-    this.selection.pointAt(place.x, place.y, coloured.css(cluster), `Cluster ${cluster}`, faces);
+    const shape = isOther ? undefined : this.shapes[cluster];
+    const text = shape ? `${titleOf(shape)} · ${faces}` : faces;
+    this.selection.pointAt(place.x, place.y, coloured.css(cluster), `Cluster ${cluster}`, text);
   }
 
   private async bytes(path: string): Promise<ArrayBuffer> {

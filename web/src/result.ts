@@ -2,6 +2,7 @@
 
 import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, output } from "./api";
+import { coloursOf } from "./colours";
 import { Comparison, counterpart, overlap } from "./compare";
 import { announce, make, notice } from "./dom";
 import { downloads } from "./downloads";
@@ -11,6 +12,7 @@ import type { Scene } from "./load";
 import { Picture } from "./picture";
 import type { Places } from "./places";
 import { Selection, factsOf } from "./selection";
+import { factsOfShape, hasShapes } from "./shapes";
 import { type ClusterRow, Cuts, rowsOf } from "./shown";
 import { ClusterTable } from "./table";
 import { take } from "./take";
@@ -72,7 +74,7 @@ export class Result {
       signal,
     );
     this.selection = new Selection([...(this.level ? [this.up, this.down] : []), this.only]);
-    this.tools = new Tools(Boolean(job.urls["remesh"]), Boolean(job.urls["clusters"]));
+    this.tools = new Tools(Boolean(job.urls["remesh"]), Boolean(job.urls["clusters"]), hasShapes(job));
     this.picture = new Picture(job, scene, this.tools, this.selection, signal);
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
     this.table = new ClusterTable(list, (cluster) => this.picture.mine.css(cluster), ["faces", "area"]);
@@ -93,6 +95,8 @@ export class Result {
     this.report = await json<Report>(output(this.job, "report"), { signal });
     this.facts = new Facts(this.job, this.report);
     this.places.inspector.prepend(this.facts.element);
+    this.picture.shapes = this.report.shapes ?? [];
+    this.tools.setShapes(this.picture.shapes);
     const { triangles } = this.report.input;
     // on its way while everything else is fetched
     const mesh = this.job.keep_mesh && triangles <= MANY_TRIANGLES ? this.picture.fetch(this.cut) : null;
@@ -214,18 +218,10 @@ export class Result {
   }
 
   private async paint(): Promise<void> {
-    const { colours } = address.read();
-    const { mine } = this.picture;
-    let numbers: Float64Array | null = null;
-    if (colours === "area") {
-      mine.measure();
-      numbers = mine.clusters.area;
-    } else if (colours !== null) {
-      const rows = await this.fetchRows();
-      if (rows.length !== mine.hues.length) return;
-      numbers = Float64Array.from(rows, (row) => row[colours] ?? NaN);
-    }
-    this.picture.show(numbers, this.comparison.labels !== null, this.comparison.parting);
+    const { mine, shapes } = this.picture;
+    const colours = await coloursOf(mine, shapes, () => this.fetchRows());
+    if (colours === undefined) return;
+    this.picture.show(colours, this.comparison.labels !== null, this.comparison.parting);
   }
 
   private arrange(): void {
@@ -284,7 +280,8 @@ export class Result {
     const { selected, beside } = this;
     if (selected === null) return this.selection.show(null, this.level !== null);
     const { mine, mesh } = this.picture;
-    const facts = factsOf(selected, mine.clusters, mesh !== null, row);
+    const shape = this.picture.shapes[selected];
+    const facts = [...(shape ? factsOfShape(shape) : []), ...factsOf(selected, mine.clusters, mesh !== null, row)];
     const others = this.comparison.labels?.numbers;
     if (beside !== null && others) facts.push(["Beside", overlap(mine.labels, selected, others, beside)]);
     this.selection.show({ cluster: selected, colour: mine.css(selected), facts }, this.level !== null);

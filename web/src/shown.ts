@@ -4,7 +4,7 @@
 import { type Job, type Labels, isHierarchical, json, labels, output } from "./api";
 import { Colouring } from "./colouring";
 import { Hierarchy, ofJob } from "./hierarchy";
-import { HUES, css, ofHues, ofNumbers } from "./palette";
+import { HUES, css, ofHues } from "./palette";
 import { type Clusters, measure } from "./table";
 import type { Shown, Triangles } from "./drawable";
 
@@ -74,9 +74,9 @@ export class Coloured {
     return css(HUES[this.hues[cluster] ?? 0] ?? [0, 0, 0]);
   }
 
-  /** Labels and colours: of hues, or of a number a cluster. */
-  shown(numbers: Float64Array | null): Shown {
-    return { labels: this.labels, colours: numbers ? ofNumbers(numbers) : ofHues(this.hues) };
+  /** Labels with the given colours, or with hues. */
+  shown(colours: Uint8Array | null): Shown {
+    return { labels: this.labels, colours: colours ?? ofHues(this.hues) };
   }
 }
 

@@ -45,6 +45,9 @@ const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'
 export function settings(job: Job): [string, string | number | true][] {
   const names = [
     "clusters",
+    "energy",
+    "shapes",
+    "resolution",
     "quality",
     "seed",
     "subdivide",
@@ -54,9 +57,10 @@ export function settings(job: Job): [string, string | number | true][] {
     "compactness",
   ];
   const isSet = (value: unknown): value is string | number | true =>
-    value === true || ((typeof value === "number" || typeof value === "string") && Boolean(value));
+    value === true || ((typeof value === "number" || typeof value === "string") && Boolean(value) && value !== "cvd");
   return names.flatMap((name) => {
-    const value = job.parameters[name];
+    const given = job.parameters[name];
+    const value = Array.isArray(given) ? given.join() : given;
     return isSet(value) ? [[name, value] as [string, string | number | true]] : [];
   });
 }

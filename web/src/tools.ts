@@ -4,8 +4,10 @@ import * as address from "./address";
 import { make, option } from "./dom";
 import { scale, css } from "./palette";
 import type { Up } from "./ground";
+import { swatch } from "./selection";
+import { type Shape, legend } from "./shapes";
 
-const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy" };
+const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy", shape: "Shape" };
 
 export class Tools {
   readonly element = make("div", { id: "tools", role: "group", "aria-label": "View", hidden: true });
@@ -23,12 +25,14 @@ export class Tools {
   );
   private readonly up = make("button", { type: "button", id: "up-axis" });
 
-  constructor(hasRemesh: boolean, hasRows: boolean) {
-    this.colours.value = address.read().colours ?? "";
-    for (const { value } of [...this.colours.options].slice(2)) {
-      const item = this.colours.querySelector<HTMLOptionElement>(`[value="${value}"]`);
-      if (item) item.disabled = !hasRows;
+  private shapes: Shape[] = [];
+
+  constructor(hasRemesh: boolean, hasRows: boolean, hasShapes: boolean) {
+    for (const item of [...this.colours.options]) {
+      if (item.value === "shape" && !hasShapes) item.remove();
+      item.disabled = ["roundness", "energy"].includes(item.value) && !hasRows;
     }
+    this.colours.value = address.read().colours ?? "";
     this.colours.addEventListener("change", () => {
       address.amend({ colours: address.COLOURS.find((name) => name === this.colours.value) ?? null });
       this.tellLegend();
@@ -63,10 +67,20 @@ export class Tools {
     this.up.setAttribute("aria-label", `${up.toUpperCase()} up, make it ${up === "y" ? "Z" : "Y"} up`);
   }
 
+  /** Takes the shapes of the clusters, which the legend counts. */
+  setShapes(shapes: Shape[]): void {
+    this.shapes = shapes;
+    this.tellLegend();
+  }
+
   private tellLegend(): void {
     const { colours } = address.read();
     this.legend.hidden = colours === null;
     if (colours === null) return;
+    if (colours === "shape") {
+      this.legend.replaceChildren(...legend(this.shapes).flatMap(([colour, text]) => [swatch(colour), text]));
+      return;
+    }
     const bar = make("span", { class: "scale" });
     bar.style.background = `linear-gradient(90deg, ${[0, 0.25, 0.5, 0.75, 1].map((at) => css(scale(at))).join(", ")})`;
     this.legend.replaceChildren(`${NAMES[colours]}, by rank: low `, bar, " high");

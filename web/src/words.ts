@@ -40,7 +40,7 @@ export function brief(job: Job, clusters: number | null = null): string {
 
 /** How a job was made: "Given number · best". */
 export function manner(job: Job): string {
-  const { algorithm, quality, compactness } = job.parameters;
+  const { algorithm, quality, compactness, energy } = job.parameters;
   const names: Record<string, string> = {
     bb: "Given number",
     pml: "Any number",
@@ -50,6 +50,8 @@ export function manner(job: Job): string {
     vc: "Given number, VC",
   };
   const parts = [kindOf(job) === "image" ? "Superpixels" : (names[algorithm] ?? algorithm)];
+  const energies: Record<string, string> = { l21: "flat", planes: "planes", shapes: "planes, spheres, cylinders" };
+  if (typeof energy === "string" && energy in energies) parts.push(energies[energy] ?? energy);
   if (quality && quality !== "default") parts.push(quality);
   if (typeof compactness === "number") parts.push(`compactness ${compactness}`);
   return parts.join(" · ");

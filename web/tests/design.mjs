@@ -169,6 +169,28 @@ export const design = {
     await page.close();
   },
 
+  async "clusters of a part are planes, spheres and cylinders, with a colour a type"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "part", 3000), { name: "part.obj", clusters: 13, algorithm: "shapes" });
+    await succeeded(page);
+    await drawn(page, 13);
+    const { shapes } = await (await fetch(`${service.url}/v1/jobs/${idOf(page)}/report`)).json();
+    const sphere = shapes.find(({ type }) => type === "sphere");
+    const before = (await look(page, "#view")).digest;
+    await page.selectOption("#colours", "shape");
+    await until("colours are of types", async () => (await look(page, "#view")).digest !== before);
+    assert.equal(await text(page, "#legend"), "7 planes1 sphere5 cylinders");
+    await accessible(page, "shapes");
+    await picture(page, "page-shapes.png");
+    await page.goto(`${page.url()}&cluster=${sphere.label}`);
+    await page.reload();
+    await drawn(page, 13);
+    await until("the sphere is selected", async () => (await page.locator("#picked [data-fact=shape]").count()) > 0);
+    assert.match(await fact(page, "shape"), /^Sphere, radius 1\.1/);
+    assert.equal(await fact(page, "side"), "inside");
+    await page.close();
+  },
+
   async "the pointer names the cluster under it, Escape lets go, and one cluster can be taken along"({
     service,
     browser,

@@ -37,6 +37,12 @@ async function job(name, faces, query) {
   if (!made.id) throw new Error(JSON.stringify(made));
   return made.id;
 }
+/** Makes a job of a JPEG file; its number. */
+async function photo(path) {
+  const url = `${service.url}/v1/jobs?clusters=500&outputs=means,clusters.csv`;
+  const headers = { "Content-Type": "image/jpeg" };
+  return (await (await fetch(url, { method: "POST", headers, body: readFileSync(path) })).json()).id;
+}
 const ended = (id) =>
   until("the job ends", async () =>
     /succeeded|failed/.test((await (await fetch(`${service.url}/v1/jobs/${id}`)).json()).state),
@@ -69,13 +75,17 @@ const flat = await job("knot", 30_000, "clusters=400");
 const other = await job("knot", 30_000, "clusters=400&quality=fast");
 const tree = await job("terrain", 40_000, "algorithm=pml");
 const failed = await job("parts", 3000, "clusters=1");
-for (const id of [flat, other, tree, failed]) await ended(id);
+const shapes = await job("part", 12_000, "clusters=13&energy=shapes");
+const image = await photo(join(import.meta.dirname, "../../docs/images.jpg"));
+for (const id of [flat, other, tree, failed, shapes, image]) await ended(id);
 await take("first-visit", "/", drawn("#knot"));
 await take("result", `/jobs/${flat}`, frames);
 await take("picked", `/jobs/${flat}?cluster=120`, frames);
 await take("hierarchy", `/jobs/${tree}?clusters=160`, frames);
 await take("compare", `/jobs/${flat}?with=${other}`, frames);
 await take("wipe", `/jobs/${flat}?with=${other}&parting=wipe`, frames);
+await take("shapes", `/jobs/${shapes}?colours=shape&cluster=2`, frames);
+await take("image", `/jobs/${image}`, (page) => page.waitForSelector("#view canvas"));
 await take("error", `/jobs/${failed}`, (page) => page.waitForSelector("#state[data-state=failed]"));
 await take("running", "/", async (page) => {
   await page.setInputFiles("#file", sample("knot", 200_000));
