@@ -4,7 +4,6 @@ import { notice } from "./dom";
 import type { Shape } from "./shapes";
 
 export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled";
-export type Phase = "boundary" | "refine" | "repair" | "regrow";
 
 export interface Problem {
   title: string;
@@ -16,7 +15,7 @@ export interface Job {
   state: State;
   queue_position: number | null;
   attempt: number;
-  progress: { iterations: number; phase: Phase | null; clusters_left: number | null; energy: number | null };
+  progress: { iterations: number; phase: string | null; clusters_left: number | null; energy: number | null };
   problem: Problem | null;
   result: { faces: number; clusters: number } | null;
   parameters: { algorithm: string; clusters?: number | null; quality?: string | null; [name: string]: unknown };
@@ -53,7 +52,7 @@ export interface Report {
 
 export interface IterationRow {
   iteration: number;
-  phase: Phase;
+  phase: string;
   energy: number | null;
 }
 

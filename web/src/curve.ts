@@ -3,17 +3,19 @@
 
 import uPlot from "uplot";
 
-import type { IterationRow, Phase, RoundRow } from "./api";
+import type { IterationRow, RoundRow } from "./api";
 import { digits } from "./dom";
 
-const PHASES: Phase[] = ["boundary", "refine", "repair", "regrow"];
-const STROKES = ["#2f7ed8", "#1a9850", "#d95f02", "#8e5bd0"];
+/** Phases that move faces, and at the end all that move or replace whole clusters. */
+const SERIES = ["boundary", "refine", "repair", "regrow", "clusters"];
+const STROKES = ["#2f7ed8", "#1a9850", "#d95f02", "#8e5bd0", "#0b8a8f"];
+const seriesOf = (phase: string): number => (SERIES.includes(phase) ? SERIES.indexOf(phase) : SERIES.length - 1);
 const HEIGHT = 150;
 
 export class Curve {
   private x: number[] = [];
-  private readonly y: (number | null)[][] = PHASES.map(() => []);
-  private previous: Phase | null = null;
+  private readonly y: (number | null)[][] = SERIES.map(() => []);
+  private previous: string | null = null;
   private plot: uPlot | null = null;
   private pending = 0;
   private readonly observer: ResizeObserver;
@@ -50,10 +52,10 @@ export class Curve {
     if (this.isOfClusters) return;
     this.add(this.x.length, row.energy, row.phase);
     // the curve of a phase begins where that of the one before ends
-    if (this.previous !== null && this.previous !== row.phase) {
+    if (this.previous !== null && seriesOf(this.previous) !== seriesOf(row.phase)) {
       const at = this.x.length - 2;
-      const last = this.y[PHASES.indexOf(this.previous)]?.[at];
-      const series = this.y[PHASES.indexOf(row.phase)];
+      const last = this.y[seriesOf(this.previous)]?.[at];
+      const series = this.y[seriesOf(row.phase)];
       if (series && last !== undefined) series[at] = last;
     }
     this.previous = row.phase;
@@ -74,10 +76,10 @@ export class Curve {
     this.plot?.destroy();
   }
 
-  private add(x: number, energy: number | null, phase: Phase): void {
+  private add(x: number, energy: number | null, phase: string): void {
     this.x.push(x);
     const shown = energy !== null && energy > 0 ? Math.log10(energy) : null;
-    for (const [i, series] of this.y.entries()) series.push(PHASES[i] === phase ? shown : null);
+    for (const [i, series] of this.y.entries()) series.push(i === seriesOf(phase) ? shown : null);
     this.pending ||= requestAnimationFrame(() => {
       this.pending = 0;
       this.plot?.setData(this.data());
@@ -123,7 +125,7 @@ export class Curve {
         ],
         series: [
           {},
-          ...PHASES.map((phase, i) => ({ label: phase, stroke: STROKES[i] ?? "", width: 2, points: { show: false } })),
+          ...SERIES.map((name, i) => ({ label: name, stroke: STROKES[i] ?? "", width: 2, points: { show: false } })),
         ],
       },
       this.data(),

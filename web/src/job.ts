@@ -278,7 +278,7 @@ export class JobPage {
 
 function keyOf(algorithm: string): HTMLElement[] {
   if (isHierarchical(algorithm)) return [make("span", {}, "against the number of clusters, both logarithmic")];
-  const phases = ["boundary", "refine", "repair", "regrow"];
+  const phases = ["boundary", "refine", "repair", "regrow", "clusters"];
   return phases.map((phase) => make("span", { class: `phase ${phase}` }, phase));
 }
 
