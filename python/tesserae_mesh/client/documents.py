@@ -251,14 +251,14 @@ class Deviation(TypedDict):
     max: float
 
 
-class PlaneShape(TypedDict):
+class Plane(TypedDict):
     """A plane."""
 
     point: list[float]
     normal: list[float]
 
 
-class SphereShape(TypedDict):
+class Sphere(TypedDict):
     """A sphere."""
 
     centre: list[float]
@@ -266,7 +266,7 @@ class SphereShape(TypedDict):
     convex: bool
 
 
-class CylinderShape(TypedDict):
+class Cylinder(TypedDict):
     """A cylinder; the extent is along the axis from the point, the angle in degrees."""
 
     point: list[float]
@@ -277,7 +277,7 @@ class CylinderShape(TypedDict):
     angle: float
 
 
-class BesideShape(TypedDict):
+class Neighbour(TypedDict):
     """A cluster beside another: length of the border, and angle in degrees by which the surface bends there."""
 
     label: int
@@ -295,10 +295,10 @@ ClusterShape = TypedDict(
         "area": float,
         "residual": Deviation,
         "normal_deviation": Deviation,
-        "plane": PlaneShape,
-        "sphere": SphereShape,
-        "cylinder": CylinderShape,
-        "neighbours": list[BesideShape],
+        "plane": Plane,
+        "sphere": Sphere,
+        "cylinder": Cylinder,
+        "neighbours": list[Neighbour],
     },
     total=False,
 )
