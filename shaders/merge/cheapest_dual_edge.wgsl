@@ -11,24 +11,18 @@ fn candidate(own: u32, other: u32) -> CandidateEdge {
     return CandidateEdge(cost.x, cost.y, tie_of(low, high), low, high, 0u);
 }
 
-fn cheapest_dual_edge(thread: u32, local: u32) {
-    let face = listed_face(thread);
-    var best = NO_CANDIDATE;
-    if face != FREE {
-        let own = labels[face];
-        if own != FREE {
-            let end = neighbours[face + 1u];
-            for (var at = neighbours[face]; at < end; at++) {
-                let other = labels[neighbours[at]];
-                // faces of the other cluster have the same edge
-                if own < other && other != FREE {
-                    let next = candidate(own, other);
-                    if is_better(next, best) {
-                        best = next;
-                    }
-                }
-            }
+fn cheapest_dual_edge(face: u32) {
+    let own = labels[face];
+    let end = neighbours[face + 1u];
+    for (var at = neighbours[face]; at < end; at++) {
+        let other = labels[neighbours[at]];
+        // faces of the other cluster have the same edge
+        if own < other && other != FREE {
+            keep_better(candidate(own, other));
         }
     }
-    write_best(local, best, thread / WORKGROUP);
+}
+
+fn cheapest_dual_edge_end(local: u32, group: u32) {
+    write_best(local, group);
 }

@@ -1,16 +1,18 @@
-//! uses: boundary_list, candidate_edge
-//! writes: candidate_edges, boundary_list
-// The cheapest dual edge of all (P§5.4), second step, one workgroup: the best of the candidates. It is written to the
-// first place, which the writing thread has read by then. Rust: device::cheapest_dual_edge.
+//! uses: candidate_edge, copied_sums
+//! writes: candidate_edges, clusters, copied_sums
+// The cheapest dual edge of all (P§5.4), second step, one workgroup: the best of the candidates, and the sums of its
+// ends for the host. It is written to the first place, which the writing thread has read by then.
+// Rust: device::cheapest_dual_edge.
 
-fn cheapest_dual_edge_reduce(thread: u32, local: u32) {
-    var best = NO_CANDIDATE;
-    // one for each workgroup of `cheapest_dual_edge`
-    for (var at = local; at * WORKGROUP < boundary_list.due; at += WORKGROUP) {
-        let next = candidate_edges[at];
-        if is_better(next, best) {
-            best = next;
-        }
+// One for each workgroup of `cheapest_dual_edge`.
+fn cheapest_dual_edge_reduce(at: u32) {
+    keep_better(candidate_edges[at]);
+}
+
+fn cheapest_dual_edge_reduce_end(local: u32, group: u32) {
+    write_best(local, 0u);
+    if local == 0u && candidates[0].low != FREE {
+        copy_sums(candidates[0].low, 0u);
+        copy_sums(candidates[0].high, 1u);
     }
-    write_best(local, best, 0u);
 }

@@ -3,10 +3,7 @@
 // A merge (P§5.4), second step, a thread a face: faces follow their clusters, and `label_at_merge` of listed faces is
 // set. Rust: device::merge.
 
-fn merge_relabel(face: u32, local: u32) {
-    if face >= iteration.faces {
-        return;
-    }
+fn merge_relabel(face: u32) {
     var label = labels[face];
     if label == FREE {
         return;

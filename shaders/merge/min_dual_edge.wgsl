@@ -26,12 +26,11 @@ fn rank(own: u32, other: u32) -> u32 {
     return select(0u, ~other, tie == atomicLoad(&best_dual_edges[own].tie));
 }
 
-fn min_dual_edge(thread: u32, local: u32) {
-    let face = listed_face(thread);
-    if face == FREE || labels[face] == FREE {
+fn min_dual_edge(face: u32) {
+    let own = labels[face];
+    if own == FREE {
         return;
     }
-    let own = labels[face];
     var best = 0u;
     let end = neighbours[face + 1u];
     for (var at = neighbours[face]; at < end; at++) {

@@ -4,9 +4,8 @@
 // Lists the faces that belong to another cluster than after the last merge, in any order, for the host, a thread a
 // listed face; `stats` counts the entries. A face that moved is listed. Rust: device::moves_since_merge.
 
-fn moves_list(thread: u32, local: u32) {
-    let face = listed_face(thread);
-    if face != FREE && label_at_merge[face] != labels[face] {
+fn moves_list(face: u32) {
+    if label_at_merge[face] != labels[face] {
         moves[atomicAdd(&stats[iteration.slot].listed, 1u)] = Move(face, label_at_merge[face], labels[face]);
     }
 }

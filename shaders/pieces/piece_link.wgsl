@@ -4,10 +4,7 @@
 // that is not known to be connected points to the smallest of itself and its neighbours in the cluster. Rust:
 // device::pieces::cut_off_faces.
 
-fn piece_link(face: u32, local: u32) {
-    if face >= iteration.faces {
-        return;
-    }
+fn piece_link(face: u32) {
     let own = labels[face];
     var parent = FREE;
     if own != FREE && atomicLoad(&clusters[own].connected) == 0u {

@@ -3,8 +3,8 @@
 // Fourth step, a thread a face: of its largest pieces, a cluster keeps the one with the smallest face. Rust:
 // device::pieces::cut_off_faces.
 
-fn piece_select_largest(face: u32, local: u32) {
-    if face >= iteration.faces || parents[face] != face {
+fn piece_select_largest(face: u32) {
+    if parents[face] != face {
         return;
     }
     let own = labels[face];

@@ -20,8 +20,8 @@ fn add_to_piece(root: u32, faces: u32) {
     atomicMax(&largest_pieces[labels[root]].size, before + faces);
 }
 
-fn piece_size(thread: u32, local: u32) {
-    let first = thread * RUN;
+fn piece_size(run: u32) {
+    let first = run * RUN;
     let end = min(first + RUN, iteration.faces);
     var root = FREE;
     var faces = 0u;

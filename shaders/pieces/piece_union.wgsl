@@ -22,8 +22,8 @@ fn root_of(face: u32) -> u32 {
     return above;
 }
 
-fn piece_union(face: u32, local: u32) {
-    if face >= iteration.faces || atomicLoad(&parents[face]) == FREE {
+fn piece_union(face: u32) {
+    if atomicLoad(&parents[face]) == FREE {
         return;
     }
     let own = labels[face];

@@ -1,7 +1,7 @@
-//! uses: living_clusters, bids, cluster_sums, energy_total, count, cover
+//! uses: boundary_list, bids, cluster_sums, energy_total, count
 //! reads: faces, living_clusters
-//! writes: clusters, proxies, cluster_bids, stats, next_dispatch, boundary_list
-// Last step of an iteration, a thread a cluster: if a face won a move out of the cluster, compares the energy of the
+//! writes: clusters, proxies, cluster_bids, stats, boundary_list
+// Fourth step, a thread a cluster: if a face won a move out of the cluster, compares the energy of the
 // two clusters before and after, exactly, with all joining faces and then with the winner alone, and updates sums and
 // proxies. A cluster is in one move at most, so no other thread touches the two. Rust: device::plain::try_moving.
 
@@ -73,24 +73,25 @@ fn evaluate(own: u32) -> Wide {
     return energy;
 }
 
-fn evaluate_moves(thread: u32, local: u32) {
-    let cluster = living_cluster(thread);
-    // the bids are complete since `select_bids`
-    let is_going_on = atomicLoad(&stats[iteration.slot].bids) != 0u;
-    if thread == 0u {
-        cover(is_going_on);
+fn evaluate_moves(at: u32) {
+    let cluster = living_clusters[at];
+    // the movers are complete since `face_bid`
+    if at == 0u {
+        let bids = movers();
+        atomicStore(&stats[iteration.slot].movers, bids);
+        boundary_list.ended = select(iteration.batch, 0u, bids != 0u);
+        // of the next iteration
+        atomicStore(&boundary_list.lengths[2u + ((iteration.number + 1u) & 1u)], 0u);
     }
-    var energy = ZERO;
-    var shift = 0u;
-    if is_going_on && cluster != FREE {
-        if cluster_bids[cluster].won_in == iteration.number {
-            // both clusters lie in one component, so the shift is the same
-            shift = proxies[cluster].energy_shift;
-            energy = evaluate(cluster);
-        }
-        atomicStore(&cluster_bids[cluster].best_bid, 0u);
-        atomicStore(&cluster_bids[cluster].best_face, FREE);
+    if cluster_bids[cluster].won_in == iteration.number {
+        // both clusters lie in one component, so the shift is the same
+        add_energy(evaluate(cluster), proxies[cluster].energy_shift);
     }
-    add_energy(local, energy, shift);
+    atomicStore(&cluster_bids[cluster].best_bid, 0u);
+    atomicStore(&cluster_bids[cluster].best_face, FREE);
+}
+
+fn evaluate_moves_end(local: u32, group: u32) {
+    write_energy(local);
     add_moves(local);
 }

@@ -1,8 +1,8 @@
-//! uses: boundary_insert, bids, energy
+//! uses: boundary_insert, energy
 //! reads: faces, neighbours, labels
 //! writes: face_bids, cluster_bids, label_at_merge, boundary_list
-// Third step, a thread a listed face: a face that both its clusters took wins, and faces that want the same move join
-// it. Their sums are added up at the cluster that they leave. Rust: device::plain::winners.
+// Third step, a thread a mover: a face that both its clusters took wins, and faces that want the same move join it.
+// Their sums are added up at the cluster that they leave. Rust: device::plain::winners.
 
 fn add_to_joining_sum(cluster: u32, at: u32, value: i64) {
     let low = u32(u64(value) & 0xfffffffflu);
@@ -24,11 +24,8 @@ fn add_joining(cluster: u32, sums: Sums) {
 
 // Adds a face to the move of its cluster's winner, if it wants the same. Its neighbours inside the cluster are listed
 // before the move is accepted; if it is refused, they are evaluated once more without effect.
-fn join_winner(face: u32) {
-    let wanted = face_bids[face].wanted_in[iteration.number & 1u];
-    if wanted == FREE {
-        return;
-    }
+fn join_moves(face: u32) {
+    let wanted = face_bids[face].wanted;
     let own = labels[face];
     let winner = atomicLoad(&cluster_bids[own].best_face);
     // a face that both clusters took moves between the two, but maybe in the other direction
@@ -45,16 +42,12 @@ fn join_winner(face: u32) {
     for (var at = neighbours[face]; at < end; at++) {
         let near = neighbours[at];
         if claim(near, own) {
-            face_bids[near] = NO_BID;
+            face_bids[near].refused_in = 0u;
             insert(near);
         }
     }
 }
 
-fn join_moves(thread: u32, local: u32) {
-    let face = listed_face(thread);
-    if face != FREE {
-        join_winner(face);
-    }
+fn join_moves_end(local: u32, group: u32) {
     write_inserted(local);
 }

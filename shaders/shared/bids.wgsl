@@ -1,7 +1,5 @@
-// Bids of faces, and what `evaluate_moves` decides about a move: the winner is refused, moves alone, or moves with all
+// What `evaluate_moves` decides about a move: the winner is refused, moves alone, or moves with all
 // faces that want the same move.
 const REFUSED: u32 = 0u;
 const WINNER_MOVES: u32 = 1u;
 const ALL_MOVE: u32 = 2u;
-
-const NO_BID = FaceBid(array<u32, 2>(FREE, FREE), 0u, 0u);

@@ -1,12 +1,5 @@
-//! uses: boundary_list
-// Adds faces to the list, each once. A workgroup collects its new faces before it touches global memory.
-
-// Faces that a workgroup has room for; further ones are added one by one.
-const ROOM: u32 = 512u;
-
-var<workgroup> inserted: array<u32, ROOM>;
-var<workgroup> inserted_count: atomic<u32>;
-var<workgroup> inserted_place: u32;
+//! uses: append
+// Adds faces to the boundary list, each once.
 
 // Marks a face as listed, its label being `label`. True for one thread only, and for none if the face is listed.
 fn claim(face: u32, label: u32) -> bool {
@@ -26,23 +19,10 @@ fn claim(face: u32, label: u32) -> bool {
 
 // Inserts a face that this thread has claimed.
 fn insert(face: u32) {
-    let place = atomicAdd(&inserted_count, 1u);
-    if place < ROOM {
-        inserted[place] = face;
-    } else {
-        boundary_list.entries[boundary_list.first + atomicAdd(&boundary_list.length, 1u)] = face;
-    }
+    append(face, iteration.half, iteration.half);
 }
 
-// Writes the inserted faces to the list. Every thread of the workgroup must call this.
+// Writes the inserted faces to the list. Every thread of the workgroup must call this, once.
 fn write_inserted(local: u32) {
-    workgroupBarrier();
-    let count = min(atomicLoad(&inserted_count), ROOM);
-    if local == 0u && count != 0u {
-        inserted_place = boundary_list.first + atomicAdd(&boundary_list.length, count);
-    }
-    workgroupBarrier();
-    for (var at = local; at < count; at += WORKGROUP) {
-        boundary_list.entries[inserted_place + at] = inserted[at];
-    }
+    write_appended(local, iteration.half, iteration.half);
 }

@@ -2,6 +2,7 @@
 
 const NO_CANDIDATE = CandidateEdge(0xfffffffffffffffflu, 0xfffffffffffffffflu, FREE, FREE, FREE, 0u);
 
+var<private> best_candidate: CandidateEdge = NO_CANDIDATE;
 var<workgroup> candidates: array<CandidateEdge, WORKGROUP>;
 
 fn is_better(a: CandidateEdge, b: CandidateEdge) -> bool {
@@ -17,9 +18,16 @@ fn is_better(a: CandidateEdge, b: CandidateEdge) -> bool {
     return a.low < b.low || (a.low == b.low && a.high < b.high);
 }
 
+// Keeps the better of a candidate and the best one of this thread.
+fn keep_better(next: CandidateEdge) {
+    if is_better(next, best_candidate) {
+        best_candidate = next;
+    }
+}
+
 // Writes the best candidate of all threads of the workgroup. Every thread must call this.
-fn write_best(local: u32, own: CandidateEdge, place: u32) {
-    candidates[local] = own;
+fn write_best(local: u32, place: u32) {
+    candidates[local] = best_candidate;
     for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
         workgroupBarrier();
         if local < half && is_better(candidates[local + half], candidates[local]) {

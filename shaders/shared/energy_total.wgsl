@@ -1,5 +1,6 @@
 //! uses: wide
-// Sums an energy over all threads of a dispatch into `stats`.
+// Sums an energy over all threads of a dispatch into `stats`, as sums of weight 1, 2³² and 2⁶⁴, the last in two's
+// complement.
 
 fn add_to_stats(limb: u32, value: u64) {
     let low = u32(value & 0xfffffffflu);
@@ -10,15 +11,20 @@ fn add_to_stats(limb: u32, value: u64) {
     }
 }
 
-// Sums over the threads of the workgroup, of weight 1, 2³² and 2⁶⁴, the last in two's complement.
+var<private> total: vec3<u64>;
 var<workgroup> totals: array<vec3<u64>, WORKGROUP>;
 
-// Adds energy << shift (at most 30) of every thread. Every thread of the workgroup must call this.
-fn add_energy(local: u32, energy: Wide, shift: u32) {
+// Adds energy << shift (at most 30) to what this thread has.
+fn add_energy(energy: Wide, shift: u32) {
     let first = u64(energy.lower) << shift;
     let second = (u64(energy.upper & 0xffffffffli) << shift) + (first >> 32u);
     let third = ((energy.upper >> 32u) << shift) + i64(second >> 32u);
-    totals[local] = vec3<u64>(first & 0xfffffffflu, second & 0xfffffffflu, u64(third));
+    total += vec3<u64>(first & 0xfffffffflu, second & 0xfffffffflu, u64(third));
+}
+
+// Adds what the threads of the workgroup have. Every thread of the workgroup must call this.
+fn write_energy(local: u32) {
+    totals[local] = total;
     for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
         workgroupBarrier();
         if local < half {

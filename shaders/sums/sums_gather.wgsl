@@ -5,8 +5,8 @@
 // those with the same label before it touches global memory: neighbouring faces often have the same. Rust:
 // device::plain::sums.
 
-fn sums_gather(thread: u32, local: u32) {
-    let first = thread * RUN;
+fn sums_gather(run: u32) {
+    let first = run * RUN;
     let end = min(first + RUN, iteration.faces);
     var label = FREE;
     var sums = NO_SUMS;

@@ -61,6 +61,9 @@ tuning! {
     batch_after_repair = 2, (1..=64);
     /// Iterations after which the boundary list is made anew, before the next batch.
     compact_after = 16, (1..=1_000_000);
+    /// Movers and clusters up to which an iteration takes them in one workgroup, with one dispatch instead of two or
+    /// four.
+    chain_items = 4096, (0..=1_000_000_000);
     /// Clusters up to which their sums come with their best dual edges: 36 bytes each, instead of a wait for those
     /// that merge.
     sums_along = 16_384, (0..=1_000_000_000);

@@ -86,11 +86,12 @@ pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
 /// Why an adapter with these properties cannot cluster.
 fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu::Limits) -> Option<String> {
     let workgroup = Tuning::default().workgroup;
-    let storage_buffers = KERNELS.iter().map(|kernel| kernel.bindings().len() as u32).max().unwrap_or(0);
+    let storage_buffers = KERNELS.iter().filter(|kernel| !kernel.needs_many_buffers());
+    let storage_buffers = storage_buffers.map(|kernel| kernel.bindings().len() as u32).max().unwrap_or(0);
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
-    } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION) {
-        Some("it has no compute shaders with indirect dispatch".to_owned())
+    } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS) {
+        Some("it has no compute shaders".to_owned())
     } else if limits.max_storage_buffers_per_shader_stage < storage_buffers {
         Some(format!(
             "a shader needs {storage_buffers} storage buffers, it has {}",
@@ -115,7 +116,7 @@ mod tests {
         assert_eq!(unusable(features, flags, &limits), None);
         let reason = |features, flags, limits: &wgpu::Limits| unusable(features, flags, limits).expect("unusable");
         assert!(reason(wgpu::Features::empty(), flags, &limits).contains("64-bit"));
-        assert!(reason(features, wgpu::DownlevelFlags::empty(), &limits).contains("indirect"));
+        assert!(reason(features, wgpu::DownlevelFlags::empty(), &limits).contains("compute"));
         let few_buffers = wgpu::Limits { max_storage_buffers_per_shader_stage: 4, ..limits.clone() };
         assert!(reason(features, flags, &few_buffers).ends_with("it has 4"));
         let few_threads = wgpu::Limits { max_compute_invocations_per_workgroup: 128, ..limits };

@@ -1,9 +1,9 @@
 //! Phases as batches of iterations.
 //!
 //! A batch is queued at once, and then the host waits for its statistics: a round trip costs as much as some 15
-//! dispatches, an iteration 3 or 4 of them. The device itself ends a phase: the kernel that finds an iteration without
-//! moves writes zeros into the arguments of the indirect dispatches that follow. Those still cost most of a dispatch,
-//! so the next batch has as many iterations as the moves so far foretell ([`foretold`]).
+//! dispatches, an iteration 2 to 5 of them. The device itself ends a phase: the kernel that finds an iteration without
+//! movers notes that, and the threads of further dispatches have nothing to do. Those still cost most of a dispatch, so
+//! the next batch has as many iterations as the moves so far foretell ([`foretold`]).
 //!
 //! A batch before the last is not known to be the last, and queueing the next one ahead of its statistics would leave
 //! that idle after every phase. The pause of a round trip between batches costs less.
@@ -12,11 +12,14 @@ use std::mem::take;
 use std::time::{Duration, Instant};
 
 use super::FaultPoint;
-use super::buffers::{BATCH, Buffer};
+use super::buffers::BATCH;
 use super::kernels::{self, Kernel};
 use super::layout::IterationStats;
-use super::state::{GpuSteps, History, Search};
+use super::memory::{BETWEEN, Numbers};
+use super::readback::Along;
+use super::state::{Change, GpuSteps, History};
 use crate::device::{Cancel, Ending, FLOOD_FROM};
+use crate::energy::LatticeEnergy;
 use crate::error::Result;
 
 /// What an iteration does.
@@ -25,84 +28,94 @@ pub(super) struct Phase {
     name: &'static str,
     fault_point: FaultPoint,
     kernels: &'static [&'static Kernel],
-    /// What completes the last iteration of a batch.
-    at_end: &'static [&'static Kernel],
+    /// The same for few movers and clusters.
+    of_few: &'static [&'static Kernel],
     /// The first iteration that is a flood: it takes several passes, each with a number of its own, until one in which
     /// nothing moves.
     flood_from: u32,
     /// Whether an iteration without moves found nothing left to do.
     is_over: fn(&IterationStats) -> bool,
-    /// Whether a batch ends with the energy: iterations of the others report it.
+    /// Whether the proxies are fitted once after a batch. Iterations of the others report the energy.
     is_growth: bool,
-    /// Whether a search for dual edges may be next.
-    precedes_searches: bool,
+    /// Whether clusters are ready for another phase then.
+    leaves_fitted: bool,
 }
 
 pub(super) const GROWTH: Phase = Phase {
     name: "grow",
     fault_point: FaultPoint::Grow,
     kernels: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY],
-    at_end: &[],
+    of_few: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY],
     flood_from: u32::MAX,
     is_over: |_| true,
     is_growth: true,
-    precedes_searches: false,
+    leaves_fitted: true,
 };
 
 pub(super) const BOUNDARY: Phase = Phase {
     name: "boundary",
     fault_point: FaultPoint::Boundary,
     kernels: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
-    at_end: &[],
+    of_few: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_CHAIN],
     flood_from: FLOOD_FROM,
     is_over: |_| true,
     is_growth: false,
-    precedes_searches: true,
+    leaves_fitted: true,
 };
 
 pub(super) const REFINEMENT: Phase = Phase {
     name: "refine",
     fault_point: FaultPoint::Refine,
-    kernels: &[kernels::FACE_BID, kernels::SELECT_BIDS, kernels::JOIN_MOVES, kernels::EVALUATE_MOVES],
-    at_end: &[kernels::COMMIT_MOVES],
+    kernels: &[
+        kernels::FACE_BID,
+        kernels::SELECT_BIDS,
+        kernels::JOIN_MOVES,
+        kernels::EVALUATE_MOVES,
+        kernels::COMMIT_MOVES,
+    ],
+    of_few: &[kernels::FACE_BID, kernels::REFINEMENT_CHAIN],
     flood_from: u32::MAX,
-    is_over: |stats| stats.bids == 0,
+    is_over: |stats| stats.movers == 0,
     is_growth: false,
-    precedes_searches: false,
+    leaves_fitted: false,
 };
 
 impl GpuSteps<'_> {
-    /// Runs iterations, numbered from `first`, until one has nothing left to do or `limit` of them moved something.
-    /// Calls `on_iteration` with each that did and the number of moves, in order. Also returns the number of the next
-    /// iteration.
+    /// Runs iterations until one has nothing left to do or `limit` of them moved something. Calls `on_iteration` with
+    /// each that did and the number of moves, in order; it returns the energy then.
     pub(super) fn run(
         &mut self,
         phase: &Phase,
-        (first, limit): (u32, u32),
+        limit: u32,
         cancel: &Cancel,
-        mut on_iteration: impl FnMut(&IterationStats, u64),
-    ) -> Result<(Ending, u32)> {
+        mut on_iteration: impl FnMut(&IterationStats, u64) -> LatticeEnergy,
+    ) -> Result<Ending> {
         let tuning = self.connection.tuning;
         // iterations that may still move something
         let mut left = limit;
-        let mut number = first;
+        self.next = std::mem::replace(&mut self.first, 1);
         // moves of a flood that goes on
         let mut flooded = 0;
-        let mut size = if self.is_repaired { tuning.batch_after_repair } else { tuning.first_batch };
+        let is_repaired = self.known.is_repaired;
+        let mut size = if is_repaired { tuning.batch_after_repair } else { tuning.first_batch };
         let mut all_moves = Vec::new();
+        let mut movers = if is_repaired { 0 } else { self.memory.listed };
         loop {
             cancel.check()?;
             let iterations = size.min(left).min(BATCH);
             if iterations == 0 {
-                return Ok((Ending::IterationLimit, number));
+                return Ok(Ending::IterationLimit);
             }
             let started = Instant::now();
-            for stats in self.run_batch(phase, number, iterations, iterations == left)? {
-                let is_flood = number >= phase.flood_from;
-                number = number.wrapping_add(1);
+            for stats in self.run_batch(phase, iterations, movers)? {
+                let is_flood = self.next >= phase.flood_from;
+                self.next = self.next.wrapping_add(1);
                 all_moves.push(stats.moves);
+                movers = stats.movers;
                 if stats.moves > 0 {
-                    self.note_moves();
+                    if !phase.is_growth {
+                        self.known.invalidate(Change::Moves);
+                    }
                     if is_flood {
                         flooded += u64::from(stats.moves);
                         continue;
@@ -111,10 +124,13 @@ impl GpuSteps<'_> {
                 let moves = take(&mut flooded) + u64::from(stats.moves);
                 if moves > 0 {
                     left -= 1;
-                    on_iteration(&stats, moves);
+                    let energy = on_iteration(&stats, moves);
+                    if !phase.is_growth {
+                        self.known.energy = Some(energy);
+                    }
                 } else if (phase.is_over)(&stats) {
                     cancel.check()?;
-                    return Ok((Ending::Converged, number));
+                    return Ok(Ending::Converged);
                 }
             }
             let affordable = Duration::from_millis(tuning.batch_ms.into()).as_nanos() * u128::from(iterations)
@@ -124,59 +140,44 @@ impl GpuSteps<'_> {
         }
     }
 
-    /// Queues a batch and waits for its statistics. With the last one of a boundary phase goes the search for dual
-    /// edges, if one followed the phase before.
-    fn run_batch(&mut self, phase: &Phase, number: u32, iterations: u32, is_last: bool) -> Result<Vec<IterationStats>> {
+    /// Queues a batch and waits for its statistics. `movers` is how many there may be.
+    fn run_batch(&mut self, phase: &Phase, iterations: u32, movers: u32) -> Result<Vec<IterationStats>> {
         self.connection.reach(phase.fault_point);
-        let search = match self.last_search {
-            Some(Search::Best(ties)) if is_last && self.search_follows && phase.precedes_searches => Some(ties),
-            _ => None,
-        };
-        if let Some(ties) = search {
-            self.memory.announce_for_batch(self.summed() as u32, ties);
+        // after a merge the list is made anew before searches
+        let is_listed_anew = !phase.is_growth
+            && self.known.history == History::Unmerged
+            && self.known.iterations_listed >= self.connection.tuning.compact_after;
+        let is_fitted = self.next == 1 && !self.known.is_fitted;
+        let numbers = Numbers { first: self.next, iterations, ..Numbers::NONE };
+        if phase.is_growth {
+            self.known.invalidate(Change::Moves);
         }
-        self.memory.number(&self.connection.queue, number);
-        let mut encoder = self.encoder();
-        encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
-        // after a merge the host may ask for moves, so faces that moved stay listed
-        let compacts = !phase.is_growth
-            && self.history == History::Unmerged
-            && self.iterations_listed >= self.connection.tuning.compact_after;
+        let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
+        let few = self.connection.tuning.chain_items;
+        let is_few = self.connection.has_chains && movers <= few && self.living.len() <= few as usize;
+        let kernels = if is_few { phase.of_few } else { phase.kernels };
         {
             let mut pass = self.connection.pass(&mut encoder, phase.name);
-            let mut dispatch = |kernel: &Kernel, slot| self.memory.dispatch(&self.connection, &mut pass, kernel, slot);
-            if compacts {
-                dispatch(kernels::BOUNDARY_COMPACT, 0);
-                dispatch(kernels::BOUNDARY_PUBLISH, 0);
-            }
             for slot in 0..iterations {
-                phase.kernels.iter().for_each(|kernel| dispatch(kernel, slot));
+                kernels.iter().for_each(|kernel| self.memory.dispatch(&self.connection, &mut pass, kernel, slot));
             }
-            phase.at_end.iter().for_each(|kernel| dispatch(kernel, iterations - 1));
         }
-        self.iterations_listed = match compacts {
-            true => iterations,
-            // free faces are listed, wherever they are
-            false if phase.is_growth && !self.is_repaired => u32::MAX,
-            false => self.iterations_listed.saturating_add(iterations),
-        };
-        self.forget();
-        if !phase.is_growth {
-            return match search {
-                Some(_) => self.read_stats_and_best(encoder, iterations),
-                None => self.read_stats(encoder, iterations),
-            };
+        // free faces are listed, wherever they are
+        let lists_others = phase.is_growth && !self.known.is_repaired;
+        let listed = self.known.iterations_listed.saturating_add(iterations);
+        self.known.iterations_listed = if lists_others { u32::MAX } else { listed };
+        self.known.is_fitted = phase.leaves_fitted;
+        if phase.is_growth {
+            self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT], BETWEEN);
         }
-        self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
-        let ((stats, between), moves, _) = self.read_stats_and_moves(encoder, iterations, 0)?;
-        self.is_fitted = true;
-        self.moves = moves;
-        // of a growth that is not over, the next batch reports both anew
-        self.set_energy(Some(between.energy()));
-        Ok(stats)
+        let read = self.fetch(encoder, Along { iterations, moves: phase.is_growth, ..Along::default() })?;
+        if phase.is_growth {
+            // of a growth that is not over, the next batch reports it anew
+            self.known.energy = Some(read.between.energy());
+        }
+        Ok(read.batch)
     }
 }
-
 /// How many iterations to queue next, from the moves of those so far. They fall by about a constant factor, taken from
 /// the second half; to fewer than one after this many iterations, of which four fifths are queued, since the last moves
 /// come one by one (`benches/results/choices.md`). As many as there were where they do not fall.

@@ -2,7 +2,7 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{self, Dispatch, IterationStats, Move};
+use super::layout::{self, IterationStats, Move};
 use crate::energy::words::{Face, Proxy};
 
 /// Iterations in the largest batch.
@@ -72,7 +72,7 @@ buffers! {
     Neighbours = "neighbours": "array<u32>", u32, |sizes| sizes.faces + 1 + sizes.neighbours;
     /// The cluster of each face.
     Labels = "labels": "array<u32>", u32, |sizes| sizes.faces;
-    /// By place in the boundary list: the cluster that the face moves to in this iteration.
+    /// The cluster that a face moves to in this iteration: of movers, and of free faces that are listed.
     WantedClusters = "wanted_clusters": "array<u32>", u32, |sizes| sizes.faces;
     /// The label of each face after the last merge, or that it is not listed.
     LabelAtMerge = "label_at_merge": "array<atomic<u32>>", u32, |sizes| sizes.faces;
@@ -98,10 +98,8 @@ buffers! {
     PieceSizes = "piece_sizes": "array<atomic<u32>>", u32, |sizes| sizes.faces;
     /// Pieces: the one that each cluster keeps.
     LargestPieces = "largest_pieces": "array<LargestPiece>", layout::LargestPiece, |sizes| sizes.clusters;
-    /// What each iteration of a batch reports, and then what is done between batches.
-    Stats = "stats": "array<IterationStats>", IterationStats, |_| u64::from(BATCH) + 1;
-    /// Workgroups of the indirect dispatches.
-    NextDispatch = "next_dispatch": "array<u32, 3>", Dispatch, |_| 1;
+    /// What each iteration of a batch reports, then what is done between batches, and before them.
+    Stats = "stats": "array<IterationStats>", IterationStats, |_| u64::from(BATCH) + 2;
     /// The best dual edge of each cluster so far; cleared between searches.
     BestDualEdges = "best_dual_edges": "array<BestDualEdge>", layout::BestDualEdge, |sizes| sizes.clusters;
     /// The best dual edge of each cluster that is left, for the host.

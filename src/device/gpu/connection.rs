@@ -35,6 +35,8 @@ pub(super) struct Connection {
     pub(super) tuning: Tuning,
     /// Whether the adapter is a driver that computes on the cpu.
     pub(super) is_software: bool,
+    /// Whether chains of kernels are used: they have more storage buffers than portable devices bind.
+    pub(super) has_chains: bool,
     /// Compiled kernels, by name.
     pipelines: Mutex<HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
     /// Name of the adapter.
@@ -112,6 +114,8 @@ impl Connection {
         if let Some(bytes) = overrides.binding_size {
             limits.max_storage_buffer_binding_size = bytes;
         }
+        let binds = |kernel: &&Kernel| kernel.bindings().len() as u32 <= limits.max_storage_buffers_per_shader_stage;
+        let has_chains = KERNELS.iter().all(binds);
         let clock = is_timed.then(|| Clock::new(&device, &queue));
         let connection = Self {
             device,
@@ -119,6 +123,7 @@ impl Connection {
             limits,
             tuning: overrides.tuning,
             is_software: found.report.kind == AdapterKind::Software,
+            has_chains,
             pipelines: Mutex::default(),
             name,
             staging: Mutex::default(),
@@ -134,8 +139,8 @@ impl Connection {
 
     /// Compiles all kernels, several at a time.
     fn compile(&self) -> Result<()> {
-        let compiled: Vec<_> =
-            KERNELS.par_iter().map(|kernel| (kernel.name, compile(&self.device, kernel, &self.tuning))).collect();
+        let used = |kernel: &&&Kernel| self.has_chains || !kernel.needs_many_buffers();
+        let compiled: Vec<_> = KERNELS.par_iter().filter(used).map(|kernel| (kernel.name, compile(&self.device, kernel, &self.tuning))).collect();
         lock(&self.pipelines).extend(compiled);
         self.check()
     }
@@ -154,7 +159,7 @@ impl Connection {
     /// Counts a dispatch, if there is a clock.
     pub(super) fn count(&self, kernel: &Kernel) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel.function());
+            clock.count(kernel.name);
         }
     }
 

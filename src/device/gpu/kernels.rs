@@ -1,8 +1,9 @@
 //! The table of kernels. A kernel is its WGSL file, a row here, and a dispatch.
 //!
-//! A file has a function of its own name, which takes the number of the thread, and that of the thread in its
-//! workgroup; kernels of one thread take neither. Its first lines name the shared pieces that it uses, the buffers that
-//! it reads, and those that it writes; a buffer with atomics counts as written:
+//! A file has a function of its own name, which is called for each item that the row says: a face, a listed face, a
+//! number. If it also has a function `<name>_end(local, group)`, every thread of a workgroup calls that after its items.
+//! The first lines name the shared pieces that it uses, the buffers that it reads, and those that it writes; a buffer
+//! with atomics counts as written:
 //!
 //! ```wgsl
 //! //! uses: boundary_list, energy
@@ -12,6 +13,9 @@
 //!
 //! `energy` is the file of the energy in `shaders/energy/`. [`Kernel::source`] puts the pieces, what they use
 //! themselves, and all declarations in front; layouts, pipelines and bind groups are made from the same lines.
+//!
+//! A *chain* is several kernels in one dispatch of one workgroup, a barrier after each. Where a step has few items, that
+//! costs less than several dispatches.
 
 use std::mem::size_of;
 
@@ -25,14 +29,21 @@ use crate::energy::words;
 pub struct Kernel {
     /// Name, unique.
     pub name: &'static str,
+    /// What it does: one part, or those of a chain.
+    pub parts: &'static [Part],
+    /// A pipeline-overridable constant of the file, and its value.
+    pub constant: Option<(&'static str, u32)>,
+}
+
+/// A WGSL file that is called for items.
+#[derive(Debug, Clone, Copy)]
+pub struct Part {
     /// Folder and name of its file in `shaders/`.
     pub path: &'static str,
     /// The file.
     pub wgsl: &'static str,
-    /// A pipeline-overridable constant of the file, and its value.
-    pub constant: Option<(&'static str, u32)>,
-    /// How many threads a dispatch has.
-    pub threads: Threads,
+    /// What it is called for.
+    pub items: Items,
 }
 
 /// A storage buffer that a kernel sees.
@@ -44,23 +55,57 @@ pub struct Binding {
     pub is_written: bool,
 }
 
-/// The threads of a dispatch.
+/// What a kernel is called for, by one thread each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Threads {
-    /// One thread.
-    One,
-    /// One workgroup.
-    Group,
-    /// A thread a face.
+pub enum Items {
+    /// Each face.
     Faces,
-    /// A thread for [`Tuning::run`] faces.
+    /// The number of each run of [`Tuning::run`] faces.
     FaceRuns,
-    /// A thread a cluster that is left.
+    /// The place of each cluster that is left, in `living_clusters`.
     Clusters,
-    /// A thread an entry of the list that the host wrote.
+    /// The place of each entry of a list of the host.
     Entries,
-    /// A thread a listed face, or none at all after the end of a phase: an indirect dispatch.
+    /// The same, in one workgroup.
+    EntriesAtOnce,
+    /// Each listed face; none after the end of a phase.
     Listed,
+    /// Each mover; none after the end of a phase.
+    Movers,
+}
+
+impl Items {
+    /// WGSL: how many there are, and the one at a place.
+    fn wgsl(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Faces => ("iteration.faces", "at"),
+            Self::FaceRuns => ("(iteration.faces + RUN - 1u) / RUN", "at"),
+            Self::Clusters => ("iteration.clusters", "at"),
+            Self::Entries | Self::EntriesAtOnce => ("iteration.entries", "at"),
+            Self::Listed => ("listed()", "listed_face(at)"),
+            Self::Movers => ("movers()", "mover(at)"),
+        }
+    }
+}
+
+impl Part {
+    /// Name of its file and function.
+    pub fn function(&self) -> &'static str {
+        self.path.rsplit('/').next().unwrap_or(self.path)
+    }
+
+    /// The WGSL that calls the function for the items of a thread.
+    fn call(&self) -> String {
+        let function = self.function();
+        let (items, item) = self.items.wgsl();
+        let call = format!(
+            "    {{\n        let end = {items};\n        \
+             for (var at = first; at < end; at += stride) {{ {function}({item}); }}\n"
+        );
+        let has_end = self.wgsl.contains(&format!("fn {function}_end("));
+        let end = if has_end { format!("        {function}_end(local, group.x);\n") } else { String::new() };
+        call + &end + "    }\n"
+    }
 }
 
 impl Kernel {
@@ -74,39 +119,50 @@ impl Kernel {
                 if is_written { ("read_write", ty.to_owned()) } else { ("read", ty.replace("atomic<u32>", "u32")) };
             source.push_str(&format!("@group(0) @binding({place}) var<storage, {access}> {name}: {ty};\n"));
         }
-        splice(self.wgsl, &mut Vec::new(), &mut source);
-        // not from num_workgroups, which is 0 in an indirect dispatch on DX12 unless wgpu validates those
-        let thread = "(group.y * iteration.row + group.x) * WORKGROUP + local, local";
-        let (size, arguments) = if self.threads == Threads::One { (1, "") } else { (tuning.workgroup, thread) };
+        let mut used = Vec::new();
+        self.parts.iter().for_each(|part| splice((part.function(), part.wgsl), &mut used, &mut source));
+        let calls: Vec<String> = self.parts.iter().map(Part::call).collect();
         source.push_str(&format!(
-            "@compute @workgroup_size({size})\n\
-             fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {{\n    \
-             {}({arguments});\n}}\n",
-            self.function()
+            "@compute @workgroup_size({})\n\
+             fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,\n    \
+             @builtin(local_invocation_index) local: u32) {{\n    \
+             let first = group.x * WORKGROUP + local;\n    let stride = groups.x * WORKGROUP;\n{}}}\n",
+            tuning.workgroup,
+            calls.join("    storageBarrier();\n"),
         ));
         source
     }
 
-    /// Name of its file and function.
-    pub fn function(&self) -> &'static str {
-        self.path.rsplit('/').next().unwrap_or(self.path)
-    }
-
     /// Whether only hierarchies need it.
     pub fn is_merging(&self) -> bool {
-        self.path.starts_with("merge/")
+        self.parts.iter().any(|part| part.path.starts_with("merge/"))
+    }
+
+    /// Whether it has more storage buffers than portable devices bind.
+    pub fn needs_many_buffers(&self) -> bool {
+        self.bindings().len() > 8
+    }
+
+    /// Whether it is several kernels in one.
+    pub fn is_chain(&self) -> bool {
+        self.parts.len() > 1
     }
 
     /// The buffers of bindings 1, 2, …; binding 0 is the [`Iteration`].
     pub fn bindings(&self) -> Vec<Binding> {
-        let of = |key: &'static str, is_written: bool| {
-            names(self.wgsl, key).filter_map(move |name| {
+        let mut all: Vec<Binding> = Vec::new();
+        let keys = [("reads", false), ("writes", true)];
+        for (part, (key, is_written)) in self.parts.iter().flat_map(|part| keys.map(|key| (part, key))) {
+            for name in names(part.wgsl, key) {
                 // a name without a buffer leaves a source that does not parse; a test parses all
-                let buffer = Buffer::ALL.iter().copied().find(|buffer| buffer.spec().name == name)?;
-                Some(Binding { buffer, is_written })
-            })
-        };
-        of("reads", false).chain(of("writes", true)).collect()
+                let Some(&buffer) = Buffer::ALL.iter().find(|buffer| buffer.spec().name == name) else { continue };
+                match all.iter_mut().find(|binding| binding.buffer == buffer) {
+                    Some(binding) => binding.is_written |= is_written,
+                    None => all.push(Binding { buffer, is_written }),
+                }
+            }
+        }
+        all
     }
 
     /// Bytes of the smallest buffer for each binding.
@@ -129,15 +185,15 @@ pub fn names(wgsl: &'static str, key: &str) -> impl Iterator<Item = &'static str
     list.split(", ").filter(|name| !name.is_empty())
 }
 
-/// Appends the pieces that a text uses, each once and after those that it needs itself, and then the text.
-fn splice(wgsl: &'static str, used: &mut Vec<&'static str>, source: &mut String) {
-    for name in names(wgsl, "uses") {
-        if !used.contains(&name) {
-            used.push(name);
-            // a name without a file leaves a source that does not parse; a test parses all
-            splice(PIECES.iter().find(|(piece, _)| *piece == name).map_or("", |(_, text)| text), used, source);
-        }
+/// Appends a named text after the pieces that it uses, each once.
+fn splice((name, wgsl): (&'static str, &'static str), used: &mut Vec<&'static str>, source: &mut String) {
+    if used.contains(&name) {
+        return;
     }
+    used.push(name);
+    // a name without a file leaves a source that does not parse; a test parses all
+    let pieces = names(wgsl, "uses").filter_map(|name| PIECES.iter().find(|(piece, _)| *piece == name));
+    pieces.for_each(|&piece| splice(piece, used, source));
     source.push_str(wgsl);
     source.push('\n');
 }
@@ -152,37 +208,49 @@ macro_rules! pieces {
 }
 
 pieces! {
-    "accepted_moves",
+    "append",
     "bids",
     "boundary_insert",
     "boundary_list",
     "candidate_edge",
     "cluster_sums",
+    "copied_sums",
     "count",
-    "cover",
     "energy_total",
     "float",
-    "living_clusters",
     "ties",
     "wide",
 }
 
-/// Rows: name, file, a constant, threads.
+/// Rows: name, file, a constant, items; then chains: name, kernels.
 macro_rules! kernels {
-    ($($name:ident = $path:literal $(($constant:literal = $value:literal))?, $threads:ident;)*) => {
+    (
+        $($name:ident = $path:literal $(($constant:literal = $value:literal))?, $items:ident;)*
+        { $($chain:ident = $($part:ident $(for $of:ident)?),+;)* }
+    ) => {
         $(
             #[doc = concat!("`shaders/", $path, ".wgsl`")]
             pub const $name: &Kernel = &Kernel {
                 name: stringify!($name),
-                path: $path,
-                wgsl: include_str!(concat!("../../../shaders/", $path, ".wgsl")),
+                parts: &[Part {
+                    path: $path,
+                    wgsl: include_str!(concat!("../../../shaders/", $path, ".wgsl")),
+                    items: Items::$items,
+                }],
                 constant: [$(Some(($constant, $value)),)? None][0],
-                threads: Threads::$threads,
+            };
+        )*
+        $(
+            #[doc = concat!($("`", stringify!($part), "` "),+)]
+            pub const $chain: &Kernel = &Kernel {
+                name: stringify!($chain),
+                parts: &[$(Part { $(items: Items::$of,)? ..$part.parts[0] }),+],
+                constant: None,
             };
         )*
 
         /// All kernels.
-        pub const KERNELS: &[&Kernel] = &[$($name),*];
+        pub const KERNELS: &[&Kernel] = &[$($name,)* $($chain),*];
     };
 }
 
@@ -194,18 +262,16 @@ kernels! {
     GROWTH_PROPOSE = "growth/growth_propose", Listed;
     GROWTH_APPLY = "growth/growth_apply", Listed;
 
-    BOUNDARY_BUILD = "boundary/boundary_keep" ("FROM_ALL" = 1), Faces;
-    BOUNDARY_COMPACT = "boundary/boundary_keep" ("FROM_ALL" = 0), Listed;
-    BOUNDARY_PUBLISH = "boundary/boundary_publish", One;
-    BOUNDARY_COVER = "boundary/boundary_cover", One;
+    BOUNDARY_BUILD = "boundary/boundary_keep", Faces;
+    BOUNDARY_COMPACT = "boundary/boundary_keep", Listed;
     BOUNDARY_PROPOSE = "boundary/boundary_propose", Listed;
-    BOUNDARY_APPLY = "boundary/boundary_apply", Listed;
+    BOUNDARY_APPLY = "boundary/boundary_apply", Movers;
 
     FACE_BID = "refine/face_bid", Listed;
-    SELECT_BIDS = "refine/select_bids", Listed;
-    JOIN_MOVES = "refine/join_moves", Listed;
+    SELECT_BIDS = "refine/select_bids", Movers;
+    JOIN_MOVES = "refine/join_moves", Movers;
     EVALUATE_MOVES = "refine/evaluate_moves", Clusters;
-    COMMIT_MOVES = "refine/commit_moves", Listed;
+    COMMIT_MOVES = "refine/commit_moves", Movers;
 
     PIECE_LINK = "pieces/piece_link", Faces;
     PIECE_UNION = "pieces/piece_union", Faces;
@@ -218,9 +284,18 @@ kernels! {
     MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed;
     DUAL_EDGES_PUBLISH = "merge/dual_edges_publish", Clusters;
     CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed;
-    CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", Group;
+    CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", EntriesAtOnce;
     MERGE_APPLY = "merge/merge_apply", Entries;
     MERGE_RELABEL = "merge/merge_relabel", Faces;
     MOVES_LIST = "merge/moves_list", Listed;
     SUMS_COPY = "merge/sums_copy", Entries;
+
+    {
+        BOUNDARY_CHAIN = BOUNDARY_APPLY, PROXIES_FIT;
+        REFINEMENT_CHAIN = SELECT_BIDS, JOIN_MOVES, EVALUATE_MOVES, COMMIT_MOVES;
+        REGROWTH_CHAIN =
+            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
+            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
+            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers;
+    }
 }

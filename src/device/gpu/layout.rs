@@ -44,14 +44,22 @@ shared! {
         faces: u32,
         /// Number of clusters that are left.
         clusters: u32,
-        /// Workgroups in a full row of a dispatch; a smaller dispatch is one row.
-        row: u32,
         /// Number of the iteration in its phase, from 1; of the boundary phase, that of the pass.
         number: u32,
-        /// Number of entries of `host_list`.
+        /// Number of entries of a list: of `host_list`, of the candidates, or of clusters whose sums the host wants.
         entries: u32,
         /// 1: of equally cheap dual edges, the one to the neighbour with the largest number is the best.
         prefers_largest_id: u32,
+        /// Which half of the boundary list is in use: 0 or 1.
+        half: u32,
+        /// Number of the batch, from 1.
+        batch: u32,
+        /// 1: faces that moved since the last merge stay listed.
+        keeps_moved: u32,
+        /// Padding.
+        unused_1: u32,
+        /// Padding.
+        unused_2: u32,
     }
 
     /// What an iteration reports to the host.
@@ -61,8 +69,8 @@ shared! {
         explained: [Atomic; 6],
         /// Faces whose label changed.
         moves: Atomic,
-        /// Faces that bid, in refinement.
-        bids: Atomic,
+        /// Faces that wanted to move; of a repair, faces that it freed.
+        movers: Atomic,
         /// Entries of `moves`.
         listed: Atomic,
     }
@@ -81,11 +89,10 @@ shared! {
         connected: Atomic,
     }
 
-    /// The best move of a face, in refinement; of one that is not listed, none.
+    /// The best move of a mover, in refinement.
     FaceBid {
-        /// The clusters that it wants to enter in the last two iterations, or FREE: that of the present one at the
-        /// lowest bit of its number.
-        wanted_in: [u32; 2],
+        /// The cluster that it wants to enter.
+        wanted: u32,
         /// The packed gain.
         bid: u32,
         /// The iteration in which the face was last refused, or 0.
@@ -122,19 +129,15 @@ shared! {
         inverted_root: Atomic,
     }
 
-    /// The boundary faces, which dispatches go over.
+    /// Faces that dispatches go over.
     BoundaryList {
-        /// Listed faces, with those that kernels have added during this dispatch.
-        length: Atomic,
-        /// Faces that `boundary_keep` has kept so far.
-        kept: Atomic,
-        /// Listed faces that dispatches go over: `length` when `cover` ran last.
-        due: u32,
-        /// Index in `entries` of the first listed face: 0 or the number of faces.
-        first: u32,
+        /// Listed faces in each half of `entries`, movers of even and of odd iterations, freed faces.
+        lengths: [Atomic; 5],
+        /// The batch in which the phase has ended, or 0.
+        ended: u32,
         /// The last pass of the boundary phase in which a face moved.
         moved_in: Atomic,
-        /// Two halves of one entry a face, of which one is in use.
+        /// Two halves of one entry a face: the listed faces, and the movers.
         entries: List,
     }
 
@@ -192,9 +195,6 @@ shared! {
     }
 }
 
-/// Workgroups of a dispatch.
-pub type Dispatch = [u32; 3];
-
 impl IterationStats {
     /// The energy that the iteration left.
     pub fn energy(&self) -> LatticeEnergy {
@@ -235,7 +235,7 @@ mod tests {
             explained[2 * at] = limb as u32;
             explained[2 * at + 1] = (limb >> 32) as u32;
         }
-        IterationStats { explained, moves: 0, bids: 0, listed: 0 }
+        IterationStats { explained, moves: 0, movers: 0, listed: 0 }
     }
 
     #[test]

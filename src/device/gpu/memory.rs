@@ -9,8 +9,8 @@ use bytemuck::Zeroable;
 use super::adapter::MOST_FACES;
 use super::buffers::{BATCH, Buffer, Sizes};
 use super::connection::Connection;
-use super::kernels::{self, Kernel, Threads};
-use super::layout::{Dispatch, Iteration};
+use super::kernels::{self, Items, Kernel};
+use super::layout::Iteration;
 use super::upload::{upload, upload_graph};
 use super::{FaultPoint, Tuning};
 use crate::device::dual_edge::Ties;
@@ -18,22 +18,55 @@ use crate::energy::words::Proxy;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
-/// The iteration, and the entry of the statistics, of what is done between batches.
+/// The entry of the statistics of what is done between batches.
 pub(super) const BETWEEN: u32 = BATCH;
+
+/// The same of what is done before a batch, or before that.
+pub(super) const BEFORE: u32 = BATCH + 1;
+
+/// Entries of the statistics, and uniforms.
+const ENTRIES: u32 = BATCH + 2;
+
+/// Of this many listed faces, one has a thread as a mover.
+const MOVERS_OF: u32 = 4;
+
+/// Numbers that the kernels of a submission see.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Numbers {
+    /// The number of its first iteration.
+    pub first: u32,
+    /// Its iterations.
+    pub iterations: u32,
+    /// Entries of a list.
+    pub entries: u32,
+    /// The order of equally cheap edges.
+    pub ties: Ties,
+    /// Whether faces that moved since the last merge stay listed.
+    pub keeps_moved: bool,
+}
+
+impl Numbers {
+    /// Of a submission with neither iterations nor a list.
+    pub(super) const NONE: Self = Self { first: 1, iterations: 0, entries: 0, ties: Ties::Hash, keeps_moved: false };
+}
 
 /// A surface on the device.
 #[derive(Debug)]
 pub(super) struct SurfaceMemory {
     /// By number of the [`Buffer`].
     storage: Vec<wgpu::Buffer>,
-    /// The iterations of a batch and then the one between batches; a uniform that dispatches see at different offsets.
+    /// What kernels see before a batch, between batches, and in each iteration: a uniform, at different offsets.
     iterations: wgpu::Buffer,
-    /// Bytes from one iteration to the next.
+    /// Bytes from one of those to the next.
     stride: u32,
     /// How threads are grouped.
     tuning: Tuning,
+    /// Workgroups of a dispatch at most.
+    most_groups: u32,
     /// What all iterations have in common.
     common: Iteration,
+    /// Faces on the boundary list when the host last read that; all of them before.
+    pub(super) listed: u32,
     /// Pipelines and buffers of kernels that were dispatched, by name.
     bound: RefCell<HashMap<&'static str, (wgpu::ComputePipeline, wgpu::BindGroup)>>,
 }
@@ -49,25 +82,27 @@ impl SurfaceMemory {
     ) -> Result<Self> {
         let proxies = proxies(graph, component_of_cluster)?;
         check_counts(connection, graph)?;
-        let row = connection.limits.max_compute_workgroups_per_dimension;
         let tuning = connection.tuning;
-        let [columns, rows, _] = groups(graph.faces() as u64, tuning.workgroup, row);
         let sizes = Sizes {
             faces: graph.faces() as u64,
             neighbours: graph.neighbours.len() as u64,
             clusters: proxies.len() as u64,
-            face_groups: u64::from(columns) * u64::from(rows),
+            face_groups: graph.faces().div_ceil(tuning.workgroup as usize) as u64,
         };
         connection.reach(FaultPoint::Upload);
         let needed = kernels::needed(is_merging);
         let create = |buffer: &Buffer| create(connection, *buffer, needed.contains(buffer).then_some(&sizes));
         let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
-        let stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Iteration>() as u32);
-        let bytes = u64::from(BATCH + 1) * u64::from(stride);
+        let stride =
+            (size_of::<Iteration>() as u32).next_multiple_of(connection.limits.min_uniform_buffer_offset_alignment);
+        let bytes = u64::from(ENTRIES) * u64::from(stride);
         let iterations =
             connection.buffer("iterations", bytes, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
-        let common = Iteration { faces: sizes.faces as u32, row, ..Iteration::zeroed() };
-        let mut memory = Self { storage, iterations, stride, tuning, common, bound: RefCell::default() };
+        let common = Iteration { faces: sizes.faces as u32, ..Iteration::zeroed() };
+        let most_groups = connection.limits.max_compute_workgroups_per_dimension;
+        let bound = RefCell::default();
+        let listed = common.faces;
+        let mut memory = Self { storage, iterations, stride, tuning, most_groups, common, listed, bound };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
         upload(&connection.queue, memory.get(Buffer::Proxies), 0, &proxies);
         let all: Vec<u32> = (0..sizes.clusters as u32).collect();
@@ -91,39 +126,38 @@ impl SurfaceMemory {
         self.common.faces
     }
 
-    /// Lets dispatches with a thread a cluster go over these only.
+    /// Lets kernels with a thread a cluster go over these only.
     pub(super) fn list_clusters(&mut self, queue: &wgpu::Queue, living: &[u32]) {
         upload(queue, self.get(Buffer::LivingClusters), 0, living);
         self.common.clusters = living.len() as u32;
-        self.number(queue, 1);
     }
 
-    /// Numbers the iterations of the next batch.
-    pub(super) fn number(&self, queue: &wgpu::Queue, first: u32) {
+    /// Sets the numbers of the next submission. With `is_listed_anew`, what it does [before](BEFORE) a batch makes the
+    /// boundary list, in the half that is not in use.
+    pub(super) fn number(&mut self, queue: &wgpu::Queue, numbers: Numbers, is_listed_anew: bool) {
+        self.common.batch = self.common.batch.wrapping_add(1).max(1);
+        self.common.entries = numbers.entries;
+        self.common.prefers_largest_id = u32::from(numbers.ties == Ties::LargestId);
+        self.common.keeps_moved = u32::from(numbers.keeps_moved);
+        let before = Iteration { slot: BEFORE, between: 1, ..self.common };
+        self.common.half ^= u32::from(is_listed_anew);
+        let between = Iteration { slot: BETWEEN, between: 1, ..self.common };
+        let iteration = |slot| Iteration { slot, number: numbers.first.wrapping_add(slot), ..self.common };
+        let all = [before, between].into_iter().chain((0..numbers.iterations).map(iteration));
         let stride = self.stride as usize;
-        let mut bytes = vec![0u8; stride * (BATCH as usize + 1)];
-        for (slot, entry) in (0..=BATCH).zip(bytes.chunks_mut(stride)) {
-            let number = first.wrapping_add(slot);
-            let iteration = Iteration { slot, number, between: u32::from(slot == BETWEEN), ..self.common };
+        let mut bytes = vec![0u8; stride * (2 + numbers.iterations as usize)];
+        for (entry, iteration) in bytes.chunks_mut(stride).zip(all) {
             entry[..size_of::<Iteration>()].copy_from_slice(bytemuck::bytes_of(&iteration));
         }
         queue.write_buffer(&self.iterations, 0, &bytes);
     }
 
-    /// Sets, for the next submission between batches, the length of the host's list and the order of equally cheap
-    /// edges.
-    pub(super) fn announce(&mut self, queue: &wgpu::Queue, entries: u32, ties: Ties) {
-        self.announce_for_batch(entries, ties);
-        self.number(queue, 1);
+    /// Which half of the boundary list is in use.
+    pub(super) fn half(&self) -> usize {
+        self.common.half as usize
     }
 
-    /// The same for what is done after the next batch, in the same submission; before the batch is numbered.
-    pub(super) fn announce_for_batch(&mut self, entries: u32, ties: Ties) {
-        self.common.entries = entries;
-        self.common.prefers_largest_id = u32::from(ties == Ties::LargestId);
-    }
-
-    /// Encodes one dispatch of a kernel, in an iteration of a batch or [`BETWEEN`] batches.
+    /// Encodes one dispatch of a kernel: in an iteration of a batch, [`BETWEEN`] batches, or [`BEFORE`] one.
     pub(super) fn dispatch(
         &self,
         connection: &Connection,
@@ -134,26 +168,30 @@ impl SurfaceMemory {
         connection.count(kernel);
         let mut bound = self.bound.borrow_mut();
         let (pipeline, bind_group) = bound.entry(kernel.name).or_insert_with(|| self.bind(connection, kernel));
+        let place = match slot {
+            BEFORE => 0,
+            BETWEEN => 1,
+            slot => slot + 2,
+        };
         pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &*bind_group, &[slot * self.stride]);
-        match self.groups(kernel.threads) {
-            Some([x, y, z]) => pass.dispatch_workgroups(x, y, z),
-            None => pass.dispatch_workgroups_indirect(self.get(Buffer::NextDispatch), 0),
-        }
+        pass.set_bind_group(0, &*bind_group, &[place * self.stride]);
+        pass.dispatch_workgroups(self.groups(kernel), 1, 1);
     }
 
-    /// Workgroups of a dispatch; none if the device decides.
-    fn groups(&self, threads: Threads) -> Option<Dispatch> {
-        let Iteration { faces, clusters, row, entries, .. } = self.common;
-        let items = match threads {
-            Threads::One | Threads::Group => 1,
-            Threads::Faces => faces,
-            Threads::FaceRuns => faces.div_ceil(self.tuning.run),
-            Threads::Clusters => clusters,
-            Threads::Entries => entries,
-            Threads::Listed => return None,
+    /// Workgroups of a dispatch. Threads go over all items, however many workgroups there are.
+    pub(super) fn groups(&self, kernel: &Kernel) -> u32 {
+        let Iteration { faces, clusters, entries, .. } = self.common;
+        let items = match kernel.parts[0].items {
+            _ if kernel.is_chain() => 1,
+            Items::EntriesAtOnce => 1,
+            Items::Faces => faces,
+            Items::FaceRuns => faces.div_ceil(self.tuning.run),
+            Items::Clusters => clusters,
+            Items::Entries => entries,
+            Items::Listed => self.listed,
+            Items::Movers => self.listed / MOVERS_OF,
         };
-        Some(groups(u64::from(items), self.tuning.workgroup, row))
+        items.div_ceil(self.tuning.workgroup).clamp(1, self.most_groups)
     }
 
     fn bind(&self, connection: &Connection, kernel: &Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroup) {
@@ -191,21 +229,11 @@ fn proxies(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<Proxy>
     component_of_cluster.iter().map(proxy).collect()
 }
 
-/// Workgroups of `size` for so many threads, in rows of `row`.
-fn groups(threads: u64, size: u32, row: u32) -> Dispatch {
-    let groups = threads.div_ceil(u64::from(size)).max(1);
-    let rows = groups.div_ceil(u64::from(row));
-    [groups.min(u64::from(row)) as u32, rows as u32, 1]
-}
-
-/// Refuses more faces than threads of a dispatch can number in u32, the last row half empty, and more neighbours than
-/// u32 can index behind the rows.
+/// Refuses more faces than threads can number in u32, and more neighbours than u32 can index behind the rows.
 fn check_counts(connection: &Connection, graph: &DualGraph) -> Result<()> {
     let (faces, neighbours) = (graph.faces() as u64, graph.neighbours.len() as u64);
-    let row = u64::from(connection.limits.max_compute_workgroups_per_dimension);
-    let threads = (row * row * u64::from(connection.tuning.workgroup)).min(MOST_FACES);
     for (what, found, limit) in
-        [("faces", faces, threads), ("faces and neighbours of faces", faces + 1 + neighbours, u64::from(u32::MAX))]
+        [("faces", faces, MOST_FACES), ("faces and neighbours of faces", faces + 1 + neighbours, u64::from(u32::MAX))]
     {
         if found > limit {
             return Err(Error::new(
@@ -233,28 +261,6 @@ fn create(connection: &Connection, buffer: Buffer, sizes: Option<&Sizes>) -> Res
             ),
         ));
     }
-    let mut usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-    if buffer == Buffer::NextDispatch {
-        usage |= wgpu::BufferUsages::INDIRECT;
-    }
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     connection.buffer(spec.name, bytes, usage)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dispatches_cover_all_threads_within_the_limit() {
-        for (threads, row, expected) in [
-            (0, 65_535, [1, 1, 1]),
-            (256, 65_535, [1, 1, 1]),
-            (257, 65_535, [2, 1, 1]),
-            (256 * 65_535, 65_535, [65_535, 1, 1]),
-            (256 * 65_535 + 1, 65_535, [65_535, 2, 1]),
-            (256 * 7, 3, [3, 3, 1]),
-        ] {
-            assert_eq!(groups(threads, 256, row), expected);
-        }
-    }
 }

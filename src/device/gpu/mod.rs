@@ -43,7 +43,6 @@ pub mod kernels;
 pub mod layout;
 mod memory;
 mod merge_steps;
-mod pieces;
 mod probe;
 mod readback;
 mod self_test;

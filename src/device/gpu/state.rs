@@ -1,27 +1,19 @@
-//! What is known about a surface on the device between the steps, and commands for its kernels.
+//! A surface on the gpu: what the host knows about its state, and submissions.
 
-use std::cell::RefCell;
+use std::cell::Cell;
+use std::mem::offset_of;
 use std::sync::Arc;
 
 use super::buffers::Buffer;
 use super::connection::Connection;
 use super::kernels::{self, Kernel};
-use super::layout::Move;
-use super::memory::{BETWEEN, SurfaceMemory};
+use super::layout::{BoundaryList, Move};
+use super::memory::{BEFORE, Numbers, SurfaceMemory};
 use crate::device::DualEdge;
 use crate::device::dual_edge::Ties;
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
-
-/// Whether cluster sums and boundary list belong to the labels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sums {
-    /// The labels were replaced.
-    Stale,
-    /// They do; the energy once known.
-    Current(Option<LatticeEnergy>),
-}
 
 /// What happened since the labels were set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +44,77 @@ pub(super) enum Found {
     Cheapest(Option<(u32, u32)>),
 }
 
+/// A change of the device's state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    /// The host replaces all labels.
+    Labels,
+    /// Faces may move.
+    Moves,
+    /// Clusters merge.
+    Merge,
+}
+
+/// What the host knows about the device's state.
+#[derive(Debug)]
+pub(super) struct Known {
+    pub history: History,
+    /// Whether a face may be free.
+    pub has_free: bool,
+    /// Whether clusters may be in pieces.
+    pub may_have_pieces: bool,
+    /// Whether a repair was the last to free faces: few of them move then.
+    pub is_repaired: bool,
+    /// Whether cluster sums and boundary list belong to the labels.
+    pub has_sums: bool,
+    /// Whether the proxies do, too, and no cluster has leavers or bids.
+    pub is_fitted: bool,
+    /// Iterations since the boundary list was made of boundary faces only.
+    pub iterations_listed: u32,
+    pub energy: Option<LatticeEnergy>,
+    pub labels: Option<Vec<u32>>,
+    /// The faces that moved since the last merge.
+    pub moves: Option<Vec<Move>>,
+    /// The sums of some clusters, ascending.
+    pub sums: Vec<(u32, ClusterSums)>,
+    /// What a search finds.
+    pub found: Option<(Search, Found)>,
+}
+
+impl Known {
+    /// Of a new surface: all faces are free.
+    const NEW: Self = Self {
+        history: History::Unmerged,
+        has_free: true,
+        may_have_pieces: true,
+        is_repaired: false,
+        has_sums: false,
+        is_fitted: false,
+        iterations_listed: u32::MAX,
+        energy: None,
+        labels: None,
+        moves: None,
+        sums: Vec::new(),
+        found: None,
+    };
+
+    /// Forgets what a change makes untrue.
+    pub fn invalidate(&mut self, change: Change) {
+        let Self { has_free, has_sums, is_fitted, iterations_listed, .. } = *self;
+        let history = match (change, self.history) {
+            (Change::Merge, _) => History::Merged,
+            (_, History::Merged) => History::MovedSinceMerge,
+            (_, history) => history,
+        };
+        let kept = Self { history, has_free, has_sums, is_fitted, iterations_listed, ..Self::NEW };
+        *self = match change {
+            Change::Labels => Self { history, ..Self::NEW },
+            Change::Moves => Self { is_repaired: self.is_repaired, ..kept },
+            Change::Merge => Self { may_have_pieces: self.may_have_pieces, ..kept },
+        };
+    }
+}
+
 /// A surface on the gpu.
 pub(super) struct GpuSteps<'a> {
     pub(super) connection: Arc<Connection>,
@@ -60,41 +123,16 @@ pub(super) struct GpuSteps<'a> {
     pub(super) memory: SurfaceMemory,
     /// The clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
-    pub(super) sums: Sums,
-    pub(super) history: History,
-    /// Whether a face may be free.
-    pub(super) has_free: bool,
-    /// Whether faces may have moved since pieces were last searched.
-    pub(super) may_have_pieces: bool,
-    /// Whether a repair was the last to free faces: few of them move then.
-    pub(super) is_repaired: bool,
-    /// Iterations since the boundary list was made of boundary faces only.
-    pub(super) iterations_listed: u32,
-    /// The faces that moved since the last merge, if they were read and nothing has moved since.
-    pub(super) moves: Option<Vec<Move>>,
+    pub(super) known: Known,
     /// The last search for dual edges.
     pub(super) last_search: Option<Search>,
-    /// Whether proxies, bids and dispatches are as [`PROXIES_FIT`](kernels::PROXIES_FIT) left them between batches.
-    pub(super) is_fitted: bool,
-    /// Whether that search came right after a boundary phase: then the next one may, too.
-    pub(super) search_follows: bool,
-    /// Whether nothing has happened since a boundary phase.
-    pub(super) is_after_boundary: bool,
-    /// What that search would find now, if it was made ahead and nothing has changed since.
-    pub(super) found_ahead: Option<Found>,
-    /// The labels, if they were read or set and nothing has changed since.
-    pub(super) known_labels: Option<Vec<u32>>,
-    /// Whether the last phase had no limit: what follows are a search for pieces and, where there are none, the labels.
-    pub(super) was_unlimited: bool,
-    /// The sums of some clusters, ascending, if they were read and nothing has changed since.
-    pub(super) known_sums: Vec<(u32, ClusterSums)>,
-    /// The number of the next iteration of a phase that stopped at its limit. Of refinement, `face_bids` has the
-    /// iteration of each refusal.
-    pub(super) stopped: Option<u32>,
-    /// The same of the phase that goes on with the next call.
-    pub(super) resumed: Option<u32>,
-    /// Buffers that the host reads results through, those in flight taken out.
-    pub(super) host_buffers: RefCell<Vec<wgpu::Buffer>>,
+    /// The number of the first iteration of the next phase: not 1 if that goes on with the last one. Of refinement,
+    /// `face_bids` has the iteration of each refusal.
+    pub(super) first: u32,
+    /// The number of the iteration after those of the last phase.
+    pub(super) next: u32,
+    /// A buffer that the host reads results through.
+    pub(super) host_buffer: Cell<Option<wgpu::Buffer>>,
 }
 
 impl<'a> GpuSteps<'a> {
@@ -105,34 +143,23 @@ impl<'a> GpuSteps<'a> {
         component_of_cluster: &'a [u32],
         is_merging: bool,
     ) -> Result<Self> {
-        let memory = SurfaceMemory::new(&connection, graph, component_of_cluster, is_merging)?;
+        let mut memory = SurfaceMemory::new(&connection, graph, component_of_cluster, is_merging)?;
+        memory.number(&connection.queue, Numbers::NONE, false);
+        let living = (0..component_of_cluster.len() as u32).collect();
         let steps = Self {
             connection,
             graph,
             component_of_cluster,
             memory,
-            living: (0..component_of_cluster.len() as u32).collect(),
-            sums: Sums::Stale,
-            history: History::Unmerged,
-            has_free: true,
-            may_have_pieces: true,
-            is_repaired: false,
-            iterations_listed: u32::MAX,
-            moves: None,
+            living,
+            known: Known::NEW,
             last_search: None,
-            search_follows: false,
-            is_after_boundary: false,
-            is_fitted: false,
-            found_ahead: None,
-            known_labels: None,
-            was_unlimited: false,
-            known_sums: Vec::new(),
-            stopped: None,
-            resumed: None,
-            host_buffers: RefCell::default(),
+            first: 1,
+            next: 1,
+            host_buffer: Cell::default(),
         };
-        let mut encoder = steps.encoder();
-        steps.encode(&mut encoder, "upload", &[kernels::LABELS_FREE]);
+        let mut encoder = steps.connection.encoder();
+        steps.encode(&mut encoder, "upload", &[kernels::LABELS_FREE], BEFORE);
         steps.connection.queue.submit([encoder.finish()]);
         Ok(steps)
     }
@@ -150,66 +177,51 @@ impl<'a> GpuSteps<'a> {
         })
     }
 
-    /// Notes that faces may have moved.
-    pub(super) fn note_moves(&mut self) {
-        self.may_have_pieces = true;
-        if self.history == History::Merged {
-            self.history = History::MovedSinceMerge;
-        }
-    }
-
-    /// Forgets what was read about clusters and moves, because faces will move or clusters merge.
-    pub(super) fn forget(&mut self) {
-        self.is_fitted = false;
-        self.is_after_boundary = false;
-        self.moves = None;
-        self.found_ahead = None;
-        self.known_labels = None;
-        self.known_sums.clear();
-    }
-
-    /// Stores the energy of the labels, the sums being current; none when it is not known.
-    pub(super) fn set_energy(&mut self, energy: Option<LatticeEnergy>) {
-        self.sums = Sums::Current(energy);
-    }
-
-    /// Encodes proxies and energy of the labels, after sums and boundary list if those are stale. The indirect
-    /// dispatches that follow go over the listed faces.
-    pub(super) fn encode_fit(&mut self) -> wgpu::CommandEncoder {
-        let mut encoder = self.encoder_without_stats();
-        if self.sums == Sums::Stale {
-            encoder.clear_buffer(self.memory.get(Buffer::Clusters), 0, None);
-            let gather = [kernels::SUMS_GATHER, kernels::BOUNDARY_BUILD, kernels::BOUNDARY_PUBLISH];
-            self.encode(&mut encoder, "gather", &gather);
-            self.sums = Sums::Current(None);
-            self.iterations_listed = if self.has_free { u32::MAX } else { 0 };
-        }
-        self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
-        self.is_fitted = true;
-        encoder
-    }
-
-    /// An encoder after whose commands the sums are current.
-    pub(super) fn encoder_with_sums(&mut self) -> wgpu::CommandEncoder {
-        if self.sums == Sums::Stale { self.encode_fit() } else { self.encoder() }
-    }
-
-    /// An encoder that clears the statistics.
-    pub(super) fn encoder_without_stats(&self) -> wgpu::CommandEncoder {
-        let mut encoder = self.encoder();
+    /// Begins a submission: after its first commands, sums and boundary list belong to the labels. `is_listed_anew`
+    /// removes faces from the list that are no longer on a boundary; `is_fitted` fits the proxies, and adds up the
+    /// energy at [`BEFORE`].
+    pub(super) fn begin(
+        &mut self,
+        numbers: Numbers,
+        is_listed_anew: bool,
+        is_fitted: bool,
+    ) -> wgpu::CommandEncoder {
+        let gathers = !self.known.has_sums;
+        let is_listed_anew = is_listed_anew || gathers;
+        let keeps_moved = self.known.history != History::Unmerged;
+        self.memory.number(&self.connection.queue, Numbers { keeps_moved, ..numbers }, is_listed_anew);
+        let mut encoder = self.connection.encoder();
         encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
+        if is_listed_anew {
+            let length = offset_of!(BoundaryList, lengths) + 4 * self.memory.half();
+            encoder.clear_buffer(self.memory.get(Buffer::BoundaryList), length as u64, Some(4));
+            self.known.iterations_listed = if self.known.has_free { u32::MAX } else { 0 };
+        }
+        if gathers {
+            encoder.clear_buffer(self.memory.get(Buffer::Clusters), 0, None);
+            self.encode(&mut encoder, "gather", &[kernels::SUMS_GATHER, kernels::BOUNDARY_BUILD], BEFORE);
+            self.known.has_sums = true;
+        } else if is_listed_anew {
+            self.encode(&mut encoder, "list", &[kernels::BOUNDARY_COMPACT], BEFORE);
+        }
+        if gathers || is_fitted {
+            self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT], BEFORE);
+            self.known.is_fitted = true;
+        }
         encoder
     }
 
-    pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
-        self.connection.encoder()
-    }
-
-    /// Encodes kernels one after the other, between batches.
-    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, stage: &'static str, kernels: &[&Kernel]) {
+    /// Encodes kernels one after the other.
+    pub(super) fn encode(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        stage: &'static str,
+        kernels: &[&Kernel],
+        slot: u32,
+    ) {
         let mut pass = self.connection.pass(encoder, stage);
         for kernel in kernels {
-            self.memory.dispatch(&self.connection, &mut pass, kernel, BETWEEN);
+            self.memory.dispatch(&self.connection, &mut pass, kernel, slot);
         }
     }
 }

@@ -1,10 +1,15 @@
-//! The steps on one surface, as sequences of kernels.
+//! The steps on one surface: each is a list of kernels.
 
+use super::FaultPoint;
 use super::batches::{BOUNDARY, GROWTH, REFINEMENT};
 use super::buffers::Buffer;
-use super::state::{GpuSteps, History, Sums};
+use super::kernels;
+use super::layout::IterationStats;
+use super::memory::BETWEEN;
+use super::readback::Along;
+use super::state::{Change, GpuSteps, History};
 use super::upload::upload;
-use crate::device::{Cancel, Ending, FREE, Step, Steps};
+use crate::device::{Cancel, Ending, FREE, OnStep, Step, Steps};
 use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 
@@ -19,139 +24,118 @@ impl GpuSteps<'_> {
         self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
         let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
         upload(&self.connection.queue, from, 0, labels);
-        let mut encoder = self.encoder();
+        let mut encoder = self.connection.encoder();
         encoder.copy_buffer_to_buffer(from, 0, to, 0, None);
         self.connection.queue.submit([encoder.finish()]);
-        self.sums = Sums::Stale;
-        self.has_free = labels.contains(&FREE);
-        self.is_repaired = false;
-        self.forget();
-        self.note_moves();
+        self.known.invalidate(Change::Labels);
+        self.known.has_free = labels.contains(&FREE);
+        self.memory.listed = faces as u32;
+        (self.first, self.next) = (1, 1);
         self.connection.check()
     }
 
-    /// Makes clusters ready for a phase: leavers and bids are counted from none.
-    fn begin_phase(&mut self) {
-        if !self.is_fitted {
-            let encoder = self.encode_fit();
-            self.connection.queue.submit([encoder.finish()]);
-        }
-    }
-
-    /// Grows the clusters over the free faces, all of which are listed once `encoder` has run.
-    fn grow_listed(&mut self, encoder: wgpu::CommandEncoder, cancel: &Cancel) -> Result<()> {
-        self.connection.queue.submit([encoder.finish()]);
-        self.run(&GROWTH, (1, u32::MAX), cancel, |_, _| {})?;
-        self.has_free = false;
+    /// Grows the clusters over the free faces, all of which are listed.
+    fn grow_listed(&mut self, cancel: &Cancel) -> Result<()> {
+        self.run(&GROWTH, u32::MAX, cancel, |stats, _| stats.energy())?;
+        self.known.has_free = false;
         Ok(())
     }
 }
 
-/// Whether a limit is none: that of a run falls from the largest number with each iteration.
-fn is_unlimited(max_iterations: u32) -> bool {
-    max_iterations > u32::MAX / 2
-}
-
 impl Steps for GpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        if self.history != History::Unmerged {
-            self.history = History::Unmerged;
+        if self.known.history != History::Unmerged {
+            self.known.history = History::Unmerged;
             self.living = (0..self.clusters()).collect();
             self.memory.list_clusters(&self.connection.queue, &self.living);
         }
-        (self.stopped, self.resumed) = (None, None);
         self.replace_labels(labels)
     }
 
     fn relabel(&mut self, labels: &[u32]) -> Result<()> {
         let mut at_merge = Vec::new();
-        if self.history != History::Unmerged {
+        if self.known.history != History::Unmerged {
             let before = self.labels()?;
             at_merge = self.labels_at_merge(&before)?;
         }
         self.replace_labels(labels)?;
         upload(&self.connection.queue, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
-        self.known_labels = Some(labels.to_vec());
+        self.known.labels = Some(labels.to_vec());
         Ok(())
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
-        if !self.has_free {
-            return Ok(());
-        }
-        let encoder = self.encode_fit();
-        self.grow_listed(encoder, cancel)
+        if self.known.has_free { self.grow_listed(cancel) } else { Ok(()) }
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
-        if let Sums::Current(Some(energy)) = self.sums {
+        if let Some(energy) = self.known.energy {
             return Ok(energy);
         }
-        if let Some(search) = self.last_search.filter(|_| self.history == History::Merged) {
-            // of a round without optimisation: the next round begins with this search
-            let energy;
-            (energy, self.found_ahead) = self.search(search)?;
-            return Ok(energy);
-        }
-        let encoder = self.encode_fit();
-        let energy = self.read_between(encoder)?.energy();
-        self.set_energy(Some(energy));
+        // of a round without optimisation: the next round begins with this search
+        let search = self.last_search.filter(|_| self.known.history == History::Merged);
+        let encoder = self.begin(self.numbers_of(search), search.is_some(), true);
+        let energy = self.fetch(encoder, Along { search, ..Along::default() })?.before.energy();
+        self.known.energy = Some(energy);
         Ok(energy)
     }
 
-    fn optimise_boundary(
-        &mut self,
-        max_iterations: u32,
-        cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-    ) -> Result<Ending> {
-        let first = self.resumed.take().unwrap_or(1);
-        self.begin_phase();
-        self.was_unlimited = is_unlimited(max_iterations);
-        let mut last = if let Sums::Current(energy) = self.sums { energy } else { None };
-        let outcome = self.run(&BOUNDARY, (first, max_iterations), cancel, |stats, moves| {
-            last = Some(stats.energy());
-            on_iteration(Step { energy: stats.energy(), moves });
-        });
-        self.set_energy(last);
-        self.is_after_boundary = true;
-        let (ending, next) = outcome?;
-        self.stopped = (ending == Ending::IterationLimit).then_some(next);
-        Ok(ending)
+    fn optimise_boundary(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        self.run(&BOUNDARY, max_iterations, cancel, |stats, moves| {
+            on_step(Step { energy: stats.energy(), moves });
+            stats.energy()
+        })
     }
 
-    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
+    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
         // iterations only report the rise
-        let mut explained = self.energy()?.explained;
-        let first = self.resumed.take().unwrap_or_else(|| {
-            self.begin_phase();
-            1
-        });
-        self.was_unlimited = is_unlimited(max_iterations);
-        let outcome = self.run(&REFINEMENT, (first, max_iterations), cancel, |stats, moves| {
-            explained += stats.explained();
-            on_iteration(Step { energy: LatticeEnergy { explained }, moves });
-        });
-        self.set_energy(Some(LatticeEnergy { explained }));
-        let (ending, next) = outcome?;
-        self.stopped = (ending == Ending::IterationLimit).then_some(next);
-        Ok(ending)
+        let mut energy = self.energy()?;
+        self.run(&REFINEMENT, max_iterations, cancel, |stats, moves| {
+            energy.explained += stats.explained();
+            on_step(Step { energy, moves });
+            energy
+        })
     }
 
     fn resume(&mut self) {
-        self.resumed = self.stopped.take();
+        self.first = self.next;
     }
 
     fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
-        if !self.may_have_pieces {
+        if !self.known.may_have_pieces {
             return Ok(0);
         }
-        let freed = self.detach_pieces()?;
-        if freed != 0 {
-            self.grow_listed(self.encoder(), cancel)?;
+        self.connection.reach(FaultPoint::Pieces);
+        // a run without merges is likely to end here, a round of merges is followed by a search
+        let is_flat = self.known.history == History::Unmerged;
+        let labels = is_flat && self.graph.faces() <= self.connection.tuning.labels_along as usize;
+        let search = self.last_search.filter(|_| !is_flat);
+        let mut encoder = self.begin(self.numbers_of(search), search.is_some(), false);
+        encoder.clear_buffer(self.memory.get(Buffer::LargestPieces), 0, None);
+        let pieces = [
+            kernels::PIECE_LINK,
+            kernels::PIECE_UNION,
+            kernels::PIECE_SIZE,
+            kernels::PIECE_SELECT_LARGEST,
+            kernels::PIECE_DETACH,
+        ];
+        self.encode(&mut encoder, "pieces", &pieces, BETWEEN);
+        self.encode(&mut encoder, "grow", &[kernels::REGROWTH_CHAIN], BETWEEN);
+        self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT], BETWEEN);
+        self.known.invalidate(Change::Moves);
+        let IterationStats { movers: freed, moves: grown, .. } = {
+            let read = self.fetch(encoder, Along { moves: true, labels, search, ..Along::default() })?;
+            self.known.energy = Some(read.between.energy());
+            read.between
+        };
+        self.known.is_fitted = true;
+        self.known.is_repaired |= freed > 0;
+        if grown < freed {
+            self.known.has_free = true;
+            self.grow_listed(cancel)?;
         }
-        self.may_have_pieces = false;
-        Ok(freed)
+        self.known.may_have_pieces = false;
+        Ok(freed.into())
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {

@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use super::adapter::{enumerate, largest_meshes};
 use super::buffers::Buffer;
-use super::kernels::{Kernel, Threads};
+use super::kernels::{Items, Kernel, Part};
 use super::layout::BoundaryList;
+use super::memory::BEFORE;
 use super::state::GpuSteps;
 use super::{GpuDevice, Overrides};
 use crate::cluster::seeds;
@@ -33,9 +34,11 @@ fn boundary(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
 fn listed(steps: &mut GpuSteps<'_>, graph: &DualGraph, context: &str) -> Vec<u32> {
     let head = offset_of!(BoundaryList, entries) / size_of::<u32>();
     let words = head + 2 * graph.faces();
-    let (_, words) = steps.download::<u32>(steps.encoder(), Buffer::BoundaryList, words).expect("the list");
-    let first = head + words[offset_of!(BoundaryList, first) / 4] as usize;
-    let mut listed = words[first..][..words[offset_of!(BoundaryList, length) / 4] as usize].to_vec();
+    let words: Vec<u32> =
+        steps.download(steps.connection.encoder(), Buffer::BoundaryList, words).expect("the list");
+    let half = steps.memory.half();
+    let length = words[offset_of!(BoundaryList, lengths) / 4 + half] as usize;
+    let mut listed = words[head + half * graph.faces()..][..length].to_vec();
     listed.sort_unstable();
     assert!(listed.windows(2).all(|pair| pair[0] < pair[1]), "{context}: each once");
     let labels = steps.labels().expect("labels");
@@ -101,11 +104,11 @@ fn the_host_reads_through_one_buffer_that_grows() {
     let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
     let mut read = |expected: u32, items: usize| {
         steps.set_labels(&vec![expected; surface.faces()]).expect("set");
-        let (_, labels) = steps.download::<u32>(steps.encoder(), Buffer::Labels, items).expect("labels");
+        let labels: Vec<u32> = steps.download(steps.connection.encoder(), Buffer::Labels, items).expect("labels");
         assert_eq!(labels, vec![expected; items]);
-        let kept = steps.host_buffers.borrow();
-        let [buffer] = &kept[..] else { panic!("{} buffers", kept.len()) };
-        buffer.clone()
+        let kept = steps.host_buffer.take().expect("a buffer");
+        steps.host_buffer.set(Some(kept.clone()));
+        kept
     };
     let small = read(1, 100);
     let large = read(2, 2900);
@@ -118,20 +121,22 @@ fn the_host_reads_through_one_buffer_that_grows() {
 /// A kernel that no other code knows: it adds a constant to the labels.
 static LABELS_ADD: Kernel = Kernel {
     name: "labels_add",
-    path: "test/labels_add",
-    wgsl: "//! reads: neighbours
+    parts: &[Part {
+        path: "test/labels_add",
+        items: Items::Faces,
+        wgsl: "//! reads: neighbours
 //! writes: labels
 
 override SUMMAND: u32 = 0u;
 
-fn labels_add(face: u32, local: u32) {
-    if face < iteration.faces && neighbours[face] < neighbours[face + 1u] {
+fn labels_add(face: u32) {
+    if neighbours[face] < neighbours[face + 1u] {
         labels[face] += SUMMAND;
     }
 }
 ",
+    }],
     constant: Some(("SUMMAND", 3)),
-    threads: Threads::Faces,
 };
 
 #[test]
@@ -143,8 +148,8 @@ fn a_kernel_is_its_text_a_row_and_a_dispatch() {
     let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
     let labels: Vec<u32> = (0..surface.faces() as u32).map(|face| face % 20).collect();
     steps.set_labels(&labels).expect("set");
-    let mut encoder = steps.encoder();
-    steps.encode(&mut encoder, "test", &[&LABELS_ADD]);
+    let mut encoder = steps.connection.encoder();
+    steps.encode(&mut encoder, "test", &[&LABELS_ADD], BEFORE);
     steps.connection.queue.submit([encoder.finish()]);
     let expected: Vec<u32> = labels.iter().map(|label| label + 3).collect();
     assert_eq!(steps.labels().expect("labels"), expected);
