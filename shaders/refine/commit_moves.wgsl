@@ -1,17 +1,23 @@
 //! uses: boundary_list, bids
-//! reads: cluster_bids
-//! writes: labels, face_bids, boundary_list
-// Last step, a thread a mover: labels follow the moves that were accepted, and a refused winner stores the iteration.
-// Rust: device::plain::try_moving.
+//! writes: labels, face_bids, cluster_bids, boundary_list
+// Last step, a thread a mover: labels follow the moves that were accepted, a refused winner stores the iteration, and
+// the clusters are ready for the next bids. Rust: device::plain::try_moving.
+
+fn clear_bids(cluster: u32) {
+    atomicStore(&cluster_bids[cluster].best_bid, 0u);
+    atomicStore(&cluster_bids[cluster].best_face, FREE);
+}
 
 fn commit_moves(face: u32) {
     let own = labels[face];
+    let wanted = face_bids[face].wanted;
+    clear_bids(own);
+    clear_bids(wanted);
     if cluster_bids[own].won_in != iteration.number {
         return;
     }
     let accepted = cluster_bids[own].accepted;
     let has_won = cluster_bids[own].winner == face;
-    let wanted = face_bids[face].wanted;
     if accepted == REFUSED {
         if has_won {
             face_bids[face].refused_in = iteration.number;

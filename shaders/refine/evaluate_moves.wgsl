@@ -1,9 +1,9 @@
 //! uses: boundary_list, bids, cluster_sums, energy_total, count
-//! reads: faces, living_clusters
+//! reads: faces, labels
 //! writes: clusters, proxies, cluster_bids, stats, boundary_list
-// Fourth step, a thread a cluster: if a face won a move out of the cluster, compares the energy of the
-// two clusters before and after, exactly, with all joining faces and then with the winner alone, and updates sums and
-// proxies. A cluster is in one move at most, so no other thread touches the two. Rust: device::plain::try_moving.
+// Fourth step, a thread a mover: a winner compares the energy of its two clusters before and after, exactly, with all
+// joining faces and then alone, and updates sums and proxies. A cluster is in one move at most, so no other thread
+// touches the two. The phase ends if there were no bids. Rust: device::plain::try_moving.
 
 // Faces that move together.
 struct Change {
@@ -73,25 +73,22 @@ fn evaluate(own: u32) -> Wide {
     return energy;
 }
 
-fn evaluate_moves(at: u32) {
-    let cluster = living_clusters[at];
-    // the movers are complete since `face_bid`
-    if at == 0u {
+fn evaluate_moves(face: u32) {
+    let own = labels[face];
+    if cluster_bids[own].won_in == iteration.number && cluster_bids[own].winner == face {
+        // both clusters lie in one component, so the shift is the same
+        add_energy(evaluate(own), proxies[own].energy_shift);
+    }
+}
+
+fn evaluate_moves_end(local: u32, group: u32) {
+    write_energy(local);
+    add_moves(local);
+    if local == 0u && group == 0u {
         let bids = movers();
         atomicStore(&stats[iteration.slot].movers, bids);
         boundary_list.ended = select(iteration.batch, 0u, bids != 0u);
         // of the next iteration
         atomicStore(&boundary_list.lengths[2u + ((iteration.number + 1u) & 1u)], 0u);
     }
-    if cluster_bids[cluster].won_in == iteration.number {
-        // both clusters lie in one component, so the shift is the same
-        add_energy(evaluate(cluster), proxies[cluster].energy_shift);
-    }
-    atomicStore(&cluster_bids[cluster].best_bid, 0u);
-    atomicStore(&cluster_bids[cluster].best_face, FREE);
-}
-
-fn evaluate_moves_end(local: u32, group: u32) {
-    write_energy(local);
-    add_moves(local);
 }

@@ -149,7 +149,8 @@ impl<E: Functional> CoarseStart<E> {
         };
         let coarsest = graph_of(self.levels.len());
         // each start has a device of its own, where another one costs nothing
-        let others: Option<Vec<Box<dyn Device<E>>>> = self.seeds.iter().map(|_| device.another()).collect();
+        let others: Option<Vec<Box<dyn Device<E>>>> =
+            self.seeds.iter().map(|_| device.for_start(coarsest.faces())).collect();
         let started: Result<Vec<(LatticeEnergy, Start)>> = match others {
             Some(others) => {
                 let start = |(seeds, mut device): (_, Box<dyn Device<E>>)| {
@@ -166,6 +167,8 @@ impl<E: Functional> CoarseStart<E> {
             start.labels = coarse.refined(&start.labels);
             if level > 0 {
                 let graph = graph_of(level);
+                let mut other = device.for_start(graph.faces());
+                let device = other.as_deref_mut().unwrap_or(device);
                 let mut steps = device.open(graph, &start.component_of_cluster)?;
                 steps.set_labels(&start.labels)?;
                 self.optimise(graph, steps.as_mut(), self.effort.iterations_a_graph, cancel)?;

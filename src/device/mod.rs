@@ -75,6 +75,11 @@ pub trait Device<E: Functional = Energy>: Send {
         None
     }
 
+    /// A device for coarse graphs of so many faces, where that costs less than this one; it may work at the same time.
+    fn for_start(&self, _faces: usize) -> Option<Box<dyn Device<E>>> {
+        self.another()
+    }
+
     /// Tells of its memory.
     fn memory_meter(&self) -> MemoryMeter {
         Arc::new(|| None)

@@ -42,6 +42,10 @@ impl<E: Functional> Device<E> for Watched<'_, E> {
         self.device.another()
     }
 
+    fn for_start(&self, faces: usize) -> Option<Box<dyn Device<E>>> {
+        self.device.for_start(faces)
+    }
+
     fn memory_meter(&self) -> MemoryMeter {
         self.device.memory_meter()
     }

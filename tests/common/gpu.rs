@@ -5,7 +5,7 @@ use tesserae_mesh::cluster::run::Row;
 use tesserae_mesh::cluster::{self, seeds::SeedFaces};
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::gpu::adapter::{Found, enumerate};
-use tesserae_mesh::device::gpu::{GpuDevice, Overrides};
+use tesserae_mesh::device::gpu::{GpuDevice, Overrides, Tuning};
 use tesserae_mesh::device::{Cancel, Device};
 use tesserae_mesh::error::Result;
 use tesserae_mesh::parameters::Seeds;
@@ -32,6 +32,10 @@ pub fn device() -> GpuDevice {
 
 pub fn device_with(overrides: Overrides) -> GpuDevice {
     GpuDevice::with_overrides(&adapter(), overrides).expect("the adapter opens")
+}
+
+pub fn tuned(tuning: Tuning) -> GpuDevice {
+    device_with(Overrides { tuning, ..Overrides::default() })
 }
 
 pub fn seeds(surface: &Surface, clusters: u64, kind: &Seeds, seed: u64) -> SeedFaces {

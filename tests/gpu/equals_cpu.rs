@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use crate::common::gpu::{ALL, PLAIN, cluster_counts, device, run, seeds};
+use crate::common::gpu::{ALL, PLAIN, cluster_counts, device, run, seeds, tuned};
 use crate::common::{floods, zoo};
 use tesserae_mesh::cluster::coarse::CoarseStart;
 use tesserae_mesh::cluster::flat::Options;
@@ -11,7 +11,7 @@ use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::run::Row;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::device::gpu::GpuDevice;
+use tesserae_mesh::device::gpu::{GpuDevice, Tuning};
 use tesserae_mesh::device::{Cancel, Device, FLOOD_FROM};
 use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 use tesserae_mesh::parameters::Seeds;
@@ -42,13 +42,14 @@ fn compare(
 
 #[test]
 fn the_zoo_is_clustered_alike() {
-    let mut gpu = device();
+    // iterations as one dispatch, and as several
+    let mut gpus = [device(), tuned(Tuning { chain_items: 0, ..Tuning::default() })];
     for (name, mesh) in zoo::all() {
         let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
         for clusters in cluster_counts(&surface) {
-            for (kind, seed) in [(Seeds::Morton, 0), (Seeds::Random, 1)] {
+            for (gpu, (kind, seed)) in gpus.iter_mut().zip([(Seeds::Morton, 0), (Seeds::Random, 1)]) {
                 let what = (clusters, &kind, seed);
-                compare(&mut gpu, &name, &surface, what, ALL);
+                compare(gpu, &name, &surface, what, ALL);
             }
         }
     }
@@ -153,7 +154,7 @@ fn real_meshes_are_clustered_alike() {
 
 #[test]
 fn coarse_starts_are_alike_whatever_the_quality() {
-    let mut gpu = device();
+    let mut gpu = tuned(Tuning { start_on_cpu: 0, ..Tuning::default() });
     for (sample, faces, clusters) in [(Sample::Knot, 3000, 40), (Sample::Parts, 1200, 60)] {
         let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
         let mut starts = Vec::new();

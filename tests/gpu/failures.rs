@@ -22,24 +22,16 @@ fn example() -> (Surface, SeedFaces) {
 }
 
 #[test]
-fn dispatches_of_two_dimensions_give_the_same() {
+fn any_number_of_workgroups_gives_the_same() {
     let mesh = generate(Sample::Knot, 20_000).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 3000, &Seeds::Random, 2);
     let expected = run(&mut device(), &surface, &seeds, ALL).expect("a run");
-    let groups = (surface.faces() as u32).div_ceil(256);
-    // the least that is enough: then the dispatches with a thread for 8 faces and for a cluster have two rows, too
-    let least = (1u32..).find(|row| row * row * 256 >= surface.faces() as u32).expect("a number");
-    for row in [groups, groups - 1, 20, least] {
-        let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(row), ..Overrides::default() });
+    for most in [1, 7, 50] {
+        let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(most), ..Overrides::default() });
         let found = run(&mut narrow, &surface, &seeds, ALL).expect("a run");
-        assert_eq!(found, expected, "{row} workgroups a row");
+        assert!(found == expected, "{most} workgroups at most");
     }
-    let mut too_narrow = device_with(Overrides { workgroups_per_dimension: Some(least - 1), ..Overrides::default() });
-    let error = run(&mut too_narrow, &surface, &seeds, ALL).expect_err("too few threads");
-    assert_eq!(error.kind, Kind::DeviceUnsuitable);
-    let limit = (least - 1) * (least - 1) * 256;
-    assert!(error.message.contains(&limit.to_string()), "{error}");
 }
 
 #[test]

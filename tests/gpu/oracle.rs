@@ -1,9 +1,10 @@
 //! The steps of the gpu device, one by one, against the plain version of their definition.
 
-use crate::common::gpu::{cluster_counts, device, seeds};
+use crate::common::gpu::{cluster_counts, device, seeds, tuned};
 use crate::common::zoo;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::gpu::{GpuDevice, Tuning};
 use tesserae_mesh::device::pieces;
 use tesserae_mesh::device::plain;
 use tesserae_mesh::device::{Cancel, Device, Ending, FREE, Step};
@@ -24,7 +25,13 @@ fn numbers(mut state: u64) -> impl FnMut(u64) -> u64 {
 
 #[test]
 fn every_step_is_the_one_that_the_definition_says() {
-    let mut gpu = device();
+    // an iteration as one dispatch, and as several
+    for chain_items in [Tuning::default().chain_items, 0] {
+        check_every_step(&mut tuned(Tuning { chain_items, ..Tuning::default() }));
+    }
+}
+
+fn check_every_step(gpu: &mut GpuDevice) {
     for (name, mesh) in zoo::all() {
         let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
         for clusters in cluster_counts(&surface) {

@@ -82,7 +82,8 @@ fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
         let bound = kernel.bindings();
         check_bindings(&parsed, &bound).unwrap_or_else(|error| panic!("{}: {error}", kernel.name));
         for (part, key) in kernel.parts.iter().flat_map(|part| ["reads", "writes"].map(|key| (part, key))) {
-            let unknown = names(part.wgsl, key).find(|name| !bound.iter().any(|bound| bound.buffer.spec().name == *name));
+            let unknown =
+                names(part.wgsl, key).find(|name| !bound.iter().any(|bound| bound.buffer.spec().name == *name));
             assert_eq!(unknown, None, "{}.wgsl names a buffer that is not in the table", part.path);
         }
         let most = if kernel.is_chain() { 11 } else { 8 };

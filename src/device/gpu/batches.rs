@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use super::FaultPoint;
 use super::buffers::BATCH;
-use super::kernels::{self, Kernel};
+use super::kernels::{self, Items, Kernel, Part};
 use super::layout::IterationStats;
 use super::memory::{BETWEEN, Numbers};
 use super::readback::Along;
@@ -153,8 +153,10 @@ impl GpuSteps<'_> {
             self.known.invalidate(Change::Moves);
         }
         let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
-        let few = self.connection.tuning.chain_items;
-        let is_few = self.connection.has_chains && movers <= few && self.living.len() <= few as usize;
+        let clusters = self.living.len() as u32;
+        let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
+        let mut chain = phase.of_few.last().into_iter().flat_map(|kernel| kernel.parts);
+        let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
         let kernels = if is_few { phase.of_few } else { phase.kernels };
         {
             let mut pass = self.connection.pass(&mut encoder, phase.name);

@@ -140,7 +140,11 @@ impl Connection {
     /// Compiles all kernels, several at a time.
     fn compile(&self) -> Result<()> {
         let used = |kernel: &&&Kernel| self.has_chains || !kernel.needs_many_buffers();
-        let compiled: Vec<_> = KERNELS.par_iter().filter(used).map(|kernel| (kernel.name, compile(&self.device, kernel, &self.tuning))).collect();
+        let compiled: Vec<_> = KERNELS
+            .par_iter()
+            .filter(used)
+            .map(|kernel| (kernel.name, compile(&self.device, kernel, &self.tuning)))
+            .collect();
         lock(&self.pipelines).extend(compiled);
         self.check()
     }

@@ -270,7 +270,7 @@ kernels! {
     FACE_BID = "refine/face_bid", Listed;
     SELECT_BIDS = "refine/select_bids", Movers;
     JOIN_MOVES = "refine/join_moves", Movers;
-    EVALUATE_MOVES = "refine/evaluate_moves", Clusters;
+    EVALUATE_MOVES = "refine/evaluate_moves", Movers;
     COMMIT_MOVES = "refine/commit_moves", Movers;
 
     PIECE_LINK = "pieces/piece_link", Faces;

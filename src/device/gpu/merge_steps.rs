@@ -174,16 +174,14 @@ impl MergeSteps for GpuSteps<'_> {
         if self.known.history != History::MovedSinceMerge {
             return Ok(Vec::new());
         }
-        let mut listed = 0;
         if self.known.moves.is_none() {
             let encoder = self.begin(Numbers::NONE, false, false);
-            let read = self.fetch(encoder, Along { moves: true, ..Along::default() })?;
-            listed = read.between.listed as usize;
+            self.fetch(encoder, Along { moves: true, ..Along::default() })?;
         }
-        let mut list = match self.known.moves.take() {
-            Some(list) => list,
-            None => self.download::<Move>(self.connection.encoder(), Buffer::Moves, listed)?,
-        };
+        let (mut list, moved) = self.known.moves.take().unwrap_or_default();
+        if list.len() < moved {
+            list = self.download::<Move>(self.connection.encoder(), Buffer::Moves, moved)?;
+        }
         list.sort_unstable_by_key(|moved| moved.face);
         Ok(list.iter().map(|moved| (moved.face, moved.before, moved.after)).collect())
     }

@@ -61,6 +61,7 @@ use self::connection::Connection;
 pub use self::probe::probe;
 use self::state::GpuSteps;
 use super::adapter::AdapterReport;
+use super::cpu::CpuDevice;
 pub use super::tuning::Tuning;
 use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
 use crate::error::{Error, Kind, Result};
@@ -239,6 +240,10 @@ impl Drop for GpuDevice {
 impl Device for GpuDevice {
     fn info(&self) -> &DeviceInfo {
         &self.info
+    }
+
+    fn for_start(&self, faces: usize) -> Option<Box<dyn Device>> {
+        (faces <= self.overrides.tuning.start_on_cpu as usize).then(|| Box::new(CpuDevice::new()) as Box<dyn Device>)
     }
 
     fn memory_meter(&self) -> MemoryMeter {

@@ -18,15 +18,15 @@ use super::state::{GpuSteps, History, Search};
 use super::verify::verify;
 use crate::error::Result;
 
-/// Moves that are read along with their number; more are read once that is known.
-const FEW_MOVES: usize = 4096;
+/// Moves that are read along with their number: as many bytes as cross the bus in a wait.
+const FEW_MOVES: usize = 1 << 13;
 
 /// What a submission ends with, and the host reads with its statistics.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Along {
     /// Iterations whose statistics are read.
     pub iterations: u32,
-    /// If clusters have merged, the faces that moved since, unless those are more than [`FEW_MOVES`].
+    /// If clusters have merged, the faces that moved since, [`FEW_MOVES`] at most.
     pub moves: bool,
     /// The labels.
     pub labels: bool,
@@ -161,10 +161,9 @@ impl GpuSteps<'_> {
         })?;
         self.memory.listed = listed[0];
         let (between, before) = (between[0], between[1]);
-        let moved = between.listed as usize;
-        if few_moves > 0 && moved <= few_moves {
-            moves.truncate(moved);
-            self.known.moves = Some(moves);
+        if few_moves > 0 {
+            moves.truncate(between.listed as usize);
+            self.known.moves = Some((moves, between.listed as usize));
         }
         if along.labels {
             self.known.labels = Some(labels);

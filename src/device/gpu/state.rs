@@ -73,8 +73,8 @@ pub(super) struct Known {
     pub iterations_listed: u32,
     pub energy: Option<LatticeEnergy>,
     pub labels: Option<Vec<u32>>,
-    /// The faces that moved since the last merge.
-    pub moves: Option<Vec<Move>>,
+    /// The faces that moved since the last merge, or some, and their number.
+    pub moves: Option<(Vec<Move>, usize)>,
     /// The sums of some clusters, ascending.
     pub sums: Vec<(u32, ClusterSums)>,
     /// What a search finds.
@@ -180,12 +180,7 @@ impl<'a> GpuSteps<'a> {
     /// Begins a submission: after its first commands, sums and boundary list belong to the labels. `is_listed_anew`
     /// removes faces from the list that are no longer on a boundary; `is_fitted` fits the proxies, and adds up the
     /// energy at [`BEFORE`].
-    pub(super) fn begin(
-        &mut self,
-        numbers: Numbers,
-        is_listed_anew: bool,
-        is_fitted: bool,
-    ) -> wgpu::CommandEncoder {
+    pub(super) fn begin(&mut self, numbers: Numbers, is_listed_anew: bool, is_fitted: bool) -> wgpu::CommandEncoder {
         let gathers = !self.known.has_sums;
         let is_listed_anew = is_listed_anew || gathers;
         let keeps_moved = self.known.history != History::Unmerged;

@@ -34,8 +34,7 @@ fn boundary(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
 fn listed(steps: &mut GpuSteps<'_>, graph: &DualGraph, context: &str) -> Vec<u32> {
     let head = offset_of!(BoundaryList, entries) / size_of::<u32>();
     let words = head + 2 * graph.faces();
-    let words: Vec<u32> =
-        steps.download(steps.connection.encoder(), Buffer::BoundaryList, words).expect("the list");
+    let words: Vec<u32> = steps.download(steps.connection.encoder(), Buffer::BoundaryList, words).expect("the list");
     let half = steps.memory.half();
     let length = words[offset_of!(BoundaryList, lengths) / 4 + half] as usize;
     let mut listed = words[head + half * graph.faces()..][..length].to_vec();
