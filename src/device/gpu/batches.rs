@@ -140,6 +140,13 @@ impl GpuSteps<'_> {
         }
     }
 
+    /// Whether one workgroup should take the items of a chain, of which so many are movers.
+    pub(super) fn takes_at_once(&self, chain: &Kernel, movers: u32) -> bool {
+        let clusters = self.living.len() as u32;
+        let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
+        self.connection.has_chains && chain.parts.iter().all(|part| items(part) <= self.connection.tuning.chain_items)
+    }
+
     /// Queues a batch and waits for its statistics. `movers` is how many there may be.
     fn run_batch(&mut self, phase: &Phase, iterations: u32, movers: u32) -> Result<Vec<IterationStats>> {
         self.connection.reach(phase.fault_point);
@@ -153,10 +160,7 @@ impl GpuSteps<'_> {
             self.known.invalidate(Change::Moves);
         }
         let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
-        let clusters = self.living.len() as u32;
-        let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
-        let mut chain = phase.of_few.last().into_iter().flat_map(|kernel| kernel.parts);
-        let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
+        let is_few = phase.of_few.iter().all(|kernel| !kernel.is_chain() || self.takes_at_once(kernel, movers));
         let kernels = if is_few { phase.of_few } else { phase.kernels };
         {
             let mut pass = self.connection.pass(&mut encoder, phase.name);

@@ -297,5 +297,10 @@ kernels! {
             GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
             GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
             GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers;
+        REGROWTH_FIT_CHAIN =
+            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
+            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
+            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
+            PROXIES_FIT;
     }
 }

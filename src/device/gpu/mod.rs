@@ -8,17 +8,17 @@
 //! | `kernels` | the table of kernels: a kernel is its WGSL file, a row, and a dispatch |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
-//! | `state` | what is known about a surface between the steps; `readback` brings results back |
+//! | `state` | what the host knows about a surface, and how submissions begin; `readback` has how they end |
 //! | `batches` | iterations that are queued at once |
-//! | `steps`, `pieces`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
+//! | `steps`, `merge_steps` | the steps of the algorithms, as lists of kernels |
 //! | `probe` | what dispatches, round trips and transfers cost |
 //! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
 //! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
-//! of the refinement `face_bid`, `select_bids`, `join_moves` and `evaluate_moves`. Each reads what all threads of the
-//! one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
-//! ones. Iterations are queued in batches of up to 64; the device itself ends a phase, by indirect dispatches of no
-//! workgroups.
+//! of the refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all
+//! threads of the one before wrote. The first of each works on *listed* faces: those with a neighbour of another
+//! cluster, and free ones; the others on *movers*, which the first has found. Where those are few, the others are one
+//! dispatch of one workgroup. Iterations are queued in batches of up to 64; the device itself ends a phase.
 //!
 //! Labels equal those of the cpu, because every number that decides a label is an integer, which WGSL specifies
 //! exactly, and threads affect each other only through sums, extremes and counts, which do not depend on an order. A

@@ -34,25 +34,17 @@ struct Chain {
     bindings: u32,
     is_written: bool,
     loads: u32,
-    groups: Groups,
-}
-
-/// Workgroups of a dispatch.
-enum Groups {
-    Direct(u32),
-    Indirect(u32),
+    groups: u32,
 }
 
 /// The chains, in microseconds a dispatch.
-const CHAINS: [Chain; 8] = [
-    Chain { name: "direct_read", bindings: 8, is_written: false, loads: 0, groups: Groups::Direct(1) },
-    Chain { name: "direct_written_1", bindings: 1, is_written: true, loads: 0, groups: Groups::Direct(1) },
-    Chain { name: "direct_written_8", bindings: 8, is_written: true, loads: 0, groups: Groups::Direct(1) },
-    Chain { name: "direct_132_groups", bindings: 8, is_written: true, loads: 0, groups: Groups::Direct(132) },
-    Chain { name: "direct_132_groups_6_loads", bindings: 8, is_written: true, loads: 6, groups: Groups::Direct(132) },
-    Chain { name: "direct_528_groups_6_loads", bindings: 8, is_written: true, loads: 6, groups: Groups::Direct(528) },
-    Chain { name: "indirect_1_group", bindings: 8, is_written: true, loads: 0, groups: Groups::Indirect(1) },
-    Chain { name: "indirect_no_group", bindings: 8, is_written: true, loads: 0, groups: Groups::Indirect(0) },
+const CHAINS: [Chain; 6] = [
+    Chain { name: "direct_read", bindings: 8, is_written: false, loads: 0, groups: 1 },
+    Chain { name: "direct_written_1", bindings: 1, is_written: true, loads: 0, groups: 1 },
+    Chain { name: "direct_written_8", bindings: 8, is_written: true, loads: 0, groups: 1 },
+    Chain { name: "direct_132_groups", bindings: 8, is_written: true, loads: 0, groups: 132 },
+    Chain { name: "direct_132_groups_6_loads", bindings: 8, is_written: true, loads: 6, groups: 132 },
+    Chain { name: "direct_528_groups_6_loads", bindings: 8, is_written: true, loads: 6, groups: 528 },
 ];
 
 /// Measures the adapter of that number or name, else the fastest. Name and figure of each: chains in microseconds a
@@ -114,10 +106,6 @@ impl Chain {
             .collect();
         let layout = &pipeline.get_bind_group_layout(0);
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries });
-        let arguments = connection.buffer("arguments", 12, STORAGE | wgpu::BufferUsages::INDIRECT)?;
-        if let Groups::Indirect(groups) = self.groups {
-            upload(&connection.queue, &arguments, 0, &[groups, 1, 1]);
-        }
         let dispatches = DISPATCHES[usize::from(connection.is_software)];
         let mut fastest = f64::MAX;
         for _ in 0..REPEATS {
@@ -127,10 +115,7 @@ impl Chain {
                 for _ in 0..dispatches {
                     pass.set_pipeline(&pipeline);
                     pass.set_bind_group(0, &bind_group, &[]);
-                    match self.groups {
-                        Groups::Direct(groups) => pass.dispatch_workgroups(groups, 1, 1),
-                        Groups::Indirect(_) => pass.dispatch_workgroups_indirect(&arguments, 0),
-                    }
+                    pass.dispatch_workgroups(self.groups, 1, 1);
                 }
             }
             let commands = encoder.finish();
