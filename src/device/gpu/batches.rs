@@ -99,7 +99,8 @@ impl GpuSteps<'_> {
         let is_repaired = self.known.is_repaired;
         let mut size = if is_repaired { tuning.batch_after_repair } else { tuning.first_batch };
         let mut all_moves = Vec::new();
-        let mut movers = if is_repaired { 0 } else { self.memory.listed };
+        // rounds of a hierarchy have about as many as the round before
+        let mut movers = if is_repaired { 0 } else { self.known.movers.min(self.memory.listed) };
         loop {
             cancel.check()?;
             let iterations = size.min(left).min(BATCH);
@@ -112,6 +113,9 @@ impl GpuSteps<'_> {
                 self.next = self.next.wrapping_add(1);
                 all_moves.push(stats.moves);
                 movers = stats.movers;
+                if all_moves.len() == 1 {
+                    self.known.movers = movers;
+                }
                 if stats.moves > 0 {
                     if !phase.is_growth {
                         self.known.invalidate(Change::Moves);
@@ -140,13 +144,6 @@ impl GpuSteps<'_> {
         }
     }
 
-    /// Whether one workgroup should take the items of a chain, of which so many are movers.
-    pub(super) fn takes_at_once(&self, chain: &Kernel, movers: u32) -> bool {
-        let clusters = self.living.len() as u32;
-        let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
-        self.connection.has_chains && chain.parts.iter().all(|part| items(part) <= self.connection.tuning.chain_items)
-    }
-
     /// Queues a batch and waits for its statistics. `movers` is how many there may be.
     fn run_batch(&mut self, phase: &Phase, iterations: u32, movers: u32) -> Result<Vec<IterationStats>> {
         self.connection.reach(phase.fault_point);
@@ -160,7 +157,10 @@ impl GpuSteps<'_> {
             self.known.invalidate(Change::Moves);
         }
         let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
-        let is_few = phase.of_few.iter().all(|kernel| !kernel.is_chain() || self.takes_at_once(kernel, movers));
+        let clusters = self.living.len() as u32;
+        let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
+        let mut chain = phase.of_few.iter().filter(|kernel| kernel.is_chain()).flat_map(|kernel| kernel.parts);
+        let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
         let kernels = if is_few { phase.of_few } else { phase.kernels };
         {
             let mut pass = self.connection.pass(&mut encoder, phase.name);

@@ -31,6 +31,8 @@ pub struct Kernel {
     pub name: &'static str,
     /// What it does: one part, or those of a chain.
     pub parts: &'static [Part],
+    /// How often it does that.
+    pub rounds: u32,
     /// A pipeline-overridable constant of the file, and its value.
     pub constant: Option<(&'static str, u32)>,
 }
@@ -121,14 +123,19 @@ impl Kernel {
         }
         let mut used = Vec::new();
         self.parts.iter().for_each(|part| splice((part.function(), part.wgsl), &mut used, &mut source));
-        let calls: Vec<String> = self.parts.iter().map(Part::call).collect();
+        // one barrier for storage, one for memory of the workgroup
+        let barriers = "    storageBarrier();\n    workgroupBarrier();\n";
+        let mut calls = self.parts.iter().map(Part::call).collect::<Vec<_>>().join(barriers);
+        if self.rounds > 1 {
+            calls =
+                format!("    for (var round = 0u; round < {}u; round++) {{\n{calls}{barriers}    }}\n", self.rounds);
+        }
         source.push_str(&format!(
             "@compute @workgroup_size({})\n\
              fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,\n    \
              @builtin(local_invocation_index) local: u32) {{\n    \
              let first = group.x * WORKGROUP + local;\n    let stride = groups.x * WORKGROUP;\n{}}}\n",
-            tuning.workgroup,
-            calls.join("    storageBarrier();\n"),
+            tuning.workgroup, calls,
         ));
         source
     }
@@ -222,11 +229,11 @@ pieces! {
     "wide",
 }
 
-/// Rows: name, file, a constant, items; then chains: name, kernels.
+/// Rows: name, file, a constant, items; then chains: name, rounds, kernels.
 macro_rules! kernels {
     (
         $($name:ident = $path:literal $(($constant:literal = $value:literal))?, $items:ident;)*
-        { $($chain:ident = $($part:ident $(for $of:ident)?),+;)* }
+        { $($chain:ident = $rounds:literal * $($part:ident $(for $of:ident)?),+;)* }
     ) => {
         $(
             #[doc = concat!("`shaders/", $path, ".wgsl`")]
@@ -237,6 +244,7 @@ macro_rules! kernels {
                     wgsl: include_str!(concat!("../../../shaders/", $path, ".wgsl")),
                     items: Items::$items,
                 }],
+                rounds: 1,
                 constant: [$(Some(($constant, $value)),)? None][0],
             };
         )*
@@ -245,6 +253,7 @@ macro_rules! kernels {
             pub const $chain: &Kernel = &Kernel {
                 name: stringify!($chain),
                 parts: &[$(Part { $(items: Items::$of,)? ..$part.parts[0] }),+],
+                rounds: $rounds,
                 constant: None,
             };
         )*
@@ -291,16 +300,8 @@ kernels! {
     SUMS_COPY = "merge/sums_copy", Entries;
 
     {
-        BOUNDARY_CHAIN = BOUNDARY_APPLY, PROXIES_FIT;
-        REFINEMENT_CHAIN = SELECT_BIDS, JOIN_MOVES, EVALUATE_MOVES, COMMIT_MOVES;
-        REGROWTH_CHAIN =
-            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
-            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
-            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers;
-        REGROWTH_FIT_CHAIN =
-            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
-            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
-            GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers,
-            PROXIES_FIT;
+        BOUNDARY_CHAIN = 1 * BOUNDARY_APPLY, PROXIES_FIT;
+        REFINEMENT_CHAIN = 1 * SELECT_BIDS, JOIN_MOVES, EVALUATE_MOVES, COMMIT_MOVES;
+        REGROWTH_CHAIN = 3 * GROWTH_PROPOSE for Movers, GROWTH_APPLY for Movers;
     }
 }

@@ -69,6 +69,8 @@ pub(super) struct Known {
     pub has_sums: bool,
     /// Whether the proxies do, too, and no cluster has leavers or bids.
     pub is_fitted: bool,
+    /// Movers of the first iteration of the last phase.
+    pub movers: u32,
     /// Iterations since the boundary list was made of boundary faces only.
     pub iterations_listed: u32,
     pub energy: Option<LatticeEnergy>,
@@ -90,6 +92,7 @@ impl Known {
         is_repaired: false,
         has_sums: false,
         is_fitted: false,
+        movers: u32::MAX,
         iterations_listed: u32::MAX,
         energy: None,
         labels: None,
@@ -100,13 +103,13 @@ impl Known {
 
     /// Forgets what a change makes untrue.
     pub fn invalidate(&mut self, change: Change) {
-        let Self { has_free, has_sums, is_fitted, iterations_listed, .. } = *self;
+        let Self { has_free, has_sums, is_fitted, movers, iterations_listed, .. } = *self;
         let history = match (change, self.history) {
             (Change::Merge, _) => History::Merged,
             (_, History::Merged) => History::MovedSinceMerge,
             (_, history) => history,
         };
-        let kept = Self { history, has_free, has_sums, is_fitted, iterations_listed, ..Self::NEW };
+        let kept = Self { history, has_free, has_sums, is_fitted, movers, iterations_listed, ..Self::NEW };
         *self = match change {
             Change::Labels => Self { history, ..Self::NEW },
             Change::Moves => Self { is_repaired: self.is_repaired, ..kept },

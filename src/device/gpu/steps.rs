@@ -120,11 +120,7 @@ impl Steps for GpuSteps<'_> {
             kernels::PIECE_DETACH,
         ];
         self.encode(&mut encoder, "pieces", &pieces, BETWEEN);
-        let growth: &[_] = match self.takes_at_once(kernels::REGROWTH_FIT_CHAIN, 0) {
-            true => &[kernels::REGROWTH_FIT_CHAIN],
-            false => &[kernels::REGROWTH_CHAIN, kernels::PROXIES_FIT],
-        };
-        self.encode(&mut encoder, "grow", growth, BETWEEN);
+        self.encode(&mut encoder, "grow", &[kernels::REGROWTH_CHAIN, kernels::PROXIES_FIT], BETWEEN);
         self.known.invalidate(Change::Moves);
         let IterationStats { movers: freed, moves: grown, .. } = {
             let read = self.fetch(encoder, Along { moves: true, labels, search, ..Along::default() })?;

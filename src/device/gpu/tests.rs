@@ -135,6 +135,7 @@ fn labels_add(face: u32) {
 }
 ",
     }],
+    rounds: 1,
     constant: Some(("SUMMAND", 3)),
 };
 
