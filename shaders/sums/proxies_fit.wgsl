@@ -2,8 +2,8 @@
 //! reads: living_clusters
 //! writes: clusters, proxies, cluster_bids, stats, boundary_list
 // Last step of a pass of the boundary phase (P§3.2), a thread a cluster: fits the proxies, sums the energy, makes the
-// clusters ready for the next step, and ends the phase if nothing moved. A flood holds the proxies while faces move; the
-// pass in which none does ends the iteration. Rust: device::plain::explained.
+// clusters ready for the next step, and ends the phase if nothing moved. A flood holds the proxies while faces move;
+// the pass in which none does ends the iteration. Rust: device::plain::explained.
 
 fn proxies_fit(at: u32) {
     let cluster = living_clusters[at];

@@ -61,10 +61,10 @@ tuning! {
     batch_after_repair = 2, (1..=64);
     /// Iterations after which the boundary list is made anew, before the next batch.
     compact_after = 16, (1..=1_000_000);
-    /// Movers and clusters up to which an iteration takes them in one workgroup, in one dispatch instead of two or four.
+    /// Movers and clusters up to which an iteration takes them in one workgroup: one dispatch instead of two or four.
     chain_items = 2048, (0..=1_000_000_000);
-    /// Faces of a coarse graph up to which a start is made of it on the cpu. On a gpu, a start takes some 200 dispatches
-    /// and 14 waits on a graph of any size, and its kernels are compiled for it.
+    /// Faces of a coarse graph up to which it is clustered on the cpu. On a gpu a start takes some 200 dispatches and
+    /// 14 waits, whatever the graph.
     start_on_cpu = 65_536, (0..=u32::MAX);
     /// Clusters up to which their sums come with their best dual edges: 36 bytes each, instead of a wait for those
     /// that merge.

@@ -5,6 +5,8 @@
 //! movers notes that, and the threads of further dispatches have nothing to do. Those still cost most of a dispatch, so
 //! the next batch has as many iterations as the moves so far foretell ([`foretold`]).
 //!
+//! The growth is queued in the same way, in batches that double.
+//!
 //! A batch before the last is not known to be the last, and queueing the next one ahead of its statistics would leave
 //! that idle after every phase. The pause of a round trip between batches costs less.
 
@@ -35,22 +37,9 @@ pub(super) struct Phase {
     flood_from: u32,
     /// Whether an iteration without moves found nothing left to do.
     is_over: fn(&IterationStats) -> bool,
-    /// Whether the proxies are fitted once after a batch. Iterations of the others report the energy.
-    is_growth: bool,
-    /// Whether clusters are ready for another phase then.
+    /// Whether clusters are ready for another phase after it.
     leaves_fitted: bool,
 }
-
-pub(super) const GROWTH: Phase = Phase {
-    name: "grow",
-    fault_point: FaultPoint::Grow,
-    kernels: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY],
-    of_few: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY],
-    flood_from: u32::MAX,
-    is_over: |_| true,
-    is_growth: true,
-    leaves_fitted: true,
-};
 
 pub(super) const BOUNDARY: Phase = Phase {
     name: "boundary",
@@ -59,7 +48,6 @@ pub(super) const BOUNDARY: Phase = Phase {
     of_few: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_CHAIN],
     flood_from: FLOOD_FROM,
     is_over: |_| true,
-    is_growth: false,
     leaves_fitted: true,
 };
 
@@ -76,7 +64,6 @@ pub(super) const REFINEMENT: Phase = Phase {
     of_few: &[kernels::FACE_BID, kernels::REFINEMENT_CHAIN],
     flood_from: u32::MAX,
     is_over: |stats| stats.movers == 0,
-    is_growth: false,
     leaves_fitted: false,
 };
 
@@ -117,9 +104,7 @@ impl GpuSteps<'_> {
                     self.known.movers = movers;
                 }
                 if stats.moves > 0 {
-                    if !phase.is_growth {
-                        self.known.invalidate(Change::Moves);
-                    }
+                    self.known.invalidate(Change::Moves);
                     if is_flood {
                         flooded += u64::from(stats.moves);
                         continue;
@@ -128,10 +113,7 @@ impl GpuSteps<'_> {
                 let moves = take(&mut flooded) + u64::from(stats.moves);
                 if moves > 0 {
                     left -= 1;
-                    let energy = on_iteration(&stats, moves);
-                    if !phase.is_growth {
-                        self.known.energy = Some(energy);
-                    }
+                    self.known.energy = Some(on_iteration(&stats, moves));
                 } else if (phase.is_over)(&stats) {
                     cancel.check()?;
                     return Ok(Ending::Converged);
@@ -148,42 +130,59 @@ impl GpuSteps<'_> {
     fn run_batch(&mut self, phase: &Phase, iterations: u32, movers: u32) -> Result<Vec<IterationStats>> {
         self.connection.reach(phase.fault_point);
         // after a merge the list is made anew before searches
-        let is_listed_anew = !phase.is_growth
-            && self.known.history == History::Unmerged
+        let is_listed_anew = self.known.history == History::Unmerged
             && self.known.iterations_listed >= self.connection.tuning.compact_after;
         let is_fitted = self.next == 1 && !self.known.is_fitted;
         let numbers = Numbers { first: self.next, iterations, ..Numbers::NONE };
-        if phase.is_growth {
-            self.known.invalidate(Change::Moves);
-        }
         let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
         let clusters = self.living.len() as u32;
         let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
         let mut chain = phase.of_few.iter().filter(|kernel| kernel.is_chain()).flat_map(|kernel| kernel.parts);
         let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
         let kernels = if is_few { phase.of_few } else { phase.kernels };
-        {
-            let mut pass = self.connection.pass(&mut encoder, phase.name);
-            for slot in 0..iterations {
-                kernels.iter().for_each(|kernel| self.memory.dispatch(&self.connection, &mut pass, kernel, slot));
-            }
-        }
-        // free faces are listed, wherever they are
-        let lists_others = phase.is_growth && !self.known.is_repaired;
-        let listed = self.known.iterations_listed.saturating_add(iterations);
-        self.known.iterations_listed = if lists_others { u32::MAX } else { listed };
+        self.encode_iterations(&mut encoder, phase.name, kernels, iterations);
+        self.known.iterations_listed = self.known.iterations_listed.saturating_add(iterations);
         self.known.is_fitted = phase.leaves_fitted;
-        if phase.is_growth {
+        Ok(self.fetch(encoder, Along { iterations, ..Along::default() })?.batch)
+    }
+
+    fn encode_iterations(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        stage: &'static str,
+        kernels: &[&Kernel],
+        iterations: u32,
+    ) {
+        let mut pass = self.connection.pass(encoder, stage);
+        for slot in 0..iterations {
+            kernels.iter().for_each(|kernel| self.memory.dispatch(&self.connection, &mut pass, kernel, slot));
+        }
+    }
+
+    /// Grows the clusters over the free faces, all of which are listed. With each batch of passes comes the energy that
+    /// holds if it was the last.
+    pub(super) fn grow_listed(&mut self, cancel: &Cancel) -> Result<()> {
+        let mut iterations = self.connection.tuning.first_batch;
+        let mut is_growing = true;
+        while is_growing {
+            cancel.check()?;
+            self.connection.reach(FaultPoint::Grow);
+            self.known.invalidate(Change::Moves);
+            let numbers = Numbers { iterations, ..Numbers::NONE };
+            let mut encoder = self.begin(numbers, false, !self.known.is_fitted);
+            let pass = [kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY];
+            self.encode_iterations(&mut encoder, "grow", &pass, iterations);
             self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT], BETWEEN);
-        }
-        let read = self.fetch(encoder, Along { iterations, moves: phase.is_growth, ..Along::default() })?;
-        if phase.is_growth {
-            // of a growth that is not over, the next batch reports it anew
+            let read = self.fetch(encoder, Along { iterations, moves: true, ..Along::default() })?;
             self.known.energy = Some(read.between.energy());
+            is_growing = read.batch.iter().all(|pass| pass.moves > 0);
+            iterations = (2 * iterations).min(BATCH);
         }
-        Ok(read.batch)
+        self.known.has_free = false;
+        cancel.check()
     }
 }
+
 /// How many iterations to queue next, from the moves of those so far. They fall by about a constant factor, taken from
 /// the second half; to fewer than one after this many iterations, of which four fifths are queued, since the last moves
 /// come one by one (`benches/results/choices.md`). As many as there were where they do not fall.

@@ -1,7 +1,7 @@
 //! The table of kernels. A kernel is its WGSL file, a row here, and a dispatch.
 //!
 //! A file has a function of its own name, which is called for each item that the row says: a face, a listed face, a
-//! number. If it also has a function `<name>_end(local, group)`, every thread of a workgroup calls that after its items.
+//! number. A function `<name>_end(local, group)` beside it is called by every thread of a workgroup after its items.
 //! The first lines name the shared pieces that it uses, the buffers that it reads, and those that it writes; a buffer
 //! with atomics counts as written:
 //!
@@ -14,8 +14,8 @@
 //! `energy` is the file of the energy in `shaders/energy/`. [`Kernel::source`] puts the pieces, what they use
 //! themselves, and all declarations in front; layouts, pipelines and bind groups are made from the same lines.
 //!
-//! A *chain* is several kernels in one dispatch of one workgroup, a barrier after each. Where a step has few items, that
-//! costs less than several dispatches.
+//! A *chain* is several kernels in one dispatch of one workgroup, with barriers in between. Where a step has few items,
+//! that costs less than several dispatches.
 
 use std::mem::size_of;
 

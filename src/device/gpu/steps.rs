@@ -1,7 +1,7 @@
 //! The steps on one surface: each is a list of kernels.
 
 use super::FaultPoint;
-use super::batches::{BOUNDARY, GROWTH, REFINEMENT};
+use super::batches::{BOUNDARY, REFINEMENT};
 use super::buffers::Buffer;
 use super::kernels;
 use super::layout::IterationStats;
@@ -32,13 +32,6 @@ impl GpuSteps<'_> {
         self.memory.listed = faces as u32;
         (self.first, self.next) = (1, 1);
         self.connection.check()
-    }
-
-    /// Grows the clusters over the free faces, all of which are listed.
-    fn grow_listed(&mut self, cancel: &Cancel) -> Result<()> {
-        self.run(&GROWTH, u32::MAX, cancel, |stats, _| stats.energy())?;
-        self.known.has_free = false;
-        Ok(())
     }
 }
 
