@@ -23,60 +23,55 @@ fn take_joining(cluster: u32) -> Change {
     return Change(sums, atomicExchange(&cluster_bids[cluster].joining, 0u));
 }
 
-// The explained energy of a cluster with its own proxy.
-fn explained_by_own(sums: Sums) -> Wide {
-    return explained(fit(sums, 0u), sums);
-}
-
-// The rise of the explained energy; none if no face would be left.
-fn rise(own: Sums, into: Sums, count: u32, change: Change) -> Wide {
-    if count <= change.count {
-        return ZERO;
-    }
-    let before = plus(explained_by_own(own), explained_by_own(into));
-    let rest = explained_by_own(sums_minus(own, change.sums));
-    return minus(plus(rest, explained_by_own(sums_plus(into, change.sums))), before);
-}
-
 // Replaces the sums of a cluster, and its proxy.
-fn store_cluster(cluster: u32, sums: Sums, count: u32) {
+fn store_cluster(cluster: u32, sums: Sums, count: u32, proxy: Proxy) {
     store_sums(cluster, sums, count);
-    proxies[cluster] = fit(sums, proxies[cluster].energy_shift);
+    proxies[cluster] = proxy;
     cluster_bids[cluster].changed_in = iteration.number;
 }
 
 // Decides about the move out of a cluster. Returns the rise of the explained energy.
 fn evaluate(own: u32) -> Wide {
     let into = cluster_bids[own].target_cluster;
+    // both clusters lie in one component, so the shift is the same
+    let shift = proxies[own].energy_shift;
     let sums = cluster_sums(own);
     let into_sums = cluster_sums(into);
     let count = atomicLoad(&clusters[own].count);
+    let before = plus(explained(fit(sums, shift), sums), explained(fit(into_sums, shift), into_sums));
     var change = take_joining(own);
     var accepted = ALL_MOVE;
-    var energy = rise(sums, into_sums, count, change);
-    // a winner that nothing joined was tried already
-    if !is_positive(energy) && change.count > 1u {
+    loop {
+        // a cluster keeps a face
+        if count > change.count {
+            let rest = sums_minus(sums, change.sums);
+            let joined = sums_plus(into_sums, change.sums);
+            let proxy = fit(rest, shift);
+            let into_proxy = fit(joined, shift);
+            let rise = minus(plus(explained(proxy, rest), explained(into_proxy, joined)), before);
+            if is_positive(rise) {
+                store_cluster(own, rest, count - change.count, proxy);
+                store_cluster(into, joined, atomicLoad(&clusters[into].count) + change.count, into_proxy);
+                atomicStore(&clusters[own].connected, 0u);
+                atomicAdd(&counted, change.count);
+                cluster_bids[own].accepted = accepted;
+                return rise;
+            }
+        }
+        // a winner that nothing joined was tried already
+        if accepted == WINNER_MOVES || change.count == 1u {
+            break;
+        }
         change = Change(sums_of(faces[cluster_bids[own].winner]), 1u);
         accepted = WINNER_MOVES;
-        energy = rise(sums, into_sums, count, change);
     }
-    if is_positive(energy) {
-        store_cluster(own, sums_minus(sums, change.sums), count - change.count);
-        store_cluster(into, sums_plus(into_sums, change.sums), atomicLoad(&clusters[into].count) + change.count);
-        atomicStore(&clusters[own].connected, 0u);
-        atomicAdd(&counted, change.count);
-    } else {
-        accepted = REFUSED;
-        energy = ZERO;
-    }
-    cluster_bids[own].accepted = accepted;
-    return energy;
+    cluster_bids[own].accepted = REFUSED;
+    return ZERO;
 }
 
 fn evaluate_moves(face: u32) {
     let own = labels[face];
     if cluster_bids[own].won_in == iteration.number && cluster_bids[own].winner == face {
-        // both clusters lie in one component, so the shift is the same
         add_energy(evaluate(own), proxies[own].energy_shift);
     }
 }
