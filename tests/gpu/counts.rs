@@ -76,7 +76,7 @@ fn of_hierarchy(surface: &Surface, sequential_at: u64, optimise: bool) -> Option
 #[test]
 fn a_flat_clustering_takes_no_more_dispatches_and_waits_than_before() {
     for (sample, faces, clusters, most) in
-        [(Sample::Knot, 20_000, 200, (310, 12)), (Sample::Sphere, 5000, 2000, (115, 4))]
+        [(Sample::Knot, 20_000, 200, (270, 12)), (Sample::Sphere, 5000, 2000, (80, 4))]
     {
         let Some(found) = of_flat(&surface(sample, faces), clusters) else { return };
         eprintln!("{} {faces}/{clusters}: {found:?}", sample.name());
