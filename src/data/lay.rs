@@ -9,7 +9,7 @@ use super::order;
 use super::{Graph, PointSet, knn};
 use crate::error::{Error, Result};
 use crate::power::factors;
-use crate::surface::lattice::{self, MAX_EXPONENT_SPREAD};
+use crate::surface::lattice;
 use crate::surface::order::{by_component, inverse};
 use crate::surface::{Component, Rows};
 
@@ -102,7 +102,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     drop(internal);
     check_hubs(&neighbour_offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);
-    let scales = lattice::scales(relative, &runs, exponent_spread(runs.len()));
+    let scales = lattice::scales(relative, &runs);
     let mut components = Vec::with_capacity(runs.len());
     let mut of_items = Vec::with_capacity(points.len());
     for (run, &exponent) in runs.iter().zip(&scales.exponents) {
@@ -148,13 +148,6 @@ fn check_hubs(offsets: &[u32], item: impl Fn(usize) -> u32) -> Result<()> {
         item(hub),
         degree(hub)
     )))
-}
-
-/// How far exponents of weights may lie apart: with C components, Σ over all of M·2^`energy_shift` is below
-/// C·2³⁴·2^spread, at most 2⁶⁷.
-fn exponent_spread(components: usize) -> i32 {
-    let rounded_up = components.next_power_of_two().trailing_zeros() as i32;
-    MAX_EXPONENT_SPREAD.min(33 - rounded_up)
 }
 
 /// Weights of the members, relative to a power of two that none reaches.

@@ -19,8 +19,8 @@ pub const COORDINATE_BITS: i32 = 27;
 const WEIGHT_SUM_BITS: i32 = 33;
 /// No weight exceeds 2 to this power.
 const WEIGHT_BITS: i32 = 31;
-/// Exponents of components differ by at most this.
-pub const MAX_EXPONENT_SPREAD: i32 = 30;
+/// Exponents of components differ by at most this, or less where there are many.
+const MAX_EXPONENT_SPREAD: i32 = 30;
 
 /// A face in lattice units, before rounding.
 #[derive(Debug, Clone, Copy, Default)]
@@ -263,8 +263,10 @@ pub struct Scales {
     pub finest: i32,
 }
 
-/// Chooses the exponent of each component, given as a run of faces. Exponents differ by `spread` at most.
-pub fn scales(area: impl Fn(usize) -> f64, runs: &[Range<usize>], spread: i32) -> Scales {
+/// Chooses the exponent of each component, given as a run of faces. Exponents of C components differ by at most
+/// [`MAX_EXPONENT_SPREAD`] and 33 − ⌈log₂ C⌉: then Σ over all of M·2^`energy_shift` is below 2⁶⁷.
+pub fn scales(area: impl Fn(usize) -> f64, runs: &[Range<usize>]) -> Scales {
+    let spread = MAX_EXPONENT_SPREAD.min(33 - runs.len().next_power_of_two().trailing_zeros() as i32);
     let wanted: Vec<Option<i32>> = runs
         .iter()
         .map(|run| {

@@ -181,7 +181,7 @@ impl Surface {
         drop(components);
         let gather = || {
             let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
-            let scales = lattice::scales(|face| gathered.geometry[face].area, &runs, lattice::MAX_EXPONENT_SPREAD);
+            let scales = lattice::scales(|face| gathered.geometry[face].area, &runs);
             (gathered, scales)
         };
         let compress = || {

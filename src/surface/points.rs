@@ -87,7 +87,7 @@ impl OfPoints {
             let geometry: Vec<FaceGeometry> = upload_face.iter().map(|&item| geometry[item as usize]).collect();
             let points = geometry.iter().map(|item| lattice::round_centroid(item.centroid)).collect();
             let gathered = Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0 };
-            let scales = lattice::scales(|item| gathered.geometry[item].area, &runs, lattice::MAX_EXPONENT_SPREAD);
+            let scales = lattice::scales(|item| gathered.geometry[item].area, &runs);
             (gathered, scales)
         };
         let of_items = || edges(triangles).chain(bridges.iter().copied());

@@ -238,3 +238,18 @@ fn bridges_join_every_component_once_and_near_ones_first() {
     let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);
 }
+
+#[test]
+fn energies_of_many_components_add_up() {
+    for components in [1usize, 8, 9, 4096] {
+        let runs: Vec<_> = (0..components).map(|run| run..run + 1).collect();
+        // the last component has next to no area
+        let area = |face: usize| if face + 1 == components { 1e-30 } else { 1e12 };
+        let Scales { exponents, finest } = lattice::scales(area, &runs);
+        let weights = exponents.iter().enumerate().map(|(face, &exponent)| {
+            let weight = u128::from(lattice::weight(exponent)(area(face)));
+            weight << (finest - exponent)
+        });
+        assert!(weights.sum::<u128>() < 1 << 67, "{components}");
+    }
+}
