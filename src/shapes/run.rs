@@ -158,14 +158,16 @@ impl<'a> Run<'a> {
 
     fn converge(&mut self, most_steps: u32, cancel: &Cancel, on_step: &mut dyn FnMut(Step, &[u32])) -> Result<Ending> {
         let mut left = most_steps;
-        let mut has_new_shape = vec![true; self.shapes.len()];
+        let all = vec![true; self.shapes.len()];
+        let mut has_new_shape = all.clone();
         for _ in 0..ROUNDS {
             let mut faces = self.clusters.at_boundaries(&has_new_shape);
+            let mut has_moved = false;
             while !faces.is_empty() && left > 0 {
                 cancel.check()?;
                 let (moves, next) = self.clusters.pass(&faces);
                 if moves > 0 {
-                    left -= 1;
+                    (left, has_moved) = (left - 1, true);
                     on_step(Step { phase: Phase::Boundary, energy: self.energy(), moves }, &self.clusters.labels);
                 }
                 faces = next;
@@ -174,12 +176,17 @@ impl<'a> Run<'a> {
                 return Ok(Ending::IterationLimit);
             }
             cancel.check()?;
-            has_new_shape = self.fit();
-            if !has_new_shape.contains(&true) {
+            let takes_shape = self.fit();
+            if takes_shape.contains(&true) {
+                left -= 1;
+                on_step(Step { phase: Phase::Refit, energy: self.energy(), moves: 0 }, &self.clusters.labels);
+                has_new_shape = takes_shape;
+            } else if has_moved || has_new_shape != all {
+                // a face may have waited for a way around it that is far away: all of them are looked at in the end
+                has_new_shape.clone_from(&all);
+            } else {
                 return Ok(if self.clusters.is_bounded() { Ending::WorkLimit } else { Ending::Converged });
             }
-            left -= 1;
-            on_step(Step { phase: Phase::Refit, energy: self.energy(), moves: 0 }, &self.clusters.labels);
         }
         Ok(Ending::WorkLimit)
     }
@@ -293,6 +300,9 @@ mod tests {
         })
         .expect("an end");
         assert!(steps > 2 && last == run.energy());
+        // nothing is left to move
+        let all: Vec<u32> = (0..faces.count() as u32).collect();
+        assert_eq!(run.clusters.pass(&all).0, 0);
         let members = members(&run.clusters.labels, &[true; 13]);
         for (number, members) in members.iter().enumerate() {
             let proxy = &run.clusters.proxies[number];
