@@ -66,7 +66,7 @@ pub struct Parameters {
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub energy: energy::Kind,
 
-    /// Energy shapes: types of shapes that clusters may have, of plane,sphere,cylinder, which are all; planes always
+    /// Energy shapes: which shapes clusters may have: plane,sphere,cylinder or some of them; planes are always allowed
     #[arg(long, value_name = "plane,sphere,cylinder", help_heading = CLUSTERS, hide_short_help = true)]
     pub shapes: Option<Shapes>,
 

@@ -58,6 +58,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     target.check()?;
     let truth = arguments.truth.clone().map(Target::from);
     truth.iter().try_for_each(Target::check)?;
+    if arguments.truth.as_ref().is_some_and(|truth| *truth == arguments.out) {
+        return Err(Failure::Usage("sample", "--truth must be another file than the mesh".to_owned()));
+    }
     let usage = |error: Error| Failure::Usage("sample", error.message);
     let (mesh, patches) = match arguments.name {
         Sample::Part => generate_part(arguments.faces, arguments.noise).map_err(usage)?,

@@ -141,14 +141,12 @@ impl Serialize for Shapes {
     }
 }
 
-/// A list as text, for the description of the interface.
-const LIST: &str = "^(plane|sphere|cylinder)(,(plane|sphere|cylinder))*$";
-
 impl PartialSchema for Shapes {
     fn schema() -> RefOr<Schema> {
+        let one = format!("({})", Kind::ALL.map(|kind| kind.name()).join("|"));
         ObjectBuilder::new()
             .schema_type(Type::String)
-            .pattern(Some(LIST))
+            .pattern(Some(format!("^{one}(,{one})*$")))
             .examples([json!("plane,sphere,cylinder"), json!("plane,cylinder")])
             .description(Some("Types of shapes that clusters may have; planes always."))
             .into()

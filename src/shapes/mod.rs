@@ -19,8 +19,12 @@
 //! | the whole way | [`run`] |
 //! | what reports say of shapes, fitted to corners | [`mod@table`] |
 //!
-//! Shapes may come from anywhere, as long as they are the same bytes everywhere: what decides is the energy of their
-//! proxies, in integers. A new type needs a row of [`kind::Kind`], a variant of [`shape::Shape`], and a file in `fit`.
+//! A fit may use any method that computes the same bits on every machine: what decides is the energy of proxies, in
+//! integers.
+//!
+//! A new type needs a row of [`kind::Kind`], a variant of [`shape::Shape`] with its tangent, a file in `fit`, and in
+//! [`mod@table`] its members and its step; outside of this module, a row in `openapi.yaml`, the Python client and
+//! `web/src/shapes.ts`.
 
 pub mod best;
 pub mod central;

@@ -51,7 +51,7 @@ impl Proxy {
         let one = f64::from(1u32 << BITS);
         let round = |x: f64| (x * one + 0.5).floor();
         let at = tangent.point * unit;
-        // NaN is no place either
+        // NaN is refused, too
         if at.abs().max_element().partial_cmp(&FARTHEST).is_none_or(std::cmp::Ordering::is_gt) {
             return None;
         }
@@ -62,7 +62,7 @@ impl Proxy {
         let of_axes = |[i, j]: [usize; 2]| half * (f64::from(u8::from(i == j)) - axis[i] * axis[j]);
         let a = PAIRS.map(of_axes);
         let (_, exponent) = libm::frexp(a.iter().fold(0.0, |most, x| x.abs().max(most)));
-        // the largest of a plane is 0, and then its exponent
+        // that of 0, of a plane, is 0
         let e = u32::try_from(-exponent).ok()?;
         Some(Self {
             kind: shape.kind(),

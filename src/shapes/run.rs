@@ -23,7 +23,7 @@ use super::shape::Shape;
 use super::swaps::{Swapped, Swaps};
 use crate::cluster::run::Phase;
 use crate::device::{Cancel, Ending};
-use crate::error::Result;
+use crate::error::{self, Error, Result};
 
 /// Rounds of fits at most. Scans take 5 to 60.
 const ROUNDS: usize = 1024;
@@ -83,7 +83,7 @@ pub fn cluster(
     let prices = Prices::of(faces.graph, options.clusters, options.resolution);
     let allowed = Allowed { kinds: &options.kinds, prices: &prices };
     let merged = merged(faces, allowed, options.clusters, cancel)?;
-    let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
+    let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes)?;
     let initial = run.clusters.labels.clone();
     let before = run.costs();
     on_step(Step { phase: Phase::Boundary, energy: run.energy(), moves: 0 }, &initial);
@@ -126,16 +126,17 @@ impl<'a> Run<'a> {
         labels: Vec<u32>,
         component_of_cluster: Vec<u32>,
         axes: &[Option<DVec3>],
-    ) -> Self {
+    ) -> Result<Self> {
         let members = members(&labels, &vec![true; axes.len()]);
         let fit = |((members, axis), &component): ((&Vec<u32>, &Option<DVec3>), &u32)| {
             fitted(faces, allowed, component, members, *axis, None)
         };
-        let fits: Vec<Fitted> = members.par_iter().zip(axes).zip(&component_of_cluster).filter_map(fit).collect();
+        let fits: Option<Vec<Fitted>> = members.par_iter().zip(axes).zip(&component_of_cluster).map(fit).collect();
+        let fits = fits.ok_or_else(|| Error::new(error::Kind::Internal, "a cluster has no shape"))?;
         let shapes = fits.iter().map(|fit| fit.shape).collect();
         let proxies = fits.iter().map(|fit| fit.proxy).collect();
         let costs = fits.iter().map(|fit| fit.cost).collect();
-        Self { allowed, component_of_cluster, shapes, clusters: Clusters::new(faces, labels, proxies, costs) }
+        Ok(Self { allowed, component_of_cluster, shapes, clusters: Clusters::new(faces, labels, proxies, costs) })
     }
 
     /// F, in units of the finest component.
@@ -197,9 +198,10 @@ impl<'a> Run<'a> {
         let axes: Vec<Option<DVec3>> = shapes.iter().map(Shape::axis).collect();
         let swaps =
             Swaps { faces: clusters.faces, allowed: *allowed, labels: &clusters.labels, component_of_cluster, axes };
-        Ok(swaps.made(cancel)?.map(|Swapped { labels, component_of_cluster, axes }| {
+        let begun = |Swapped { labels, component_of_cluster, axes }| {
             Run::new(clusters.faces, *allowed, labels, component_of_cluster, &axes)
-        }))
+        };
+        swaps.made(cancel)?.map(begun).transpose()
     }
 
     /// Fits shapes to the clusters that changed. Returns which took one.
@@ -292,7 +294,8 @@ mod tests {
         let prices = Prices::of(faces.graph, options.clusters, options.resolution);
         let allowed = Allowed { kinds: &options.kinds, prices: &prices };
         let merged = merged(faces, allowed, options.clusters, &Cancel::default()).expect("clusters");
-        let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
+        let mut run =
+            Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes).expect("shapes");
         let (mut steps, mut last) = (0, run.energy());
         run.converge(u32::MAX, &Cancel::default(), &mut |step, _| {
             assert!(step.energy < last, "{step:?} {last}");

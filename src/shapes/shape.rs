@@ -70,7 +70,7 @@ impl Shape {
         }
     }
 
-    /// The same in a unit that this one is so many of.
+    /// The shape with lengths multiplied by `by`.
     pub fn scaled(&self, by: f64) -> Self {
         match *self {
             Shape::Plane { point, normal } => Shape::Plane { point: point * by, normal },

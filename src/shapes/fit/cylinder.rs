@@ -80,7 +80,7 @@ fn improved(known: Known<'_>, best: Fit) -> Option<Fit> {
     let (x_bend, y_bend) = (bend(x_plus, x_minus), bend(y_plus, y_minus));
     let mixed = (both - x_plus - y_plus + middle) / (STEP * STEP);
     let determinant = x_bend * y_bend - mixed * mixed;
-    // a saddle leads nowhere
+    // the step lowers the value only if the second derivatives are positive definite
     if x_bend.is_nan() || x_bend <= 0.0 || determinant.is_nan() || determinant <= 0.0 {
         return None;
     }

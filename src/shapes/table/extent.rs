@@ -34,7 +34,7 @@ pub(super) fn around(cluster: Cluster<'_>, point: DVec3, axis: DVec3) -> f64 {
     };
     let mut arcs: Vec<[f64; 2]> = cluster.members.iter().map(arc).collect();
     arcs.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
-    // what reaches beyond a whole turn covers the beginning
+    // an arc that ends beyond 360° covers angles from 0 on
     let mut end = arcs.iter().map(|arc| arc[1] - TAU).fold(0.0, f64::max);
     let mut covered = end;
     for [from, to] in arcs {

@@ -30,7 +30,7 @@ pub(super) fn fit(cluster: Cluster<'_>, start: &Shape) -> Shape {
     for _ in 0..STEPS {
         let next = centred(stepped(cluster, &best), mean);
         let after = squares_of(cluster, &next);
-        // no number is not below either
+        // NaN ends it, too
         if after.partial_cmp(&squares).is_none_or(std::cmp::Ordering::is_ge) {
             break;
         }
@@ -118,7 +118,7 @@ fn solved(cluster: Cluster<'_>, shape: &Shape, slopes: impl Fn(DVec3) -> [f64; M
     let largest = values.into_iter().fold(0.0, f64::max);
     let mut by = [0.0; MOST];
     for at in 0..MOST {
-        // directions that the corners do not tell stay as they are
+        // eigenvalues near 0 are of directions that the corners do not determine
         if values[at] > 1e-12 * largest {
             let along: f64 = (0..MOST).map(|i| vectors[i][at] * right[i]).sum();
             (0..MOST).for_each(|i| by[i] += vectors[i][at] * along / values[at]);

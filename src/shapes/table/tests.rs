@@ -1,5 +1,6 @@
 use super::*;
 use crate::dev::sample::generate_part;
+use crate::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 
 /// The true patches of a part, and the shapes that are reported of them from a start that is somewhat off.
 fn reported(noise: f64) -> Vec<ClusterShape> {
@@ -83,4 +84,39 @@ fn noise_leaves_residuals_of_its_size() {
     }
     let boss = rows[11].cylinder.expect("a cylinder");
     assert!((boss.radius - 0.6).abs() < 2e-3 && boss.radius != 0.6, "{boss:?}");
+}
+
+/// The angle between the two sides of a roof, each a cluster, that bends by 40°; with another triangle at the ridge
+/// where there is one.
+fn bend_of_a_roof(right: [u32; 4], thin: Option<[u32; 3]>) -> f64 {
+    let (sin, cos) = libm::sincos(20f64.to_radians());
+    let positions = vec![
+        [0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [-cos, 0.0, -sin],
+        [-cos, 1.0, -sin],
+        [cos, 0.0, -sin],
+        [cos, 1.0, -sin],
+    ];
+    let mut faces = Faces::default();
+    faces.push(&[0, 1, 3, 2]);
+    faces.push(&right);
+    thin.iter().for_each(|corners| faces.push(corners));
+    let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
+    let (warnings, adjusted) = (Vec::new(), Adjusted::default());
+    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted };
+    let surface = Surface::build(&mesh).expect("a surface");
+    let labels: Vec<u32> = surface.items.upload_face.iter().map(|&face| u32::from(face == 1)).collect();
+    let plane = Shape::Plane { point: DVec3::ZERO, normal: DVec3::X };
+    let rows = table(&surface, &surface.corners((&mesh).into()), &labels, &[plane, plane]);
+    rows[0].neighbours[0].angle
+}
+
+#[test]
+fn angles_at_borders_take_winding_and_faces_without_area_into_account() {
+    let (right, turned) = ([1, 0, 4, 5], [5, 4, 0, 1]);
+    assert!((bend_of_a_roof(right, None) - 40.0).abs() < 1e-4, "{}", bend_of_a_roof(right, None));
+    assert!((bend_of_a_roof(turned, None) - 40.0).abs() < 1e-4, "{}", bend_of_a_roof(turned, None));
+    // a face without area between both, of the first cluster
+    assert!((bend_of_a_roof(right, Some([0, 1, 0])) - 40.0).abs() < 1e-4);
 }
