@@ -69,7 +69,7 @@ impl Parameters {
         }
         if let Some(features) = self.features.filter(|_| self.bridge_components) {
             return Err(Error::parameter(format_args!(
-                "{} joins what {} keeps apart: leave one of them out; {features}",
+                "{} joins what {} keeps apart: leave one of them out: {features}",
                 Name::BRIDGE_COMPONENTS,
                 Name::FEATURES
             )));
