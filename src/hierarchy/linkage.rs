@@ -67,8 +67,8 @@ pub fn no_single_root(components: u64, has_features: bool) -> String {
         true => ("regions between feature edges", format!("leave {} out", Name::FEATURES)),
     };
     format!(
-        "a linkage matrix needs a tree with a single root, but there are {components} {pieces} and the hierarchy as many \
-         roots; {way_out}"
+        "a linkage matrix needs a tree with a single root, but there are {components} {pieces} and the hierarchy as \
+         many roots; {way_out}"
     )
 }
 

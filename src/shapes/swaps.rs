@@ -2,9 +2,10 @@
 //!
 //! Where merges from single faces went wrong, no move of a face makes up for it. Fits of moments say what a merge costs
 //! and what a split gains. For the splits, the faces of all clusters merge to two parts each, in the time of a start;
-//! clusters whose energy is below the cost of the cheapest merge cannot pay, and are left out, as are those of two faces. The split with the
-//! largest gain and the cheapest merge make a swap, then the next, each of clusters of its own. A cluster of fewer than
-//! three faces merges at the cost of a plane, which is more than it need be beside curved ones.
+//! clusters whose energy is below the cost of the cheapest merge cannot pay, and are left out, as are those of two
+//! faces. The split with the largest gain and the cheapest merge make a swap, then the next, each of clusters of its
+//! own. A cluster of fewer than three faces merges at the cost of a plane, which is more than it need be beside curved
+//! ones.
 
 use glam::DVec3;
 use rayon::prelude::*;
