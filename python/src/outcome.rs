@@ -170,6 +170,10 @@ fn check(artifact: &Artifact, form: &Form, content: &Content<'_>) -> Result<()> 
         Need::Labels => content.labels.is_none().then_some("labels: a whole hierarchy has them at cut(k)"),
         Need::Hierarchy => content.hierarchy.is_none().then_some("a hierarchy: take the algorithm pml, ml or hr"),
         Need::Snapshots => content.snapshots.is_none().then_some("the run's own labels, which a cut has not"),
+        Need::Shapes => {
+            let shapes = content.report.and_then(|report| report.shapes.as_ref());
+            shapes.is_none().then_some("shapes: take the energy planes or shapes")
+        }
         Need::Report => content.report.is_none().then_some("the run's own report, which a cut has not"),
         Need::Mesh => (content.mesh.is_none() && content.points.is_none()).then_some("the mesh"),
         Need::Image => Some("an image in a file, on the command line or over HTTP"),
