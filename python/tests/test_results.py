@@ -100,6 +100,7 @@ def test_every_output_is_that_of_the_command_line(sample: Sample, tmp_path: Path
     flags = {"clusters": "--clusters-table", "graph": "--clusters-graph"}
     left_out = {"snapshots.npy", "snapshots.json", "report.json", "linkage.npy"}
     left_out |= {"labels.png", "means.png"}  # of images
+    left_out |= {"shapes.json"}  # of energies of shapes
     for form, about in _native.forms():
         assert about
         if form in left_out:
@@ -121,12 +122,23 @@ def test_every_output_is_that_of_the_command_line(sample: Sample, tmp_path: Path
         assert caught.value.kind == kind
 
 
+def test_shapes_are_those_of_the_command_line(sample: Sample, tmp_path: Path) -> None:
+    path = sample("part", 1500)
+    clustering = tesserae_mesh.cluster(path, clusters=13, energy="shapes")
+    out = tmp_path / "shapes.json"
+    done = command("cluster", path, "-k", "13", "--energy", "shapes", "--shapes-out", out)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(clustering.output("shapes.json")) == json.loads(out.read_bytes()) == clustering.report["shapes"]
+    with pytest.raises(tesserae_mesh.Error, match="shapes: take the energy planes or shapes"):
+        tesserae_mesh.cluster(path, clusters=3).output("shapes.json")
+
+
 def test_every_parameter_of_the_command_line_is_a_documented_keyword() -> None:
     keywords = signature(tesserae_mesh.cluster).parameters
     help_of_command = command("cluster", "--help").stdout
     flags = {flag.replace("-", "_") for flag in re.findall(r"--([a-z][a-z-]+)", help_of_command)}
     outputs = {form.split(".")[0].replace("-", "_") for form, _ in _native.forms()}
-    of_outputs = {"clusters_graph", "clusters_table", "placement", "ply_vertex_colours", "force"}
+    of_outputs = {"clusters_graph", "clusters_table", "placement", "ply_vertex_colours", "shapes_out", "force"}
     of_outputs |= {"min_clusters", "max_clusters"}
     # a mesh in memory is divided by what made it
     of_files = {"subdivide"}
