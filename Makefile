@@ -58,7 +58,7 @@ unit: install-test bundle  ## the tests of the three crates
 
 .PHONY: costs
 costs: debug-binary  ## processor time of hostile inputs, with the engine optimised as in the debug binary
-	cargo test --locked --profile dev $(FEATURES) --test costs
+	cargo test --locked $(FEATURES) --test costs
 
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently

@@ -4,13 +4,12 @@
 //! other, some merge ([`Pairs`]), but no more than are too many (as hierarchies do without optimisation). No
 //! component has a share of the clusters: each ends with those that its merges are too expensive for.
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::coarse::Start;
 use super::numbers;
-use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
+use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half, keep_first};
 use crate::device::{Cancel, Device, MergeSteps};
 use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
@@ -39,14 +38,15 @@ impl Pairs {
                 keep_cheaper_half(mutual);
                 most
             }
-            Pairs::Eighth => (most / 8).max(1),
+            Pairs::Eighth => an_eighth(most),
         };
-        if most < mutual.len() {
-            mutual.select_nth_unstable(most);
-            mutual.truncate(most);
-        }
-        mutual.par_sort_unstable();
+        keep_first(mutual, most);
     }
+}
+
+/// How many of the merges that are left happen in a round, so that none merges across an edge while cheaper ones wait.
+pub fn an_eighth(left: usize) -> usize {
+    (left / 8).max(1)
 }
 
 /// Labels with this many clusters, whose numbers have gaps.

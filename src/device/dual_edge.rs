@@ -13,10 +13,9 @@
 //! stalls but crawls: a strip of 4,096 equal faces takes 2,059 rounds. A hash of the pair puts the edges of a plateau
 //! in a random order instead, in which a constant share of them are the best at both ends (27 rounds).
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-use crate::energy::Sums;
 
 /// Which of equally cheap dual edges is the best.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -102,8 +101,17 @@ pub fn keep_cheaper_half(mutual: &mut Vec<Rank<u32>>) {
     }
 }
 
+/// Sorts, and leaves out those after the first `most`.
+pub fn keep_first<T: Ord + Send>(ranked: &mut Vec<T>, most: usize) {
+    if most < ranked.len() {
+        ranked.select_nth_unstable(most);
+        ranked.truncate(most);
+    }
+    ranked.par_sort_unstable();
+}
+
 /// Two clusters that merge, the smaller number first, in the order in which the first becomes part of the second: the
-/// one with more faces keeps its number, the smaller number of equal ones. `sums` are theirs.
-pub fn from_into<S: Sums>((low, high): (u32, u32), sums: &[S; 2]) -> (u32, u32) {
-    if sums[1].faces() > sums[0].faces() { (low, high) } else { (high, low) }
+/// one with more faces keeps its number, the smaller number of equal ones.
+pub fn from_into((low, high): (u32, u32), [of_low, of_high]: [u32; 2]) -> (u32, u32) {
+    if of_high > of_low { (low, high) } else { (high, low) }
 }

@@ -27,7 +27,7 @@ use utoipa::ToSchema;
 pub use self::dual_edge::DualEdge;
 use self::dual_edge::{Rank, Ties, from_into, mutual};
 pub use self::profile::{Profile, StageTime};
-use crate::energy::{Energy, Functional, LatticeEnergy};
+use crate::energy::{Energy, Functional, LatticeEnergy, Sums as _};
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 
@@ -171,7 +171,11 @@ pub trait MergeSteps<E: Functional = Energy>: Steps {
     fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Merges, Vec<E::Sums>)> {
         let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
         let sums = self.sums_of(&ends)?;
-        let ordered: Merges = pairs.iter().zip(sums.as_chunks().0).map(|(&pair, sums)| from_into(pair, sums)).collect();
+        let ordered: Merges = pairs
+            .iter()
+            .zip(sums.as_chunks().0)
+            .map(|(&pair, [low, high])| from_into(pair, [low.faces(), high.faces()]))
+            .collect();
         self.merge(&ordered)?;
         Ok((ordered, sums))
     }

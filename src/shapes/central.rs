@@ -1,7 +1,7 @@
 //! Moments about the mean, divided by the weight.
 //!
-//! The rounded mean is taken off in integers, exactly: terms may wrap, the result, below 2¹²³·⁶, does not. Only the
-//! fraction of the mean that is left, at most ½, is taken off in f64.
+//! The rounded mean is taken off in integers, exactly: up to 16 terms below 2¹¹⁹·⁶ fit 128 bits. Only the fraction of the
+//! mean that is left, at most ½, is taken off in f64.
 
 use glam::DVec3;
 
@@ -136,13 +136,13 @@ fn fourth_about(moments: &Moments, higher: &Higher, c: [i64; 3]) -> [i128; 15] {
         let mut sum = higher.fourth[at];
         for left in 0..4 {
             let rest @ [p, q, r] = without(axes, left);
-            sum = sum.wrapping_sub(c[axes[left]].wrapping_mul(higher.third[place(rest)]));
-            sum = sum.wrapping_sub((c[p] * c[q] * c[r]).wrapping_mul(first[axes[left]]));
+            sum -= c[axes[left]] * higher.third[place(rest)];
+            sum -= c[p] * c[q] * c[r] * first[axes[left]];
         }
         for ([p, q], [r, s]) in halves(axes) {
-            sum = sum.wrapping_add((c[p] * c[q]).wrapping_mul(moments.second[place([r, s])]));
-            sum = sum.wrapping_add((c[r] * c[s]).wrapping_mul(moments.second[place([p, q])]));
+            sum += c[p] * c[q] * moments.second[place([r, s])];
+            sum += c[r] * c[s] * moments.second[place([p, q])];
         }
-        sum.wrapping_add((c[a] * c[b] * c[e] * c[f]).wrapping_mul(weight))
+        sum + c[a] * c[b] * c[e] * c[f] * weight
     })
 }

@@ -35,3 +35,14 @@ impl Faces<'_> {
         self.samples.normal(face)
     }
 }
+
+/// The faces of each of some clusters, ascending; none of clusters that are not chosen.
+pub fn members(labels: &[u32], clusters: usize, is_chosen: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
+    let mut members = vec![Vec::new(); clusters];
+    for (face, &label) in (0..).zip(labels) {
+        if is_chosen(label) {
+            members[label as usize].push(face);
+        }
+    }
+    members
+}

@@ -19,16 +19,14 @@ use rayon::prelude::*;
 use super::best::{Allowed, FEWEST_FACES};
 use super::faces::Faces;
 use super::moments::{Higher, Moments};
+use crate::cluster::merging::an_eighth;
 use crate::device::Cancel;
-use crate::device::dual_edge::{Rank, Ties};
+use crate::device::dual_edge::{Rank, Ties, from_into, keep_first};
 use crate::error::{Error, Kind, Result};
 use crate::union_find;
 
 /// How much the distance of the means counts beside the energy.
 const NEARNESS: f64 = 1e-8;
-
-/// The part of the merges that are left which happen in a round.
-const PART: usize = 8;
 
 /// Looks at an edge, on average, in rounds in which clusters merge only if both chose each other.
 const LOOKS: usize = 64;
@@ -222,24 +220,18 @@ impl<'a> Merging<'a> {
             low && high || one_end_suffices && (low || high)
         };
         let mut chosen: Vec<Edge> = (0..).zip(edges).filter(is_chosen).map(|(_, &edge)| edge).collect();
-        let most = if one_end_suffices { surplus } else { (surplus / PART).max(1) };
-        if most < chosen.len() {
-            chosen.select_nth_unstable(most);
-            chosen.truncate(most);
-        }
-        chosen.sort_unstable();
+        keep_first(&mut chosen, if one_end_suffices { surplus } else { an_eighth(surplus) });
         chosen
     }
 
-    /// Merges the clusters that two have become; the one with more faces keeps its number, the smaller one of equal
-    /// ones.
+    /// Merges the clusters that two have become.
     fn merge(&mut self, (low, high): (u32, u32)) {
         let [a, b] = [low, high].map(|cluster| self.root(cluster));
         let (low, high) = (a.min(b), a.max(b));
         let (moments, energy, axis) = self.union(low, high);
         let faces = [low, high].map(|cluster| self.parts[cluster as usize].faces);
         let all = faces[0] + faces[1];
-        let (from, into) = if faces[1] > faces[0] { (low, high) } else { (high, low) };
+        let (from, into) = from_into((low, high), faces);
         if self.allowed.are_curved() && all >= KEPT_FROM {
             let higher = self.higher_of(low).with(&self.higher_of(high));
             self.higher[from as usize] = None;

@@ -40,6 +40,13 @@ impl Moments {
         moments
     }
 
+    /// Those of some faces together.
+    pub fn of_all(faces: &Faces, members: &[u32]) -> Self {
+        let mut all = Self::default();
+        members.iter().for_each(|&face| all.add(&Self::of(faces, face)));
+        all
+    }
+
     fn add_sample(&mut self, weight: i64, y: [i64; 3]) {
         self.weight += weight;
         for (sum, y) in self.first.iter_mut().zip(y) {
@@ -83,6 +90,13 @@ impl Higher {
         for (sum, [a, b, c, d]) in self.fourth.iter_mut().zip(QUADRUPLES) {
             *sum += i128::from(y[a] * y[b]) * i128::from(y[c] * y[d]) * i128::from(weight);
         }
+    }
+
+    /// Those of some faces together.
+    pub fn of_all(faces: &Faces, members: &[u32]) -> Self {
+        let mut all = Self::default();
+        members.iter().for_each(|&face| all.add(&Self::of(faces, face)));
+        all
     }
 
     /// Adds those of other faces.

@@ -12,7 +12,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::best::{Allowed, FEWEST_FACES};
-use super::faces::Faces;
+use super::faces::{Faces, members};
 use super::kind::Kind;
 use super::merging::merged;
 use super::moments::{Higher, Moments, SHIFT};
@@ -127,7 +127,7 @@ impl<'a> Run<'a> {
         component_of_cluster: Vec<u32>,
         axes: &[Option<DVec3>],
     ) -> Result<Self> {
-        let members = members(&labels, &vec![true; axes.len()]);
+        let members = members(&labels, axes.len(), |_| true);
         let fit = |((members, axis), &component): ((&Vec<u32>, &Option<DVec3>), &u32)| {
             fitted(faces, allowed, component, members, *axis, None)
         };
@@ -207,7 +207,7 @@ impl<'a> Run<'a> {
     /// Fits shapes to the clusters that changed. Returns which took one.
     fn fit(&mut self) -> Vec<bool> {
         let Self { allowed, component_of_cluster, shapes, clusters } = self;
-        let members = members(&clusters.labels, &clusters.has_changed);
+        let members = members(&clusters.labels, shapes.len(), |label| clusters.has_changed[label as usize]);
         let fit = |(number, members): (usize, &Vec<u32>)| {
             let so_far = Some((shapes[number].kind(), clusters.costs[number]));
             (!members.is_empty())
@@ -229,17 +229,6 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The faces of chosen clusters, ascending.
-fn members(labels: &[u32], is_chosen: &[bool]) -> Vec<Vec<u32>> {
-    let mut members = vec![Vec::new(); is_chosen.len()];
-    for (face, &label) in (0..).zip(labels) {
-        if is_chosen[label as usize] {
-            members[label as usize].push(face);
-        }
-    }
-    members
-}
-
 /// The best shape of some faces that is better than the one so far, given by its type and costs.
 fn fitted(
     faces: Faces<'_>,
@@ -249,13 +238,8 @@ fn fitted(
     axis: Option<DVec3>,
     so_far: Option<(Kind, i128)>,
 ) -> Option<Fitted> {
-    let mut moments = Moments::default();
-    members.iter().for_each(|&face| moments.add(&Moments::of(&faces, face)));
-    let higher = || {
-        let mut higher = Higher::default();
-        members.iter().for_each(|&face| higher.add(&Higher::of(&faces, face)));
-        (members.len() as u32 >= FEWEST_FACES).then_some(higher)
-    };
+    let moments = Moments::of_all(&faces, members);
+    let higher = || (members.len() as u32 >= FEWEST_FACES).then(|| Higher::of_all(&faces, members));
     let candidates = allowed.fits(component, &moments, higher, axis.as_slice());
     let prices = &allowed.prices[component as usize];
     let with_price = |kind: Kind, cost: i128| cost + prices.exact(kind);
@@ -306,7 +290,7 @@ mod tests {
         // nothing is left to move
         let all: Vec<u32> = (0..faces.count() as u32).collect();
         assert_eq!(run.clusters.pass(&all).0, 0);
-        let members = members(&run.clusters.labels, &[true; 13]);
+        let members = members(&run.clusters.labels, 13, |_| true);
         for (number, members) in members.iter().enumerate() {
             let proxy = &run.clusters.proxies[number];
             let cost_of = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));

@@ -11,7 +11,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::best::{Allowed, FEWEST_FACES};
-use super::faces::Faces;
+use super::faces::{Faces, members};
 use super::merging::{Merged, merged_in_groups};
 use super::moments::{Higher, Moments};
 use crate::device::Cancel;
@@ -73,17 +73,11 @@ impl Swaps<'_> {
 
     fn parts(&self) -> Vec<Part> {
         let components = self.component_of_cluster;
-        let mut members = vec![Vec::new(); components.len()];
-        (0..).zip(self.labels).for_each(|(face, &label)| members[label as usize].push(face));
+        let members = members(self.labels, components.len(), |_| true);
         let part = |((members, &component), &axis): ((&Vec<u32>, &u32), &Option<DVec3>)| {
-            let mut moments = Moments::default();
-            members.iter().for_each(|&face| moments.add(&Moments::of(&self.faces, face)));
+            let moments = Moments::of_all(&self.faces, members);
             let has_enough = self.allowed.are_curved() && members.len() as u32 >= FEWEST_FACES;
-            let higher = has_enough.then(|| {
-                let mut higher = Higher::default();
-                members.iter().for_each(|&face| higher.add(&Higher::of(&self.faces, face)));
-                Box::new(higher)
-            });
+            let higher = has_enough.then(|| Box::new(Higher::of_all(&self.faces, members)));
             let of_part = || higher.as_deref().copied();
             let (energy, axis) = self.allowed.fits(component, &moments, of_part, axis.as_slice()).best();
             Part { moments, higher, component, axis, energy: energy * self.scale(component) }

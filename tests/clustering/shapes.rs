@@ -36,7 +36,7 @@ fn labels(outcome: &Outcome) -> &[u32] {
     outcome.labels.as_deref().expect("labels")
 }
 
-/// F of each row falls strictly, but for the first.
+/// F rises in no row; that it falls strictly is tested in integers (`src/shapes/run.rs`).
 fn assert_falls(outcome: &Outcome, of: &str) {
     for pair in outcome.report.iterations.windows(2) {
         assert!(pair[1].energy <= pair[0].energy && pair[1].iteration == pair[0].iteration + 1, "{of}: {pair:?}");

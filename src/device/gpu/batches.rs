@@ -140,23 +140,10 @@ impl GpuSteps<'_> {
         let mut chain = phase.of_few.iter().filter(|kernel| kernel.is_chain()).flat_map(|kernel| kernel.parts);
         let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
         let kernels = if is_few { phase.of_few } else { phase.kernels };
-        self.encode_iterations(&mut encoder, phase.name, kernels, iterations);
+        self.encode_slots(&mut encoder, phase.name, kernels, 0..iterations);
         self.known.iterations_listed = self.known.iterations_listed.saturating_add(iterations);
         self.known.is_fitted = phase.leaves_fitted;
         Ok(self.fetch(encoder, Along { iterations, ..Along::default() })?.batch)
-    }
-
-    fn encode_iterations(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        stage: &'static str,
-        kernels: &[&Kernel],
-        iterations: u32,
-    ) {
-        let mut pass = self.connection.pass(encoder, stage);
-        for slot in 0..iterations {
-            kernels.iter().for_each(|kernel| self.memory.dispatch(&self.connection, &mut pass, kernel, slot));
-        }
     }
 
     /// Grows the clusters over the free faces, all of which are listed. With each batch of passes comes the energy that
@@ -171,7 +158,7 @@ impl GpuSteps<'_> {
             let numbers = Numbers { iterations, ..Numbers::NONE };
             let mut encoder = self.begin(numbers, false, !self.known.is_fitted);
             let pass = [kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY];
-            self.encode_iterations(&mut encoder, "grow", &pass, iterations);
+            self.encode_slots(&mut encoder, "grow", &pass, 0..iterations);
             self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT], BETWEEN);
             let read = self.fetch(encoder, Along { iterations, moves: true, ..Along::default() })?;
             self.known.energy = Some(read.between.energy());

@@ -2,6 +2,7 @@
 
 use std::cell::Cell;
 use std::mem::offset_of;
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::buffers::Buffer;
@@ -217,9 +218,20 @@ impl<'a> GpuSteps<'a> {
         kernels: &[&Kernel],
         slot: u32,
     ) {
+        self.encode_slots(encoder, stage, kernels, slot..slot + 1);
+    }
+
+    /// The same once for each slot, in one pass.
+    pub(super) fn encode_slots(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        stage: &'static str,
+        kernels: &[&Kernel],
+        slots: Range<u32>,
+    ) {
         let mut pass = self.connection.pass(encoder, stage);
-        for kernel in kernels {
-            self.memory.dispatch(&self.connection, &mut pass, kernel, slot);
+        for slot in slots {
+            kernels.iter().for_each(|kernel| self.memory.dispatch(&self.connection, &mut pass, kernel, slot));
         }
     }
 }

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::faces::members;
 use super::kind::Kind;
 use super::moments::SHIFT;
 use super::shape::Shape;
@@ -99,10 +100,7 @@ pub struct Cylinder {
 /// The shapes of clusters. `labels` are those of the faces in internal order, `shapes` those that decided them, in
 /// units of moments.
 pub fn table(surface: &Surface, corners: &Corners, labels: &[u32], shapes: &[Shape]) -> Vec<ClusterShape> {
-    let mut members = vec![Vec::new(); shapes.len()];
-    for (face, &label) in (0..).zip(labels) {
-        members[label as usize].push(face);
-    }
+    let members = members(labels, shapes.len(), |_| true);
     let unit = f64::from(1u32 << SHIFT);
     let mut rows: Vec<ClusterShape> = (0..)
         .zip(&members)
