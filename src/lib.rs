@@ -32,7 +32,7 @@
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
 //!
-//! Below all of them: `union_find`, `eigen`, `power` and `prefetch`. The feature `gpu` has the device of that name (wgpu);
+//! Below all of them: `union_find`, `power` and `prefetch`. The feature `gpu` has the device of that name (wgpu);
 //! without it, everything else works on the cpu.
 //!
 //! # Where to begin
@@ -68,7 +68,6 @@ pub mod complex;
 pub mod data;
 pub mod dev;
 pub mod device;
-mod eigen;
 pub mod energy;
 pub mod error;
 pub mod export;

@@ -9,7 +9,6 @@ use glam::DVec3;
 
 use super::geometry::Geometry;
 use crate::complex::CutSurface;
-use crate::eigen::eigen;
 
 /// Eigenvalues below this part of the largest do not count.
 const LEAST: f64 = 0.1;
@@ -36,8 +35,7 @@ pub fn minimum(surface: &CutSurface, geometry: &Geometry, triangles: &[u32], mea
     let (values, vectors) = eigen(matrix);
     let largest = values.iter().copied().fold(0.0, f64::max);
     let mut step = DVec3::ZERO;
-    for (at, value) in values.into_iter().enumerate() {
-        let vector = DVec3::from(vectors.map(|row| row[at]));
+    for (value, vector) in values.into_iter().zip(vectors) {
         if value > LEAST * largest {
             step += vector * (vector.dot(right) / value);
         }
@@ -46,11 +44,63 @@ pub fn minimum(surface: &CutSurface, geometry: &Geometry, triangles: &[u32], mea
     if step.length_squared() <= reach { mean + step } else { mean }
 }
 
+/// Eigenvalues and unit eigenvectors of a symmetric matrix, by Jacobi's rotations.
+fn eigen(mut a: [[f64; 3]; 3]) -> ([f64; 3], [DVec3; 3]) {
+    /// Each sweep at least squares what is left beside the diagonal.
+    const SWEEPS: usize = 12;
+    let mut vectors = [DVec3::X, DVec3::Y, DVec3::Z];
+    for _ in 0..SWEEPS {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let beside = a[p][q];
+            if beside == 0.0 {
+                continue;
+            }
+            let theta = (a[q][q] - a[p][p]) / (2.0 * beside);
+            let tangent = 1.0f64.copysign(theta) / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
+            let sine = tangent * cosine;
+            let r = 3 - p - q;
+            let (of_p, of_q) = (a[r][p], a[r][q]);
+            a[p][p] -= tangent * beside;
+            a[q][q] += tangent * beside;
+            (a[p][q], a[q][p]) = (0.0, 0.0);
+            a[r][p] = cosine * of_p - sine * of_q;
+            a[r][q] = sine * of_p + cosine * of_q;
+            (a[p][r], a[q][r]) = (a[r][p], a[r][q]);
+            let (v, w) = (vectors[p], vectors[q]);
+            (vectors[p], vectors[q]) = (cosine * v - sine * w, sine * v + cosine * w);
+        }
+    }
+    ([a[0][0], a[1][1], a[2][2]], vectors)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::complex::CutSurface;
     use crate::dev::sample::{Sample, generate};
+
+    #[test]
+    fn eigenvectors_are_stretched_by_their_eigenvalues() {
+        let matrices = [
+            [[2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]],
+            [[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]],
+            [[4.0, -2.0, 0.5], [-2.0, 1.5, 3.0], [0.5, 3.0, -7.0]],
+            [[0.0; 3]; 3],
+            [[1e-300, 1e-300, 0.0], [1e-300, 1e-300, 0.0], [0.0, 0.0, 1e-300]],
+        ];
+        for matrix in matrices {
+            let (values, vectors) = eigen(matrix);
+            let size = matrix.as_flattened().iter().fold(0.0f64, |size, x| size.max(x.abs()));
+            for i in 0..3 {
+                let product = DVec3::from(matrix.map(|row| DVec3::from(row).dot(vectors[i])));
+                assert!((product - values[i] * vectors[i]).length() <= 1e-12 * size, "{matrix:?}");
+                for j in 0..3 {
+                    assert!((vectors[i].dot(vectors[j]) - f64::from(u8::from(i == j))).abs() < 1e-12);
+                }
+            }
+        }
+    }
 
     #[test]
     fn corners_of_a_cube_are_found_and_flat_clusters_stay_at_their_centroids() {

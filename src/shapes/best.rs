@@ -3,11 +3,11 @@
 use glam::DVec3;
 
 use super::central::{Central, CentralHigher};
+use super::eigen::smallest_value;
 use super::fit::{self, Fit, Known};
 use super::kind::Kind;
 use super::moments::{Higher, Moments};
 use super::prices::Prices;
-use crate::eigen::smallest_value;
 
 /// Types beside planes.
 const CURVED: usize = Kind::ALL.len() - 1;

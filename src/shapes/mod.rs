@@ -10,7 +10,7 @@
 //! | shapes in f64 | [`shape`] |
 //! | faces, and the points of them that are compared | [`faces`], [`mod@crate::surface::samples`] |
 //! | exact sums over clusters | [`moments`], [`monomials`]; about the mean: [`central`] |
-//! | the shape that fits moments best | [`fit`], `src/eigen.rs` |
+//! | the shape that fits moments best | [`fit`], [`eigen`] |
 //! | a shape as integers, and what a face costs | [`proxy`] |
 //! | the best shape of a cluster | [`best`] |
 //! | merges from single faces | [`merging`] |
@@ -28,6 +28,7 @@
 
 pub mod best;
 pub mod central;
+pub mod eigen;
 pub mod faces;
 pub mod fit;
 pub mod kind;

@@ -4,8 +4,8 @@
 use glam::DVec3;
 
 use super::{Fit, Known, round};
-use crate::eigen::smallest;
 use crate::shapes::central::matrix;
+use crate::shapes::eigen::smallest;
 use crate::shapes::monomials::{PAIRS, place};
 use crate::shapes::shape::{Shape, across};
 

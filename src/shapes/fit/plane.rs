@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::Fit;
-use crate::eigen::smallest;
 use crate::shapes::central::Central;
+use crate::shapes::eigen::smallest;
 use crate::shapes::shape::Shape;
 
 pub(super) fn fit(central: &Central) -> Fit {

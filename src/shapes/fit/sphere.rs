@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{Fit, Known, round};
-use crate::eigen::smallest;
+use crate::shapes::eigen::smallest;
 use crate::shapes::monomials::place;
 use crate::shapes::shape::Shape;
 

@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::Cluster;
-use crate::eigen::{eigen, smallest};
+use crate::shapes::eigen::{eigen, smallest};
 use crate::shapes::shape::{Shape, across};
 
 /// Steps at most. Without noise, 3 to 6 are enough.
