@@ -1,7 +1,7 @@
 //! Moments about the mean, divided by the weight.
 //!
-//! The rounded mean is taken off in integers, exactly: up to 16 terms below 2¹¹⁹·⁶ fit 128 bits. Only the fraction of the
-//! mean that is left, at most ½, is taken off in f64.
+//! The rounded mean is taken off in integers, exactly: up to 16 terms below 2¹¹⁹·⁶ fit 128 bits. Only the fraction of
+//! the mean that is left, at most ½, is taken off in f64.
 
 use glam::DVec3;
 

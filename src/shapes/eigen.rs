@@ -1,6 +1,7 @@
 //! Eigenvectors of small symmetric matrices, by Jacobi's method.
 //!
-//! It needs + − × ÷ √ alone, in a fixed order, so that every machine computes the same bits.
+//! It needs + − × ÷ √ alone, in a fixed order, so that every machine computes the same bits. That of
+//! `remesh/quadric.rs` rounds otherwise, and the bytes of remeshes hang on it.
 
 /// Sweeps at most. Matrices of moments take 3 to 6.
 const SWEEPS: usize = 12;
