@@ -10,7 +10,7 @@ use std::cmp::Reverse;
 use rayon::prelude::*;
 
 use crate::device::DualEdge;
-use crate::device::dual_edge::mutual;
+use crate::device::dual_edge::{Rank, mutual};
 use crate::energy::{Functional, Sums};
 use crate::surface::DualGraph;
 
@@ -59,7 +59,9 @@ impl<'a, E: Functional> Teleports<'a, E> {
         for splits in &mut splits {
             splits.sort_unstable_by_key(|split| (Reverse(split.gain), split.cluster));
         }
-        let pairs = mutual(edges).iter().map(|pair| pair.ends()).collect();
+        let mut pairs = mutual(edges, &mut Vec::new());
+        pairs.sort_unstable();
+        let pairs = pairs.iter().map(Rank::ends).collect();
         Self { graph, component_of_cluster, faces_of_cluster, pairs, splits }
     }
 

@@ -75,20 +75,21 @@ impl<Cost> Rank<Cost> {
     }
 }
 
-/// The mutual pairs of best dual edges, the cheapest first. `edges` are in the order of their clusters.
-pub fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
+/// The mutual pairs of best dual edges. `edges` are in the order of their clusters.
+///
+/// `chosen` is memory for a number a cluster, which a caller with many rounds keeps: only those of the clusters that
+/// have edges are written and read.
+pub fn mutual(edges: &[DualEdge], chosen: &mut Vec<u32>) -> Vec<Rank<u32>> {
     let clusters = edges.last().map_or(0, |edge| edge.cluster as usize + 1);
-    let mut chosen = vec![u32::MAX; clusters];
+    chosen.resize(clusters.max(chosen.len()), u32::MAX);
     for edge in edges {
         chosen[edge.cluster as usize] = edge.other;
     }
-    let mut mutual: Vec<Rank<u32>> = edges
+    edges
         .iter()
         .filter(|edge| edge.cluster < edge.other && chosen[edge.other as usize] == edge.cluster)
         .map(|edge| Rank::new(edge.cost, edge.cluster, edge.other, Ties::Hash))
-        .collect();
-    mutual.sort_unstable();
-    mutual
+        .collect()
 }
 
 /// Keeps the pairs that cost no more than their median, in any order.

@@ -8,16 +8,20 @@ use crate::energy::Functional;
 use crate::surface::DualGraph;
 use crate::union_find;
 
-/// The connected pieces of equally labelled faces; a free face is a piece by itself. Returns the piece of each face,
-/// numbered in the order of their smallest faces, and the label and the number of faces of each piece.
+/// The forest of the connected pieces of equally labelled faces; a free face is a piece by itself.
+fn forest<E: Functional>(graph: &DualGraph<E>, labels: &[u32]) -> Vec<u32> {
+    union_find::forest(labels.len(), |face| {
+        let label = labels[face as usize];
+        let near = if label == FREE { &[] } else { graph.neighbours_of(face) };
+        let is_earlier = move |near: u32| (near < face) & (labels[near as usize] == label);
+        near.iter().map(move |&near| select_unpredictable(is_earlier(near), near, face))
+    })
+}
+
+/// The piece of each face, numbered in the order of their smallest faces, and the label and the number of faces of each
+/// piece.
 fn pieces<E: Functional>(graph: &DualGraph<E>, labels: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
-    let mut sets = union_find::singletons(labels.len());
-    for (face, &label) in (0..).zip(labels).filter(|(_, label)| **label != FREE) {
-        let is_earlier = |near: u32| (near < face) & (labels[near as usize] == label);
-        let earlier = graph.neighbours_of(face).iter().map(|&near| select_unpredictable(is_earlier(near), near, face));
-        union_find::attach(&mut sets, face, earlier);
-    }
-    let (piece_of_face, count) = union_find::numbered(sets);
+    let (piece_of_face, count) = union_find::numbered(forest(graph, labels));
     let mut pieces = vec![(FREE, 0); count];
     for (&piece, &label) in piece_of_face.iter().zip(labels) {
         pieces[piece as usize].0 = label;
@@ -47,7 +51,8 @@ pub fn cut_off_faces<E: Functional>(graph: &DualGraph<E>, clusters: usize, label
 /// How many clusters are in several pieces.
 pub fn disconnected_clusters<E: Functional>(graph: &DualGraph<E>, clusters: usize, labels: &[u32]) -> u64 {
     let mut pieces_of_cluster = vec![0u32; clusters];
-    for (label, _) in pieces(graph, labels).1.into_iter().filter(|&(label, _)| label != FREE) {
+    let parents = (0..).zip(forest(graph, labels)).zip(labels);
+    for (_, &label) in parents.filter(|&((face, parent), &label)| face == parent && label != FREE) {
         pieces_of_cluster[label as usize] += 1;
     }
     pieces_of_cluster.into_iter().filter(|&pieces| pieces > 1).count() as u64

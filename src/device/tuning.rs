@@ -63,9 +63,9 @@ tuning! {
     compact_after = 16, (1..=1_000_000);
     /// Movers and clusters up to which an iteration takes them in one workgroup: one dispatch instead of two or four.
     chain_items = 2048, (0..=1_000_000_000);
-    /// Faces of a coarse graph up to which it is clustered on the cpu. On a gpu a start takes some 200 dispatches and
-    /// 14 waits, whatever the graph.
-    start_on_cpu = 65_536, (0..=u32::MAX);
+    /// Faces of a coarse graph up to which it is clustered on the cpu; four times as many beside a software gpu. On a
+    /// gpu a start takes some 200 dispatches and 14 waits, whatever the graph.
+    start_on_cpu = 16_384, (0..=u32::MAX / 4);
     /// Clusters up to which their sums come with their best dual edges: 36 bytes each, instead of a wait for those
     /// that merge.
     sums_along = 16_384, (0..=1_000_000_000);

@@ -12,7 +12,7 @@ use super::memory::{BETWEEN, Numbers};
 use super::readback::{Along, Part, Parts};
 use super::state::{Change, Found, GpuSteps, History, Search};
 use super::upload::upload;
-use crate::device::dual_edge::Ties;
+use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{DualEdge, FREE, MergeSteps};
 use crate::energy::ClusterSums;
 use crate::error::{Error, Kind, Result};
@@ -112,6 +112,10 @@ impl MergeSteps for GpuSteps<'_> {
         }
     }
 
+    fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
+        Ok(mutual(&self.optimal_dual_edges(ties)?, &mut self.chosen))
+    }
+
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         self.check_work()?;
         match self.search(Search::Cheapest(ties))? {
@@ -121,7 +125,7 @@ impl MergeSteps for GpuSteps<'_> {
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
-        let is_living = |cluster: u32| self.living.binary_search(&cluster).is_ok();
+        let is_living = |cluster: u32| self.is_living.get(cluster as usize).copied().unwrap_or(false);
         if let Some((from, into)) =
             pairs.iter().find(|&&(from, into)| from == into || !is_living(from) || !is_living(into))
         {
@@ -143,9 +147,8 @@ impl MergeSteps for GpuSteps<'_> {
         self.encode(&mut encoder, "merge", &[kernels::MERGE_APPLY, kernels::MERGE_RELABEL], BETWEEN);
         self.connection.queue.submit([encoder.finish()]);
         self.known.invalidate(Change::Merge);
-        let mut gone: Vec<u32> = pairs.iter().map(|&(from, _)| from).collect();
-        gone.sort_unstable();
-        self.living.retain(|cluster| gone.binary_search(cluster).is_err());
+        pairs.iter().for_each(|&(from, _)| self.is_living[from as usize] = false);
+        self.living.retain(|&cluster| self.is_living[cluster as usize]);
         self.memory.list_clusters(&self.connection.queue, &self.living);
         self.connection.check()
     }

@@ -60,7 +60,7 @@ pub use self::choice::{adapters, open, open_hardware, tested_adapters};
 use self::connection::Connection;
 pub use self::probe::probe;
 use self::state::GpuSteps;
-use super::adapter::AdapterReport;
+use super::adapter::{AdapterKind, AdapterReport};
 use super::cpu::CpuDevice;
 pub use super::tuning::Tuning;
 use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
@@ -243,7 +243,9 @@ impl Device for GpuDevice {
     }
 
     fn for_start(&self, faces: usize) -> Option<Box<dyn Device>> {
-        (faces <= self.overrides.tuning.start_on_cpu as usize).then(|| Box::new(CpuDevice::new()) as Box<dyn Device>)
+        let more = if self.report.kind == AdapterKind::Software { 4 } else { 1 };
+        let most = more * self.overrides.tuning.start_on_cpu as usize;
+        (faces <= most).then(|| Box::new(CpuDevice::new()) as Box<dyn Device>)
     }
 
     fn memory_meter(&self) -> MemoryMeter {

@@ -127,6 +127,10 @@ pub(super) struct GpuSteps<'a> {
     pub(super) memory: SurfaceMemory,
     /// The clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
+    /// Whether a cluster is one of them.
+    pub(super) is_living: Vec<bool>,
+    /// Memory for [`mutual`](crate::device::dual_edge::mutual).
+    pub(super) chosen: Vec<u32>,
     pub(super) known: Known,
     /// The last search for dual edges.
     pub(super) last_search: Option<Search>,
@@ -156,6 +160,8 @@ impl<'a> GpuSteps<'a> {
             component_of_cluster,
             memory,
             living,
+            is_living: vec![true; component_of_cluster.len()],
+            chosen: Vec::new(),
             known: Known::NEW,
             last_search: None,
             first: 1,

@@ -40,6 +40,7 @@ impl Steps for GpuSteps<'_> {
         if self.known.history != History::Unmerged {
             self.known.history = History::Unmerged;
             self.living = (0..self.clusters()).collect();
+            self.is_living.fill(true);
             self.memory.list_clusters(&self.connection.queue, &self.living);
         }
         self.replace_labels(labels)

@@ -13,7 +13,7 @@ use super::state::GpuSteps;
 use super::{GpuDevice, Overrides};
 use crate::cluster::seeds;
 use crate::dev::sample::{Sample, generate};
-use crate::device::dual_edge::{Rank, Ties, mutual};
+use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
 use crate::surface::{Component, DualGraph, Moves, Surface};
 
@@ -71,7 +71,7 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
     few(listed(&mut steps, graph, "refinement"), steps.labels().expect("labels"), "refinement");
     for round in 0..4 {
         let pairs: Vec<(u32, u32)> =
-            mutual(&steps.optimal_dual_edges(Ties::Hash).expect("edges")).iter().map(Rank::ends).collect();
+            steps.mutual_dual_edges(Ties::Hash).expect("pairs").iter().map(Rank::ends).collect();
         steps.merge(&pairs[..1 + pairs.len() / 2]).expect("a merge");
         listed(&mut steps, graph, "merge");
         steps.optimal_dual_edges(Ties::Hash).expect("edges");

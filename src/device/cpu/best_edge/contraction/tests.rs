@@ -1,7 +1,7 @@
 use super::*;
 use crate::dev::sample::{Sample, generate};
 use crate::device::cpu::best_edge;
-use crate::device::dual_edge::{Rank, mutual};
+use crate::device::dual_edge::{self, Rank};
 use crate::device::plain;
 use crate::device::{DualEdge, MergeSteps};
 use crate::energy::Energy;
@@ -75,6 +75,13 @@ fn grid(side: u32, first: u32) -> Vec<[u32; 2]> {
 fn random(state: &mut u64, below: u64) -> u64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     (*state >> 33) % below
+}
+
+/// The mutual pairs, the cheapest first.
+fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
+    let mut pairs = dual_edge::mutual(edges, &mut Vec::new());
+    pairs.sort_unstable();
+    pairs
 }
 
 /// Some of the best dual edges, mutual or not, no two of which touch.
