@@ -1,5 +1,7 @@
 //! Union-find: a forest of parents, in which a root is its own parent.
 
+use rayon::prelude::*;
+
 /// The root of a member's tree; halves the path on the way.
 pub(crate) fn root(parent: &mut [u32], mut member: u32) -> u32 {
     loop {
@@ -39,6 +41,36 @@ pub(crate) fn attach(parent: &mut [u32], member: u32, earlier: impl Iterator<Ite
     parent[member as usize] = above;
 }
 
+/// A forest whose trees are the connected sets of members. `earlier` has the members that one is connected with and
+/// that come before it; itself stands for none.
+///
+/// Each thread takes a run of members; trees of several runs are joined in the end.
+pub(crate) fn forest<I: Iterator<Item = u32>>(members: usize, earlier: impl Fn(u32) -> I + Sync) -> Vec<u32> {
+    /// Members of a run, at least.
+    const LEAST: usize = 1 << 14;
+    let length = members.div_ceil(rayon::current_num_threads()).max(LEAST);
+    let mut parent = vec![0; members];
+    let runs = parent.par_chunks_mut(length).enumerate().map(|(run, parent)| {
+        let first = (run * length) as u32;
+        let mut across = Vec::new();
+        for at in 0..parent.len() as u32 {
+            parent[at as usize] = at;
+            let within = earlier(first + at).map(|other| {
+                other.checked_sub(first).unwrap_or_else(|| {
+                    across.push((first + at, other));
+                    at
+                })
+            });
+            attach(parent, at, within);
+        }
+        parent.iter_mut().for_each(|parent| *parent += first);
+        across
+    });
+    let across: Vec<Vec<(u32, u32)>> = runs.collect();
+    across.into_iter().flatten().for_each(|(one, other)| _ = join(&mut parent, one, other));
+    parent
+}
+
 /// A forest in which every member is a tree.
 pub(crate) fn singletons(members: usize) -> Vec<u32> {
     (0..members as u32).collect()
@@ -64,6 +96,26 @@ pub(crate) fn numbered(mut parent: Vec<u32>) -> (Vec<u32>, usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_forest_is_the_same_for_any_number_of_threads() {
+        let members = 100_000u32;
+        // far and near ones, of earlier runs and of the same, some of them itself
+        let earlier = |member: u32| {
+            let steps = [7, 30_011, 5].into_iter();
+            steps.map(move |step| if member % step.min(11) < 2 && member >= step { member - step } else { member })
+        };
+        let mut expected = singletons(members as usize);
+        for member in 0..members {
+            earlier(member).for_each(|other| _ = join(&mut expected, member, other));
+        }
+        let expected = numbered(expected);
+        assert!(expected.1 > 1000, "{}", expected.1);
+        for threads in [1, 2, 5] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            assert!(pool.install(|| numbered(forest(members as usize, earlier))) == expected, "{threads} threads");
+        }
+    }
 
     #[test]
     fn attached_members_are_in_the_trees_of_the_earlier_ones() {

@@ -142,12 +142,9 @@ where
     }
 
     /// area·|g − P|², P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
-    fn source_terms(
-        faces: impl Iterator<Item = ([f64; D], f64, u32)> + Clone,
-        clusters: usize,
-    ) -> impl Iterator<Item = (u32, f64)> {
+    fn source_proxies(faces: impl Iterator<Item = ([f64; D], f64, u32)>, clusters: usize) -> Vec<[f64; D]> {
         let mut sums = vec![([0.0; D], 0.0); clusters];
-        for (centroid, area, label) in faces.clone() {
+        for (centroid, area, label) in faces {
             let (sum, total) = &mut sums[label as usize];
             for axis in 0..D {
                 sum[axis] += area * centroid[axis];
@@ -155,12 +152,12 @@ where
             *total += area;
         }
         let mean = |(sum, area): ([f64; D], f64)| sum.map(|sum| sum / if area > 0.0 { area } else { 1.0 });
-        let proxies: Vec<[f64; D]> = sums.into_iter().map(mean).collect();
-        faces.map(move |(centroid, area, label)| {
-            let proxy = proxies[label as usize];
-            let square = |axis: usize| (centroid[axis] - proxy[axis]) * (centroid[axis] - proxy[axis]);
-            (label, area * (1..D).fold(square(0), |sum, axis| sum + square(axis)))
-        })
+        sums.into_iter().map(mean).collect()
+    }
+
+    fn source_term(centroid: [f64; D], area: f64, proxy: [f64; D]) -> f64 {
+        let square = |axis: usize| (centroid[axis] - proxy[axis]) * (centroid[axis] - proxy[axis]);
+        area * (1..D).fold(square(0), |sum, axis| sum + square(axis))
     }
 
     #[inline]

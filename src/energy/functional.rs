@@ -64,17 +64,20 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     /// How far a proxy has moved, rounded down: a face's distances change by no more than 1 above that.
     fn drift(from: Self::Proxy, to: Self::Proxy) -> u64;
 
-    /// What each face adds to the energy of its cluster, with its label, in f64, from source positions: for reports,
-    /// never for labels. Takes the point (in f64), the area and the label of each face; sums go in the order of the
-    /// faces.
+    /// The proxies of clusters in f64, from source positions: for reports, never for labels. Takes the point (in f64),
+    /// the area and the label of each face; sums go in the order of the faces.
+    fn source_proxies(faces: impl Iterator<Item = (Self::Position, f64, u32)>, clusters: usize) -> Vec<Self::Position>;
+
+    /// What a face adds to the energy of its cluster, given its point, its area and such a proxy.
+    fn source_term(position: Self::Position, area: f64, proxy: Self::Position) -> f64;
+
+    /// The [terms](Self::source_term) of faces, with their labels.
     fn source_terms(
         faces: impl Iterator<Item = (Self::Position, f64, u32)> + Clone,
         clusters: usize,
-    ) -> impl Iterator<Item = (u32, f64)>;
-
-    /// The sum of the [terms](Self::source_terms).
-    fn source_energy(faces: impl Iterator<Item = (Self::Position, f64, u32)> + Clone, clusters: usize) -> f64 {
-        Self::source_terms(faces, clusters).map(|(_, term)| term).sum()
+    ) -> impl Iterator<Item = (u32, f64)> {
+        let proxies = Self::source_proxies(faces.clone(), clusters);
+        faces.map(move |(at, area, label)| (label, Self::source_term(at, area, proxies[label as usize])))
     }
 
     /// By how much proxies may drift, together, before a face that stays could want to move in the boundary phase.

@@ -169,7 +169,9 @@ pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Ref
     let planned = match set.dimensions {
         ..=3 => planned!(D3, 3),
         4..=8 => planned!(D8, 8),
+        #[cfg(not(debug_assertions))]
         9..=16 => planned!(D16, 16),
+        #[cfg(not(debug_assertions))]
         17..=32 => planned!(D32, 32),
         _ => planned!(D64, 64),
     };
@@ -273,7 +275,7 @@ where
 
     /// Energy of labels of internal items, in source units.
     fn energy(&self, points: &Points, label: impl Fn(usize) -> u32 + Copy, clusters: usize) -> f64 {
-        OfPoints::<D>::source_energy(self.source(points, label), clusters)
+        OfPoints::<D>::source_terms(self.source(points, label), clusters).map(|(_, term)| term).sum()
     }
 
     /// The cluster table of labels of internal items.

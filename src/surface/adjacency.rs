@@ -45,7 +45,7 @@ const NONE: u32 = u32::MAX;
 const CHAINED: u32 = u32::MAX - 1;
 
 /// Ranges of vertices whose half-edges are linked at the same time: each looks at all half-edges.
-const MOST_RANGES: usize = 4;
+const MOST_RANGES: usize = 16;
 
 /// The half-edges of a mesh.
 #[derive(Debug)]

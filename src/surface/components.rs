@@ -40,12 +40,10 @@ pub const NO_COMPONENT: u32 = u32::MAX;
 
 /// Finds the components.
 pub fn label(faces: usize, links: &Links<'_>) -> Components {
-    let mut sets = union_find::singletons(faces);
-    for face in 0..faces as u32 {
-        // a link to a number above all faces is none
-        let earlier = links.beside(face as usize).map(|other| select_unpredictable(other < face, other, face));
-        union_find::attach(&mut sets, face, earlier);
-    }
+    // a link to a number above all faces is none
+    let mut sets = union_find::forest(faces, |face| {
+        links.beside(face as usize).map(move |other| select_unpredictable(other < face, other, face))
+    });
     for &(face, other) in links.bridges() {
         union_find::join(&mut sets, face, other);
     }

@@ -1,5 +1,9 @@
 //! What a clustering is worth, in f64 from the source positions: for reports, never for labels.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
 use super::Surface;
 use super::lattice::{COORDINATE_BITS, FaceGeometry};
 use super::of_faces::OfFaces;
@@ -69,14 +73,29 @@ impl<E: OfFaces> Surface<E> {
 
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
     fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
+        let proxies = by_cluster(clusters, |range| {
+            let faces = self.faces_in(labels, range.clone());
+            E::source_proxies(faces.map(|(face, label)| (E::position(face), face.area, label)), range.len())
+        });
+        let term = |(face, &label): (&FaceGeometry, &u32)| {
+            E::source_term(E::position(face), face.area, proxies[label as usize])
+        };
+        let pieces = self.geometry.par_chunks(PIECE).zip(labels.par_chunks(PIECE));
+        in_order(pieces.map(|(faces, labels)| faces.iter().zip(labels).map(term).sum()))
+    }
+
+    /// The faces of a range of clusters, and their labels counted from its first.
+    fn faces_in(&self, labels: &[u32], range: Range<u32>) -> impl Iterator<Item = (&FaceGeometry, u32)> + Clone {
+        let first = range.start;
         let faces = self.geometry.iter().zip(labels);
-        E::source_energy(faces.map(|(face, &label)| (E::position(face), face.area, label)), clusters)
+        faces.filter(move |(_, label)| range.contains(label)).map(move |(face, &label)| (face, label - first))
     }
 
     /// The energy of a flat tiling that faces of this size can have, lattice units.
     fn tiling(&self, clusters: usize) -> Option<f64> {
         let inside = self.moment_inside_faces.filter(|_| E::HAS_TILING && !self.has_density)?;
-        let area: f64 = self.geometry.iter().map(|face| face.area).sum();
+        let areas = self.geometry.par_chunks(PIECE).map(|faces| faces.iter().map(|face| face.area).sum());
+        let area = in_order(areas);
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         (tiling - inside > tiling / 2.0).then_some(tiling - inside)
     }
@@ -84,13 +103,32 @@ impl<E: OfFaces> Surface<E> {
     /// Σ 2·(M − |S|), M the area of a cluster and S its vector area.
     pub fn l21(&self, labels: &[u32], clusters: usize) -> Option<f64> {
         self.moment_inside_faces?;
-        let mut sums = vec![FaceGeometry::default(); clusters];
-        for (face, &label) in self.geometry.iter().zip(labels) {
-            let sum = &mut sums[label as usize];
-            sum.area += face.area;
-            sum.normal += face.normal;
-        }
-        let lattice: f64 = sums.iter().map(|sum| 2.0 * (sum.area - sum.normal.length()).max(0.0)).sum();
+        let figures = by_cluster(clusters, |range| {
+            let mut sums = vec![FaceGeometry::default(); range.len()];
+            for (face, label) in self.faces_in(labels, range) {
+                let sum = &mut sums[label as usize];
+                sum.area += face.area;
+                sum.normal += face.normal;
+            }
+            sums.iter().map(|sum| 2.0 * (sum.area - sum.normal.length()).max(0.0)).collect()
+        });
+        let lattice: f64 = figures.into_iter().sum();
         Some(lattice / (self.frame.diagonal * self.frame.diagonal) * self.units.density)
     }
+}
+
+/// Faces whose figures are added up one after the other, for any number of threads.
+const PIECE: usize = 1 << 12;
+
+/// The sum of numbers in their order.
+fn in_order(numbers: impl IndexedParallelIterator<Item = f64>) -> f64 {
+    numbers.collect::<Vec<f64>>().into_iter().sum()
+}
+
+/// A figure of each cluster. `of_range` has those of a range of clusters; threads take ranges, each going over all faces.
+fn by_cluster<T: Send>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
+    let ranges = rayon::current_num_threads().min(clusters);
+    let bound = |range: usize| (clusters * range / ranges) as u32;
+    let figures = (0..ranges).into_par_iter().map(|range| of_range(bound(range)..bound(range + 1)));
+    figures.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
 }

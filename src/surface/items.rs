@@ -2,6 +2,8 @@
 
 use std::ops::Deref;
 
+use rayon::prelude::*;
+
 use super::components::Component;
 use super::graph::DualGraph;
 use super::loose::Loose;
@@ -54,7 +56,7 @@ impl<E: Functional> Items<E> {
     /// The items of a graph, none of them loose.
     pub fn new(graph: DualGraph<E>, upload_face: Vec<u32>, units: Units<E>) -> Self {
         let moment_of = |component: &Component| {
-            let moment: i128 = component.range().map(|item| E::constant(graph.face(item))).sum();
+            let moment: i128 = component.range().into_par_iter().map(|item| E::constant(graph.face(item))).sum();
             moment << component.energy_shift
         };
         let moment = graph.components.iter().map(moment_of).sum();

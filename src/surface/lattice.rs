@@ -8,6 +8,7 @@
 use std::ops::{Add, Div, Mul, Range, Sub};
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::mesh::{Frame, MeshView};
 use crate::power::factors;
@@ -19,6 +20,8 @@ pub const COORDINATE_BITS: i32 = 27;
 const WEIGHT_SUM_BITS: i32 = 33;
 /// No weight exceeds 2 to this power.
 const WEIGHT_BITS: i32 = 31;
+/// Faces whose areas are added up one after the other; then sums of so many are.
+const PIECE: usize = 1 << 12;
 /// Exponents of components differ by at most this, or less where there are many.
 const MAX_EXPONENT_SPREAD: i32 = 30;
 
@@ -265,16 +268,21 @@ pub struct Scales {
 
 /// Chooses the exponent of each component, given as a run of faces. Exponents of C components differ by at most
 /// [`MAX_EXPONENT_SPREAD`] and 33 − ⌈log₂ C⌉: then Σ over all of M·2^`energy_shift` is below 2⁶⁷.
-pub fn scales(area: impl Fn(usize) -> f64, runs: &[Range<usize>]) -> Scales {
+pub fn scales(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> Scales {
     let spread = MAX_EXPONENT_SPREAD.min(33 - runs.len().next_power_of_two().trailing_zeros() as i32);
     let wanted: Vec<Option<i32>> = runs
         .iter()
         .map(|run| {
-            let (mut sum, mut largest) = (0.0f64, 0.0f64);
-            for area in run.clone().map(&area) {
-                sum += area;
-                largest = area.max(largest);
-            }
+            let add = |a: (f64, f64), b: (f64, f64)| (a.0 + b.0, a.1.max(b.1));
+            let of = |faces: Range<usize>| faces.map(&area).map(|area| (area, area)).fold((0.0, 0.0), add);
+            let (sum, largest) = match run.len() {
+                ..=PIECE => of(run.clone()),
+                _ => {
+                    let pieces = run.clone().into_par_iter().step_by(PIECE);
+                    let pieces: Vec<_> = pieces.map(|first| of(first..run.end.min(first + PIECE))).collect();
+                    pieces.into_iter().fold((0.0, 0.0), add)
+                }
+            };
             // x < 2^frexp(x).1
             (sum > 0.0).then(|| (WEIGHT_SUM_BITS - libm::frexp(sum).1).min(WEIGHT_BITS - libm::frexp(largest).1))
         })

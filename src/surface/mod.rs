@@ -246,7 +246,8 @@ impl Gathered {
         upload_face: &[u32],
         density: impl Fn(usize) -> Option<f64> + Sync,
     ) -> Self {
-        let mut geometry = vec![FaceGeometry::default(); upload_face.len()];
+        let mut geometry: Vec<FaceGeometry> =
+            rayon::iter::repeat_n(FaceGeometry::default(), upload_face.len()).with_min_len(PIECE).collect();
         let mut points = vec![[0; 3]; upload_face.len()];
         let sums: Vec<(f64, u64)> = geometry
             .par_chunks_mut(PIECE)
@@ -288,12 +289,12 @@ impl Weighed {
         for (run, &exponent) in runs.iter().zip(&scales.exponents) {
             let energy_shift = (scales.finest - exponent) as u32;
             let weight_of = lattice::weight(exponent);
-            let mut weight = 0;
-            for face in run.clone() {
-                let of_face = weight_of(geometry[face].area);
-                weight += u64::from(of_face);
-                weights.push(of_face);
+            let weigh = |face: &FaceGeometry| weight_of(face.area);
+            match &geometry[run.clone()] {
+                few if few.len() <= PIECE => weights.extend(few.iter().map(weigh)),
+                many => weights.par_extend(many.par_iter().map(weigh)),
             }
+            let weight = weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum();
             components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
         }
         Self { weights, components }

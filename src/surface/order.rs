@@ -40,25 +40,30 @@ where
         });
     });
     sort_by_prefix(&mut records);
-    let mut order: Vec<u32> = records.iter().map(|&record| record as u32 & ((1 << FACE_BITS) - 1)).collect();
+    let face = |record: u64| record as u32 & ((1 << FACE_BITS) - 1);
     let is_same = |a: &u64, b: &u64| a >> FACE_BITS == b >> FACE_BITS;
-    let mut first = 0;
-    let mut keyed = Vec::new();
-    while let Some(next) = records[first..].windows(2).position(|pair| is_same(&pair[0], &pair[1])) {
-        first += next;
-        let length = 1 + records[first + 1..].iter().take_while(|record| is_same(record, &records[first])).count();
-        let run = &mut order[first..first + length];
-        keyed.clear();
-        centroids(run, &mut |at, centroid| keyed.push((key(round_centroid(centroid)), run[at])));
-        keyed.sort_unstable();
-        run.iter_mut().zip(&keyed).for_each(|(face, &(_, sorted))| *face = sorted);
-        first += length;
-    }
-    order
+    records.par_chunk_by_mut(is_same).filter(|run| run.len() > 1).for_each_init(
+        || (Vec::new(), Vec::new()),
+        |(faces, keyed), run| {
+            faces.clear();
+            faces.extend(run.iter().map(|&record| face(record)));
+            keyed.clear();
+            centroids(faces, &mut |at, centroid| keyed.push((key(round_centroid(centroid)), faces[at])));
+            keyed.sort_unstable();
+            run.iter_mut().zip(&*keyed).for_each(|(record, &(_, face))| *record = u64::from(face));
+        },
+    );
+    records.into_par_iter().map(face).collect()
 }
 
-/// Stable radix sort by what is above the number of the face, the upper 33 bits.
+/// Sorts records, which are all different and come in the order of their faces, by what is above the number of the
+/// face, the upper 33 bits.
+///
+/// Up to two threads do best with a stable radix sort by one; more sort the whole numbers, in the same order.
 pub fn sort_by_prefix(records: &mut Vec<u64>) {
+    if rayon::current_num_threads() > 2 {
+        return records.par_sort_unstable();
+    }
     const DIGITS: usize = (PREFIX_BITS / DIGIT_BITS) as usize;
     let digit = |record: u64, place: usize| {
         (record >> (FACE_BITS + DIGIT_BITS * place as u32)) as usize & ((1 << DIGIT_BITS) - 1)
