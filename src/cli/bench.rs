@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::dev::bench::{self, Mesh, Plan, Work};
 use tesserae_mesh::dev::sample::MAX_FACES;
 use tesserae_mesh::device::Device;
@@ -52,6 +53,10 @@ pub struct Arguments {
     /// A mesh file, and the number of clusters to cut it into; may be given several times
     #[arg(long = "mesh", value_name = "FILE:K", value_parser = path_parser(mesh_and_clusters))]
     meshes: Vec<(PathBuf, u64)>,
+
+    /// How much work clusterings are
+    #[arg(long, value_enum, default_value_t)]
+    quality: Quality,
 
     /// How often each job is run; the fastest run counts
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
@@ -126,7 +131,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let faces_for_gpu = if is_auto { arguments.tuning.faces_for_gpu.into() } else { 0 };
     let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to, faces_for_gpu };
     let mut progress = Progress::new(None, false);
-    let work = work(sizes, &arguments.meshes);
+    let mut work = work(sizes, &arguments.meshes);
+    work.iter_mut().for_each(|work| work.parameters.quality = arguments.quality);
     let (measurements, outcome) =
         bench::run(&work, device.as_mut(), plan, &cancel, &mut |stage| progress.stage(stage, 0.0..1.0));
     progress.finish();

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::cluster::quality::Quality;
 use crate::dev::sample::{Sample, generate, write_glb};
 use crate::error::{Error, Result};
 use crate::job::{self, Prepared, Request};
@@ -52,14 +53,19 @@ impl Work {
 
     /// The algorithm, and what else tells jobs apart.
     pub(super) fn name(&self) -> String {
-        let Parameters { algorithm, optimize, .. } = &self.parameters;
-        let algorithm = algorithm.name();
-        match (self.parameters.algorithm.is_hierarchical(), self.parameters.clusters) {
-            (true, _) if *optimize == Optimize::None => format!("{algorithm}, not optimised"),
-            (true, _) => algorithm.to_owned(),
-            (false, None) => format!("{algorithm}, {} faces a cluster", self.faces_a_cluster),
-            (false, Some(_)) => algorithm.to_owned(),
+        let Parameters { algorithm, optimize, quality, clusters, .. } = &self.parameters;
+        let mut name = algorithm.name().to_owned();
+        name += match quality {
+            Quality::Fast => ", fast",
+            Quality::Default => "",
+            Quality::Best => ", best",
+        };
+        match (algorithm.is_hierarchical(), clusters) {
+            (true, _) if *optimize == Optimize::None => name += ", not optimised",
+            (false, None) => name += &format!(", {} faces a cluster", self.faces_a_cluster),
+            (true, _) | (false, Some(_)) => {}
         }
+        name
     }
 
     /// Whether the mesh has more faces, as far as that is known.
