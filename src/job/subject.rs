@@ -39,7 +39,7 @@ pub struct Points {
 
 /// Items whose points have room for so many coordinates. Those beyond the points' own are 0.
 ///
-/// Builds with debug assertions leave two widths out, in which a third of their time would go; the next one gives the
+/// Builds with debug assertions leave two widths out, which take an eighth of their time; the next one gives the
 /// same labels.
 #[derive(Debug)]
 #[allow(missing_docs, reason = "each variant is the width of its name")]
