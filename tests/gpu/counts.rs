@@ -16,9 +16,10 @@ use tesserae_mesh::device::{Cancel, Device};
 use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 use tesserae_mesh::surface::Surface;
 
-/// A device that counts, and whose batches do not depend on time.
+/// A device that counts. Batches do not depend on time, and every coarse graph is clustered on the cpu, as beside a
+/// software gpu; a card would take those of the bunny, in 526 dispatches and 26 waits, and less time.
 fn counting() -> GpuDevice {
-    let tuning = Tuning { batch_ms: 1_000_000, ..Tuning::default() };
+    let tuning = Tuning { batch_ms: 1_000_000, start_on_cpu: u32::MAX / 4, ..Tuning::default() };
     device_with(Overrides { timed: true, tuning, ..Overrides::default() })
 }
 
