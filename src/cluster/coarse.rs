@@ -26,6 +26,7 @@
 
 use rayon::prelude::*;
 
+use super::merging::merge_chosen;
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
@@ -63,6 +64,10 @@ const TELEPORTS_OF: usize = 20;
 
 /// Rounds of teleports at most.
 const MOST_TELEPORT_ROUNDS: u64 = 12;
+
+/// Rounds of merges in which both of two clusters must have chosen each other ([`super::merging`] has the reason). Scans
+/// take up to 7.
+const PAIRED_ROUNDS: u32 = 32;
 
 /// Starts have no more faces of the coarsest graph together than this, or than the mesh has; one there is in any case.
 const FACES_IN_STARTS: u64 = 20_000;
@@ -214,15 +219,15 @@ impl<E: Functional> CoarseStart<E> {
         let mut surplus = vec![0usize; self.shares.len()];
         component_of_cluster.iter().for_each(|&component| surplus[component as usize] += 1);
         surplus.iter_mut().zip(&self.shares).for_each(|(surplus, share)| *surplus -= share);
-        loop {
-            let is_last = surplus.iter().all(|&surplus| surplus == 0);
-            if is_last {
-                self.settle(graph, steps.as_mut(), cancel)?;
-                break;
-            }
+        let mut rounds = 0..PAIRED_ROUNDS;
+        while surplus.iter().any(|&surplus| surplus > 0) {
             self.optimise(graph, steps.as_mut(), self.effort.iterations_a_round, cancel)?;
-            merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?;
+            match rounds.next() {
+                Some(_) => merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?,
+                None => merge_chosen(steps.as_mut(), |cluster| take(&mut surplus, component_of_cluster, cluster))?,
+            }
         }
+        self.settle(graph, steps.as_mut(), cancel)?;
         let (energy, mut labels) = self.teleported(graph, component_of_cluster, steps.as_mut(), cancel)?;
         drop(steps);
         let mut number_of_cluster = vec![u32::MAX; component_of_cluster.len()];
@@ -295,18 +300,21 @@ fn merge_cheaper_half<E: Functional>(
     mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
     keep_cheaper_half(&mut mutual);
     mutual.sort_unstable();
-    mutual.retain(|pair| {
-        let surplus = &mut surplus[component_of_cluster[pair.ends().0 as usize] as usize];
-        let has_surplus = *surplus > 0;
-        *surplus -= usize::from(has_surplus);
-        has_surplus
-    });
+    mutual.retain(|pair| take(surplus, component_of_cluster, pair.ends().0));
     if mutual.is_empty() {
         return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
     }
     let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
     steps.merge_pairs(&pairs)?;
     Ok(())
+}
+
+/// Lowers the surplus of a cluster's component. Returns whether there was one.
+fn take(surplus: &mut [usize], component_of_cluster: &[u32], cluster: u32) -> bool {
+    let surplus = &mut surplus[component_of_cluster[cluster as usize] as usize];
+    let has_surplus = *surplus > 0;
+    *surplus -= usize::from(has_surplus);
+    has_surplus
 }
 
 #[cfg(test)]

@@ -3,6 +3,9 @@
 //! Every face is a cluster. In each round every cluster finds its best dual edge, and of the pairs that chose each
 //! other, some merge ([`Pairs`]), but no more than are too many (as hierarchies do without optimisation). No
 //! component has a share of the clusters: each ends with those that its merges are too expensive for.
+//!
+//! Where thousands of clusters have no other neighbour than one, as the triangles around a large polygon, only one of
+//! them would merge in a round. So after [`PAIRED_ROUNDS`] it suffices that one of two clusters chose the other.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -10,10 +13,14 @@ use utoipa::ToSchema;
 use super::coarse::Start;
 use super::numbers;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half, keep_first};
-use crate::device::{Cancel, Device, MergeSteps};
+use crate::device::{Cancel, Device, DualEdge, MergeSteps};
 use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
+use crate::union_find;
+
+/// Rounds from single faces in which both of two clusters must have chosen each other. Slivers take up to 88.
+const PAIRED_ROUNDS: u32 = 256;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -61,13 +68,46 @@ pub fn merged<E: Functional>(
     let mut steps = device.open_merging(graph, &component_of_face)?;
     steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>())?;
     let mut surplus = graph.faces() - clusters;
-    while surplus > 0 {
+    for _ in 0..PAIRED_ROUNDS {
+        if surplus == 0 {
+            break;
+        }
         cancel.check()?;
         let chosen = chosen_pairs(steps.as_mut(), Ties::Hash, pairs, surplus)?;
         steps.merge_pairs(&chosen)?;
         surplus -= chosen.len();
     }
+    while surplus > 0 {
+        cancel.check()?;
+        merge_chosen(steps.as_mut(), |_| {
+            surplus.checked_sub(1).is_some_and(|left| {
+                surplus = left;
+                true
+            })
+        })?;
+    }
     steps.labels()
+}
+
+/// Merges clusters with the neighbours that they chose, the cheapest first, each if `may_merge` then says so.
+pub(super) fn merge_chosen<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
+    mut may_merge: impl FnMut(u32) -> bool,
+) -> Result<()> {
+    let mut chosen = steps.optimal_dual_edges(Ties::Hash)?;
+    chosen.sort_unstable_by_key(|edge| (edge.cost, edge.cluster));
+    let mut labels = steps.labels()?;
+    let mut merged_into = union_find::singletons(labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0));
+    let mut has_merged = false;
+    for DualEdge { cluster, other, .. } in chosen {
+        let [one, another] = [cluster, other].map(|cluster| union_find::root(&mut merged_into, cluster));
+        has_merged |= one != another && may_merge(cluster) && union_find::join(&mut merged_into, one, another);
+    }
+    if !has_merged {
+        return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
+    }
+    labels.iter_mut().for_each(|label| *label = union_find::root(&mut merged_into, *label));
+    steps.set_labels(&labels)
 }
 
 /// The pairs that merge in a round, the cheapest first, where clusters are too many by `surplus`.

@@ -112,22 +112,24 @@ enum Cheaper {
 const FEW_ITEMS: usize = 10_000;
 /// unless the squares of their numbers of neighbours sum up to more: merges look at all neighbours of a hub again.
 const FEW_PAIRS: usize = 1 << 24;
+/// Items merge in parallel unless they also sum up to more than this for each: around a hub, one merges in a round.
+const PAIRS_AN_ITEM: usize = 64;
 
 /// The jobs whose results a job of this quality mixes in. Clusters of few items are as good as their start, so that
 /// small sets of points have all of them, unless they start from merges.
-fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> &'static [Cheaper] {
-    const ALL: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd];
-    const OF_FEW: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd, Cheaper::Sequential];
+fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> impl Iterator<Item = Cheaper> {
     let pairs = || (0..items.faces() as u32).map(|item| items.neighbours_of(item).len().pow(2)).sum::<usize>();
     let may_be_few = items.moves == Moves::Connected && !spec.is_merged;
-    let are_few = may_be_few && items.faces() <= FEW_ITEMS && pairs() <= FEW_PAIRS;
-    match spec.quality {
-        Quality::Best if are_few => OF_FEW,
-        Quality::Best => ALL,
-        Quality::Default if are_few => &OF_FEW[1..],
-        Quality::Default if spec.clusters <= relocation::FEW_CLUSTERS as u64 => &[Cheaper::Acvd],
-        Quality::Default | Quality::Fast => &[],
-    }
+    let (is_default, is_best) = (spec.quality == Quality::Default, spec.quality == Quality::Best);
+    let are_few = (is_default || is_best) && may_be_few && items.faces() <= FEW_ITEMS && pairs() <= FEW_PAIRS;
+    let has_few_clusters = spec.clusters <= relocation::FEW_CLUSTERS as u64;
+    let jobs = [
+        (Cheaper::Default, is_best),
+        (Cheaper::Parallel, are_few || is_best && pairs() <= FEW_PAIRS.max(PAIRS_AN_ITEM * items.faces())),
+        (Cheaper::Acvd, are_few || is_best || is_default && has_few_clusters),
+        (Cheaper::Sequential, are_few),
+    ];
+    jobs.into_iter().filter_map(|(job, is_wanted)| is_wanted.then_some(job))
 }
 
 /// What the cheaper jobs end with.
@@ -136,7 +138,7 @@ fn labels_of_cheaper<E: Functional>(
     spec: CoarseSpec,
     cancel: &Cancel,
 ) -> impl Iterator<Item = Result<Vec<u32>>> {
-    cheaper_than(items, spec).iter().map(move |&job| labels_of(job, items, spec, cancel))
+    cheaper_than(items, spec).map(move |job| labels_of(job, items, spec, cancel))
 }
 
 /// What a job ends with. It runs on the cpu, whatever the device: labels are the same.

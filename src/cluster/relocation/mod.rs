@@ -272,10 +272,11 @@ impl<'a, E: Functional> Relocation<'a, E> {
         let cluster_worth = best.candidates.merges().first().map_or(0, |&(cost, ..)| cost);
         if let Some(labels) = mixed(&best.clusters, &second.clusters, cluster_worth) {
             let mut mix = Improvable::new(self.graph, labels);
-            resize(&mut mix.clusters, wanted, &mut mix.candidates, self.cancel)?;
-            settle_and_swap(&mut mix.clusters, &mut mix.candidates, self.cancel)?;
-            if mix.clusters.energy() > best.clusters.energy() {
-                *best = mix;
+            if resize(&mut mix.clusters, wanted, &mut mix.candidates, self.cancel)? {
+                settle_and_swap(&mut mix.clusters, &mut mix.candidates, self.cancel)?;
+                if mix.clusters.energy() > best.clusters.energy() {
+                    *best = mix;
+                }
             }
         }
         if best.clusters.energy() > before {
