@@ -108,25 +108,34 @@ enum Cheaper {
     Acvd,
 }
 
-/// Up to this number of items, points are also merged one pair after the other,
+/// Up to this number of items, points are also merged one pair after the other.
 const FEW_ITEMS: usize = 10_000;
-/// unless the squares of their numbers of neighbours sum up to more: merges look at all neighbours of a hub again.
+
+/// Squares of numbers of neighbours, summed up: with more, points are not merged one by one, because every merge looks
+/// at all neighbours.
 const FEW_PAIRS: usize = 1 << 24;
-/// Items merge in parallel unless they also sum up to more than this for each: around a hub, one merges in a round.
+
+/// With more than this, and more than [`PAIRS_AN_ITEM`], there are hubs: around one, a round merges one pair, and each
+/// of its moves by `acvd` looks at all neighbours.
+const PAIRS_AT_HUBS: usize = 1 << 22;
+
+/// The same for each item.
 const PAIRS_AN_ITEM: usize = 64;
 
 /// The jobs whose results a job of this quality mixes in. Clusters of few items are as good as their start, so that
 /// small sets of points have all of them, unless they start from merges.
 fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> impl Iterator<Item = Cheaper> {
-    let pairs = || (0..items.faces() as u32).map(|item| items.neighbours_of(item).len().pow(2)).sum::<usize>();
-    let may_be_few = items.moves == Moves::Connected && !spec.is_merged;
     let (is_default, is_best) = (spec.quality == Quality::Default, spec.quality == Quality::Best);
-    let are_few = (is_default || is_best) && may_be_few && items.faces() <= FEW_ITEMS && pairs() <= FEW_PAIRS;
+    let square = |item| items.neighbours_of(item).len().pow(2);
+    let pairs = if is_default || is_best { (0..items.faces() as u32).map(square).sum() } else { usize::MAX };
+    let has_hubs = items.moves == Moves::Free && pairs > PAIRS_AT_HUBS.max(PAIRS_AN_ITEM * items.faces());
+    let may_be_few = items.moves == Moves::Connected && !spec.is_merged;
+    let are_few = may_be_few && items.faces() <= FEW_ITEMS && pairs <= FEW_PAIRS;
     let has_few_clusters = spec.clusters <= relocation::FEW_CLUSTERS as u64;
     let jobs = [
         (Cheaper::Default, is_best),
-        (Cheaper::Parallel, are_few || is_best && pairs() <= FEW_PAIRS.max(PAIRS_AN_ITEM * items.faces())),
-        (Cheaper::Acvd, are_few || is_best || is_default && has_few_clusters),
+        (Cheaper::Parallel, are_few || is_best && !has_hubs),
+        (Cheaper::Acvd, are_few || (is_best || is_default && has_few_clusters) && !has_hubs),
         (Cheaper::Sequential, are_few),
     ];
     jobs.into_iter().filter_map(|(job, is_wanted)| is_wanted.then_some(job))

@@ -13,8 +13,11 @@ use crate::device::{Ending, FREE};
 use crate::energy::{Functional, LatticeEnergy, Sums};
 use crate::surface::DualGraph;
 
-/// Passes at most, those over some of the clusters counted by their faces.
+/// Passes at most, those over some of the clusters counted by their faces, and by the neighbours of those at borders.
 const PASSES: usize = 1024;
+
+/// Neighbours that count as a face.
+const NEIGHBOURS: usize = 4;
 
 /// Clusters of a chunk.
 pub(super) const CHUNK: usize = 64;
@@ -271,10 +274,11 @@ impl<'a, E: Functional> Clusters<'a, E> {
         (fit.0, sums.weight())
     }
 
-    /// Spends work on a pass over the faces of some clusters. Returns whether there was enough.
-    pub fn spend(&mut self, on: &[u32]) -> bool {
+    /// Spends work on a pass over the faces of some clusters and at their borders. Returns whether there was enough.
+    pub fn spend(&mut self, on: &[u32], at_borders: &[u32]) -> bool {
         let faces: usize = on.iter().map(|&cluster| self.faces(cluster).len()).sum();
-        self.faces_left = self.faces_left.saturating_sub(faces);
+        let neighbours: usize = at_borders.iter().map(|&face| self.graph.neighbours_of(face).len()).sum();
+        self.faces_left = self.faces_left.saturating_sub(faces + neighbours / NEIGHBOURS);
         self.faces_left > 0
     }
 
