@@ -249,21 +249,19 @@ impl<'a, E: Functional> Clusters<'a, E> {
     /// pieces.
     pub fn move_if_lower(&mut self, face: u32, to: u32) -> bool {
         let from = self.label(face);
-        let moved = self.graph.face(face as usize);
-        let [mut without, mut with] = [from, to].map(|cluster| *self.totals(cluster));
-        without.count(moved, -1);
-        with.count(moved, 1);
-        let rise = without.refit() + with.refit();
+        let before = [from, to].map(|cluster| *self.totals(cluster));
+        let Some(([without, with], fall)) = Totals::after_move(before, self.graph.face(face as usize)) else {
+            return false;
+        };
         let Self { graph, labels, connection, .. } = self;
-        let is_left = without.sums.faces() > 0;
-        if !is_left || rise <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
+        if fall <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
             return false;
         }
         self.take_from_list(face, from);
         self.push_to_list(face, to);
         self.all[from as usize].totals = without;
         self.all[to as usize].totals = with;
-        self.explained += rise;
+        self.explained += fall;
         self.note_change(from, to, 1);
         true
     }
