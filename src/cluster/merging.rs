@@ -80,10 +80,9 @@ pub fn merged<E: Functional>(
     while surplus > 0 {
         cancel.check()?;
         merge_chosen(steps.as_mut(), |_| {
-            surplus.checked_sub(1).is_some_and(|left| {
-                surplus = left;
-                true
-            })
+            let is_one_too_many = surplus > 0;
+            surplus -= usize::from(is_one_too_many);
+            is_one_too_many
         })?;
     }
     steps.labels()

@@ -113,7 +113,7 @@ fn claims<E: Functional>(clusters: &Clusters<'_, E>, candidates: &Candidates) ->
     let mut merges = candidates.merges().into_iter().map(|(_, a, b)| Attempt::Merge(a, b));
     let mut splits = candidates.splits().into_iter().map(|(_, cluster)| Attempt::Split(cluster));
     let mut is_claimed = vec![false; clusters.numbers()];
-    // clusters beside a claimed one, which stay so: a cluster is searched once, whatever the number of its merges
+    // clusters beside a claimed one, which stay so: none is searched more than twice, however many merges name it
     let mut is_refused = is_claimed.clone();
     let mut claim = |mut attempts: &mut dyn Iterator<Item = Attempt>| {
         (&mut attempts).find_map(|attempt| {
