@@ -26,15 +26,15 @@
 
 use rayon::prelude::*;
 
-use super::merging::merge_chosen;
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
-use crate::device::{Cancel, Device, MergeSteps, Steps};
+use crate::device::{Cancel, Device, DualEdge, MergeSteps, Steps};
 use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Items};
+use crate::union_find;
 
 /// How much work a start may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,8 +65,8 @@ const TELEPORTS_OF: usize = 20;
 /// Rounds of teleports at most.
 const MOST_TELEPORT_ROUNDS: u64 = 12;
 
-/// Rounds of merges in which both of two clusters must have chosen each other ([`super::merging`] has the reason).
-/// Scans take up to 7.
+/// Rounds of merges in which both of two clusters must have chosen each other. Scans take up to 7. Where thousands of clusters
+/// have one neighbour, as the triangles around a large polygon, one of them merges in such a round.
 const PAIRED_ROUNDS: u32 = 32;
 
 /// Starts have no more faces of the coarsest graph together than this, or than the mesh has; one there is in any case.
@@ -307,6 +307,27 @@ fn merge_cheaper_half<E: Functional>(
     let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
     steps.merge_pairs(&pairs)?;
     Ok(())
+}
+
+/// Merges clusters with the neighbours that they chose, the cheapest first, each if `may_merge` then says so.
+pub(super) fn merge_chosen<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
+    mut may_merge: impl FnMut(u32) -> bool,
+) -> Result<()> {
+    let mut chosen = steps.optimal_dual_edges(Ties::Hash)?;
+    chosen.sort_unstable_by_key(|edge| (edge.cost, edge.cluster));
+    let mut labels = steps.labels()?;
+    let mut merged_into = union_find::singletons(labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0));
+    let mut has_merged = false;
+    for DualEdge { cluster, other, .. } in chosen {
+        let [one, another] = [cluster, other].map(|cluster| union_find::root(&mut merged_into, cluster));
+        has_merged |= one != another && may_merge(cluster) && union_find::join(&mut merged_into, one, another);
+    }
+    if !has_merged {
+        return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
+    }
+    labels.iter_mut().for_each(|label| *label = union_find::root(&mut merged_into, *label));
+    steps.set_labels(&labels)
 }
 
 /// Lowers the surplus of a cluster's component. Returns whether there was one.

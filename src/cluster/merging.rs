@@ -10,14 +10,13 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::coarse::Start;
+use super::coarse::{Start, merge_chosen};
 use super::numbers;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half, keep_first};
-use crate::device::{Cancel, Device, DualEdge, MergeSteps};
+use crate::device::{Cancel, Device, MergeSteps};
 use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
-use crate::union_find;
 
 /// Rounds from single faces in which both of two clusters must have chosen each other. Slivers take up to 88.
 const PAIRED_ROUNDS: u32 = 256;
@@ -86,27 +85,6 @@ pub fn merged<E: Functional>(
         })?;
     }
     steps.labels()
-}
-
-/// Merges clusters with the neighbours that they chose, the cheapest first, each if `may_merge` then says so.
-pub(super) fn merge_chosen<E: Functional>(
-    steps: &mut dyn MergeSteps<E>,
-    mut may_merge: impl FnMut(u32) -> bool,
-) -> Result<()> {
-    let mut chosen = steps.optimal_dual_edges(Ties::Hash)?;
-    chosen.sort_unstable_by_key(|edge| (edge.cost, edge.cluster));
-    let mut labels = steps.labels()?;
-    let mut merged_into = union_find::singletons(labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0));
-    let mut has_merged = false;
-    for DualEdge { cluster, other, .. } in chosen {
-        let [one, another] = [cluster, other].map(|cluster| union_find::root(&mut merged_into, cluster));
-        has_merged |= one != another && may_merge(cluster) && union_find::join(&mut merged_into, one, another);
-    }
-    if !has_merged {
-        return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
-    }
-    labels.iter_mut().for_each(|label| *label = union_find::root(&mut merged_into, *label));
-    steps.set_labels(&labels)
 }
 
 /// The pairs that merge in a round, the cheapest first, where clusters are too many by `surplus`.
