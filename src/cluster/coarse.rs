@@ -30,10 +30,11 @@ use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
-use crate::device::{Cancel, Device, MergeSteps, Steps};
+use crate::device::{Cancel, Device, DualEdge, MergeSteps, Steps};
 use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Items};
+use crate::union_find;
 
 /// How much work a start may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,6 +64,11 @@ const TELEPORTS_OF: usize = 20;
 
 /// Rounds of teleports at most.
 const MOST_TELEPORT_ROUNDS: u64 = 12;
+
+/// Rounds of merges in which both of two clusters must have chosen each other. Scans take up to 7. Where
+/// thousands of clusters have one neighbour, as the triangles around a large polygon, one of them merges in such a
+/// round.
+const PAIRED_ROUNDS: u32 = 32;
 
 /// Starts have no more faces of the coarsest graph together than this, or than the mesh has; one there is in any case.
 const FACES_IN_STARTS: u64 = 20_000;
@@ -214,15 +220,15 @@ impl<E: Functional> CoarseStart<E> {
         let mut surplus = vec![0usize; self.shares.len()];
         component_of_cluster.iter().for_each(|&component| surplus[component as usize] += 1);
         surplus.iter_mut().zip(&self.shares).for_each(|(surplus, share)| *surplus -= share);
-        loop {
-            let is_last = surplus.iter().all(|&surplus| surplus == 0);
-            if is_last {
-                self.settle(graph, steps.as_mut(), cancel)?;
-                break;
-            }
+        let mut rounds = 0..PAIRED_ROUNDS;
+        while surplus.iter().any(|&surplus| surplus > 0) {
             self.optimise(graph, steps.as_mut(), self.effort.iterations_a_round, cancel)?;
-            merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?;
+            match rounds.next() {
+                Some(_) => merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?,
+                None => merge_chosen(steps.as_mut(), |cluster| take(&mut surplus, component_of_cluster, cluster))?,
+            }
         }
+        self.settle(graph, steps.as_mut(), cancel)?;
         let (energy, mut labels) = self.teleported(graph, component_of_cluster, steps.as_mut(), cancel)?;
         drop(steps);
         let mut number_of_cluster = vec![u32::MAX; component_of_cluster.len()];
@@ -295,18 +301,42 @@ fn merge_cheaper_half<E: Functional>(
     mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
     keep_cheaper_half(&mut mutual);
     mutual.sort_unstable();
-    mutual.retain(|pair| {
-        let surplus = &mut surplus[component_of_cluster[pair.ends().0 as usize] as usize];
-        let has_surplus = *surplus > 0;
-        *surplus -= usize::from(has_surplus);
-        has_surplus
-    });
+    mutual.retain(|pair| take(surplus, component_of_cluster, pair.ends().0));
     if mutual.is_empty() {
         return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
     }
     let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
     steps.merge_pairs(&pairs)?;
     Ok(())
+}
+
+/// Merges clusters with the neighbours that they chose, the cheapest first, each if `may_merge` then says so.
+pub(super) fn merge_chosen<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
+    mut may_merge: impl FnMut(u32) -> bool,
+) -> Result<()> {
+    let mut chosen = steps.optimal_dual_edges(Ties::Hash)?;
+    chosen.sort_unstable_by_key(|edge| (edge.cost, edge.cluster));
+    let mut labels = steps.labels()?;
+    let mut merged_into = union_find::singletons(labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0));
+    let mut has_merged = false;
+    for DualEdge { cluster, other, .. } in chosen {
+        let [one, another] = [cluster, other].map(|cluster| union_find::root(&mut merged_into, cluster));
+        has_merged |= one != another && may_merge(cluster) && union_find::join(&mut merged_into, one, another);
+    }
+    if !has_merged {
+        return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
+    }
+    labels.iter_mut().for_each(|label| *label = union_find::root(&mut merged_into, *label));
+    steps.set_labels(&labels)
+}
+
+/// Lowers the surplus of a cluster's component. Returns whether there was one.
+fn take(surplus: &mut [usize], component_of_cluster: &[u32], cluster: u32) -> bool {
+    let surplus = &mut surplus[component_of_cluster[cluster as usize] as usize];
+    let has_surplus = *surplus > 0;
+    *surplus -= usize::from(has_surplus);
+    has_surplus
 }
 
 #[cfg(test)]

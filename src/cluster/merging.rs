@@ -3,17 +3,23 @@
 //! Every face is a cluster. In each round every cluster finds its best dual edge, and of the pairs that chose each
 //! other, some merge ([`Pairs`]), but no more than are too many (as hierarchies do without optimisation). No
 //! component has a share of the clusters: each ends with those that its merges are too expensive for.
+//!
+//! Where thousands of clusters have no other neighbour than one, as the triangles around a large polygon, only one of
+//! them would merge in a round. So after [`PAIRED_ROUNDS`] it suffices that one of two clusters chose the other.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::coarse::Start;
+use super::coarse::{Start, merge_chosen};
 use super::numbers;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half, keep_first};
 use crate::device::{Cancel, Device, MergeSteps};
 use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
+
+/// Rounds from single faces in which both of two clusters must have chosen each other. Slivers take up to 88.
+const PAIRED_ROUNDS: u32 = 256;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -61,11 +67,22 @@ pub fn merged<E: Functional>(
     let mut steps = device.open_merging(graph, &component_of_face)?;
     steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>())?;
     let mut surplus = graph.faces() - clusters;
-    while surplus > 0 {
+    for _ in 0..PAIRED_ROUNDS {
+        if surplus == 0 {
+            break;
+        }
         cancel.check()?;
         let chosen = chosen_pairs(steps.as_mut(), Ties::Hash, pairs, surplus)?;
         steps.merge_pairs(&chosen)?;
         surplus -= chosen.len();
+    }
+    while surplus > 0 {
+        cancel.check()?;
+        merge_chosen(steps.as_mut(), |_| {
+            let is_one_too_many = surplus > 0;
+            surplus -= usize::from(is_one_too_many);
+            is_one_too_many
+        })?;
     }
     steps.labels()
 }

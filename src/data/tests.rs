@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::energy::cvd::{ClusterSums, Cvd, squared_distance};
+use crate::energy::cvd::{Cvd, squared_distance};
 use crate::energy::{Functional, Sums};
 use crate::export::npz::npy_header;
 
@@ -179,7 +179,7 @@ fn a_lattice_of_d_coordinates_has_as_many_bits_as_its_squares_leave() {
 /// Sums of the heaviest cluster at the corners of the lattice, against the same in 128 bits.
 fn check_extremes<const D: usize>(dimensions: usize)
 where
-    Cvd<D>: Functional<Item = crate::energy::cvd::Item<D>, Sums = ClusterSums<D>, Point = [i32; D]>,
+    Cvd<D>: Functional<Item = crate::energy::cvd::Item<D>, Point = [i32; D], Proxy = [i32; D]>,
 {
     let most = (1 << bits(dimensions)) - 1;
     let corner = |sign: i32| std::array::from_fn(|axis| if axis < dimensions { sign * most } else { 0 });
@@ -188,7 +188,7 @@ where
     assert_eq!(u128::from(squared_distance(low, high)), expected);
     assert!(expected < 1 << 58);
     for lows in 0..=8 {
-        let mut sums = ClusterSums::<D>::default();
+        let mut sums = <Cvd<D> as Functional>::Sums::default();
         let (mut total, mut along, mut constant) = (0i128, [0i128; D], 0i128);
         for face in 0..8 {
             let point = if face < lows { low } else { high };

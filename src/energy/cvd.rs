@@ -183,13 +183,10 @@ impl<const D: usize> Default for ClusterSums<D> {
     }
 }
 
-impl<const D: usize> Sums for ClusterSums<D> {
-    type Item = Item<D>;
-    type Point = [i32; D];
-    type Proxy = [i32; D];
-    type End = End<D>;
-    type Position = [f64; D];
-
+impl<const D: usize> Sums<Cvd<D>> for ClusterSums<D>
+where
+    Axes<D>: scatter::Products,
+{
     #[inline]
     fn add_face(&mut self, face: Item<D>, sign: i64) {
         let weight = i64::from(face.weight);

@@ -21,14 +21,13 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     /// What stands for a cluster when a face is compared with it.
     type Proxy: Copy + Debug + PartialEq + Send + Sync;
     /// The sums over the faces of a cluster.
-    type Sums: Sums<Item = Self::Item, Point = Self::Point, Proxy = Self::Proxy>
-        + Sums<End = Self::End, Position = Self::Position>;
+    type Sums: Sums<Self>;
     /// The sums in 128 bits, as their definition reads: for the plain device.
-    type WideSums: WideSums<Item = Self::Item, Sums = Self::Sums, End = Self::End>;
+    type WideSums: WideSums<Self>;
     /// What a merge cost reads of a cluster.
     type End: Copy + Debug + Send + Sync;
     /// What bounds the changes by splits and merges of a cluster.
-    type SplitBounds: Bounds<Item = Self::Item>;
+    type SplitBounds: Bounds<Self>;
     /// A position in f64, on the lattice or in the source.
     type Position: Copy + Debug + AsRef<[f64]> + AsMut<[f64]> + Send + Sync;
 
@@ -86,20 +85,9 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
 }
 
 /// Exact sums over the faces of a cluster.
-pub trait Sums: Copy + Debug + Default + PartialEq + Send + Sync {
-    /// See [`Functional::Item`].
-    type Item;
-    /// See [`Functional::Point`].
-    type Point;
-    /// See [`Functional::Proxy`].
-    type Proxy: Copy;
-    /// See [`Functional::End`].
-    type End;
-    /// See [`Functional::Position`].
-    type Position;
-
+pub trait Sums<E: Functional>: Copy + Debug + Default + PartialEq + Send + Sync {
     /// Adds a face (`sign` 1) or takes it away (−1).
-    fn add_face(&mut self, face: Self::Item, sign: i64);
+    fn add_face(&mut self, face: E::Item, sign: i64);
 
     /// Adds other faces (`sign` 1) or takes them away (−1).
     fn add(&mut self, other: &Self, sign: i64);
@@ -111,40 +99,37 @@ pub trait Sums: Copy + Debug + Default + PartialEq + Send + Sync {
     fn weight(&self) -> u64;
 
     /// The proxy that minimises the energy. None without faces.
-    fn proxy(&self) -> Option<Self::Proxy>;
+    fn proxy(&self) -> Option<E::Proxy>;
 
     /// The proxy, and what it explains of the energy ([`LatticeEnergy`]) in units of the component. None without faces.
-    fn fit(&self) -> Option<(Self::Proxy, i128)>;
+    fn fit(&self) -> Option<(E::Proxy, i128)>;
 
     /// The point of these faces as one face of a coarser graph. None without faces.
-    fn point(&self) -> Option<Self::Point>;
+    fn point(&self) -> Option<E::Point>;
+
+    /// What the proxy explains of the energy; nothing without faces.
+    fn explained(&self) -> i128 {
+        self.fit().map_or(0, |(_, explained)| explained)
+    }
 
     /// What merging two clusters raises the energy by, exactly, in units of their component. Not below 0.
     fn rise(&self, other: &Self) -> i128 {
         let mut both = *self;
         both.add(other, 1);
-        let explained = |sums: &Self| sums.fit().map_or(0, |(_, explained)| explained);
-        explained(self) + explained(other) - explained(&both)
+        self.explained() + other.explained() - both.explained()
     }
 
     /// What a merge cost reads of the cluster that has this proxy.
-    fn end(&self, proxy: Self::Proxy) -> Self::End;
+    fn end(&self, proxy: E::Proxy) -> E::End;
 
     /// The mean place of the faces, on the lattice.
-    fn mean(&self) -> Self::Position;
+    fn mean(&self) -> E::Position;
 }
 
 /// [`Sums`] in 128 bits. Methods but the first need a cluster that has faces.
-pub trait WideSums: Clone + Debug + Default {
-    /// See [`Functional::Item`].
-    type Item;
-    /// See [`Functional::Sums`].
-    type Sums;
-    /// See [`Functional::End`].
-    type End;
-
+pub trait WideSums<E: Functional>: Clone + Debug + Default {
     /// Adds a face.
-    fn add_face(&mut self, face: Self::Item);
+    fn add_face(&mut self, face: E::Item);
 
     /// Number of faces.
     fn faces(&self) -> u32;
@@ -153,25 +138,22 @@ pub trait WideSums: Clone + Debug + Default {
     fn weight(&self) -> u64;
 
     /// The [cost](Functional::cost) of a face.
-    fn cost(&self, face: Self::Item) -> i128;
+    fn cost(&self, face: E::Item) -> i128;
 
     /// What the proxy explains of the energy.
     fn explained(&self) -> i128;
 
     /// What a merge cost reads.
-    fn end(&self) -> Self::End;
+    fn end(&self) -> E::End;
 
     /// The same sums in 64 bits.
-    fn narrow(&self) -> Self::Sums;
+    fn narrow(&self) -> E::Sums;
 }
 
 /// Bounds of what splits and merges of a cluster change the energy by, in units of its component.
-pub trait Bounds: Clone + Default + Send + Sync {
-    /// See [`Functional::Item`].
-    type Item;
-
+pub trait Bounds<E: Functional>: Clone + Default + Send + Sync {
     /// Adds a face of the cluster.
-    fn add(&mut self, face: Self::Item);
+    fn add(&mut self, face: E::Item);
 
     /// No split gains more.
     fn most_gain(&self) -> f64;

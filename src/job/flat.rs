@@ -108,26 +108,37 @@ enum Cheaper {
     Acvd,
 }
 
-/// Up to this number of items, points are also merged one pair after the other,
+/// Up to this number of items, points are also merged one pair after the other.
 const FEW_ITEMS: usize = 10_000;
-/// unless the squares of their numbers of neighbours sum up to more: merges look at all neighbours of a hub again.
+
+/// Squares of numbers of neighbours, summed up: with more, points are not merged one by one, because every merge looks
+/// at all neighbours.
 const FEW_PAIRS: usize = 1 << 24;
+
+/// With more than this, and more than [`PAIRS_AN_ITEM`], there are hubs: around one, a round merges one pair, and each
+/// of its moves by `acvd` looks at all neighbours.
+const PAIRS_AT_HUBS: usize = 1 << 22;
+
+/// The same for each item.
+const PAIRS_AN_ITEM: usize = 64;
 
 /// The jobs whose results a job of this quality mixes in. Clusters of few items are as good as their start, so that
 /// small sets of points have all of them, unless they start from merges.
-fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> &'static [Cheaper] {
-    const ALL: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd];
-    const OF_FEW: &[Cheaper] = &[Cheaper::Default, Cheaper::Parallel, Cheaper::Acvd, Cheaper::Sequential];
-    let pairs = || (0..items.faces() as u32).map(|item| items.neighbours_of(item).len().pow(2)).sum::<usize>();
+fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> impl Iterator<Item = Cheaper> {
+    let (is_default, is_best) = (spec.quality == Quality::Default, spec.quality == Quality::Best);
+    let square = |item| items.neighbours_of(item).len().pow(2);
+    let pairs = if is_default || is_best { (0..items.faces() as u32).map(square).sum() } else { usize::MAX };
+    let has_hubs = items.moves == Moves::Free && pairs > PAIRS_AT_HUBS.max(PAIRS_AN_ITEM * items.faces());
     let may_be_few = items.moves == Moves::Connected && !spec.is_merged;
-    let are_few = may_be_few && items.faces() <= FEW_ITEMS && pairs() <= FEW_PAIRS;
-    match spec.quality {
-        Quality::Best if are_few => OF_FEW,
-        Quality::Best => ALL,
-        Quality::Default if are_few => &OF_FEW[1..],
-        Quality::Default if spec.clusters <= relocation::FEW_CLUSTERS as u64 => &[Cheaper::Acvd],
-        Quality::Default | Quality::Fast => &[],
-    }
+    let are_few = may_be_few && items.faces() <= FEW_ITEMS && pairs <= FEW_PAIRS;
+    let has_few_clusters = spec.clusters <= relocation::FEW_CLUSTERS as u64;
+    let jobs = [
+        (Cheaper::Default, is_best),
+        (Cheaper::Parallel, are_few || is_best && !has_hubs),
+        (Cheaper::Acvd, are_few || (is_best || is_default && has_few_clusters) && !has_hubs),
+        (Cheaper::Sequential, are_few),
+    ];
+    jobs.into_iter().filter_map(|(job, is_wanted)| is_wanted.then_some(job))
 }
 
 /// What the cheaper jobs end with.
@@ -136,7 +147,7 @@ fn labels_of_cheaper<E: Functional>(
     spec: CoarseSpec,
     cancel: &Cancel,
 ) -> impl Iterator<Item = Result<Vec<u32>>> {
-    cheaper_than(items, spec).iter().map(move |&job| labels_of(job, items, spec, cancel))
+    cheaper_than(items, spec).map(move |job| labels_of(job, items, spec, cancel))
 }
 
 /// What a job ends with. It runs on the cpu, whatever the device: labels are the same.

@@ -103,3 +103,60 @@ fn a_viewer_sees_labels_of_the_upload_after_moves_of_whole_clusters_and_changes_
         last.iter().zip(&plain).map(|(&label, &own)| *number[label as usize].get_or_insert(own)).collect();
     assert_eq!(renumbered, plain);
 }
+
+/// A polygon of so many corners, a face at each edge, and a second polygon on the other side of these if `is_closed`.
+fn around_polygon(faces: usize, is_closed: bool) -> String {
+    use std::fmt::Write;
+    let mut obj = String::new();
+    let ring = |obj: &mut String, radius: f64, height: f64| {
+        for corner in 0..faces {
+            let angle = std::f64::consts::TAU * corner as f64 / faces as f64;
+            writeln!(obj, "v {} {} {height}", radius * angle.cos(), radius * angle.sin()).expect("room");
+        }
+    };
+    ring(&mut obj, 1.0, 0.0);
+    ring(&mut obj, if is_closed { 1.0 } else { 1.3 }, 0.2);
+    let polygon = |first: usize| (first..first + faces).map(|corner| format!(" {corner}")).collect::<String>();
+    writeln!(obj, "f{}", polygon(1)).expect("room");
+    if is_closed {
+        writeln!(obj, "f{}", polygon(1 + faces)).expect("room");
+    }
+    for corner in 0..faces {
+        let (one, next) = (1 + corner, 1 + (corner + 1) % faces);
+        match is_closed {
+            true => writeln!(obj, "f {one} {next} {} {}", next + faces, one + faces).expect("room"),
+            false => writeln!(obj, "f {one} {} {next}", one + faces).expect("room"),
+        }
+    }
+    obj
+}
+
+#[test]
+fn work_is_in_proportion_to_the_faces_where_one_has_them_all_as_neighbours() {
+    use crate::cluster::quality::Quality;
+    use crate::surface::LOOKS;
+
+    const FACES: usize = 4_000;
+    let looks_a_face = |is_closed: bool, clusters: usize, quality: Quality| {
+        let obj = around_polygon(FACES, is_closed);
+        let parameters = Parameters { clusters: Some(clusters as u64), quality, ..Parameters::default() };
+        let prepared = prepare(&Request::new(obj.as_bytes(), Format::Obj, &parameters)).expect("a mesh");
+        // the thread counts
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+        pool.install(|| {
+            let before = LOOKS.get();
+            run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {}).expect("a result");
+            (LOOKS.get() - before) / FACES as u64
+        })
+    };
+    for is_closed in [false, true] {
+        for clusters in [FACES / 2, FACES / 100] {
+            for (quality, most) in
+                [(Quality::Fast, 1_000), (Quality::Default, 11 * 1_000), (Quality::Best, 12 * 11 * 1_000)]
+            {
+                let looks = looks_a_face(is_closed, clusters, quality);
+                assert!(looks <= most, "{is_closed} {clusters} {quality:?}: {looks} looks a face");
+            }
+        }
+    }
+}

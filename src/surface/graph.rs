@@ -39,6 +39,12 @@ pub enum Moves {
 /// graphs lie in the caches, and the requests took up to 5 % of a clustering.
 const OUTGROWS_CACHES: usize = 1 << 18;
 
+#[cfg(test)]
+thread_local! {
+    /// Neighbours that this thread has looked at: tests of bounds on work.
+    pub static LOOKS: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
+}
+
 impl<E: Functional> DualGraph<E> {
     /// Whether reads all over the graph are worth [prefetching](crate::prefetch).
     pub(crate) fn outgrows_caches(&self) -> bool {
@@ -74,7 +80,10 @@ impl<E: Functional> DualGraph<E> {
     /// The faces that share an edge with `face`.
     pub fn neighbours_of(&self, face: u32) -> &[u32] {
         let face = face as usize;
-        &self.neighbours[self.neighbour_offsets[face] as usize..self.neighbour_offsets[face + 1] as usize]
+        let row = self.neighbour_offsets[face] as usize..self.neighbour_offsets[face + 1] as usize;
+        #[cfg(test)]
+        LOOKS.with(|looks| looks.set(looks.get() + row.len() as u64));
+        &self.neighbours[row]
     }
 
     /// The component of each face.

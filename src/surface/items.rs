@@ -107,14 +107,13 @@ impl<E: Functional> Items<E> {
         let shift = self.components[component as usize].energy_shift as i32;
         let mut sums = *a;
         sums.add(b, 1);
-        let explained = sums.fit().map_or(0, |(_, explained)| explained);
         let energy = |lattice: i128| libm::ldexp(lattice as f64, self.energy_exponent() + shift) * self.units.density;
         let position = self.units.source_position(sums.mean());
         let mut proxy = [0.0; 3];
         proxy.iter_mut().zip(position.as_ref()).for_each(|(to, from)| *to = *from);
         Merged {
             cost: energy(a.rise(b)),
-            energy: energy(moment - explained),
+            energy: energy(moment - sums.explained()),
             faces: sums.faces(),
             weight: libm::ldexp(sums.weight() as f64, self.units.weight_exponent + shift) * self.units.density,
             proxy,

@@ -46,6 +46,8 @@ pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
 pub use features::WantedFeatures;
+#[cfg(test)]
+pub use graph::LOOKS;
 pub use graph::{DualGraph, Moves};
 pub use items::{Items, Units};
 pub use loose::Loose;

@@ -4,8 +4,8 @@
 //!
 //! With f = 1/5 at first, clusters are split until there are (1 + f)·k, and merged until there are k
 //! ([`mod@super::resize`]); they settle, and swaps are made as long as they pay. If F is lower, the result is kept;
-//! otherwise it is discarded and f is halved. Where F is lower by less than a thousandth, f is multiplied by 0.7. It
-//! ends when f·k is less than 1.
+//! otherwise, or where rounds did not suffice, it is discarded and f is halved. Where F is lower by less than a
+//! thousandth, f is multiplied by 0.7. It ends when f·k is less than 1.
 //!
 //! # Why
 //!
@@ -40,11 +40,13 @@ impl Breath {
         }
         let mut breath = best.clone();
         let Improvable { clusters, candidates } = &mut breath;
-        resize(clusters, (wanted + more).min(faces), candidates, cancel)?;
-        resize(clusters, wanted, candidates, cancel)?;
-        settle_and_swap(clusters, candidates, cancel)?;
+        let is_done = resize(clusters, (wanted + more).min(faces), candidates, cancel)?
+            && resize(clusters, wanted, candidates, cancel)?;
+        if is_done {
+            settle_and_swap(clusters, candidates, cancel)?;
+        }
         let fall = clusters.energy().explained - best.clusters.energy().explained;
-        if fall <= 0 {
+        if !is_done || fall <= 0 {
             self.0 /= 2;
             return Ok(false);
         }

@@ -13,8 +13,11 @@ use crate::device::{Ending, FREE};
 use crate::energy::{Functional, LatticeEnergy, Sums};
 use crate::surface::DualGraph;
 
-/// Passes at most, those over some of the clusters counted by their faces.
+/// Passes at most, those over some of the clusters counted by their faces, and by the neighbours of those at borders.
 const PASSES: usize = 1024;
+
+/// Neighbours that count as a face.
+const NEIGHBOURS: usize = 4;
 
 /// Clusters of a chunk.
 pub(super) const CHUNK: usize = 64;
@@ -246,21 +249,19 @@ impl<'a, E: Functional> Clusters<'a, E> {
     /// pieces.
     pub fn move_if_lower(&mut self, face: u32, to: u32) -> bool {
         let from = self.label(face);
-        let moved = self.graph.face(face as usize);
-        let [mut without, mut with] = [from, to].map(|cluster| *self.totals(cluster));
-        without.count(moved, -1);
-        with.count(moved, 1);
-        let rise = without.refit() + with.refit();
+        let before = [from, to].map(|cluster| *self.totals(cluster));
+        let Some(([without, with], fall)) = Totals::after_move(before, self.graph.face(face as usize)) else {
+            return false;
+        };
         let Self { graph, labels, connection, .. } = self;
-        let is_left = without.sums.faces() > 0;
-        if !is_left || rise <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
+        if fall <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
             return false;
         }
         self.take_from_list(face, from);
         self.push_to_list(face, to);
         self.all[from as usize].totals = without;
         self.all[to as usize].totals = with;
-        self.explained += rise;
+        self.explained += fall;
         self.note_change(from, to, 1);
         true
     }
@@ -271,10 +272,11 @@ impl<'a, E: Functional> Clusters<'a, E> {
         (fit.0, sums.weight())
     }
 
-    /// Spends work on a pass over the faces of some clusters. Returns whether there was enough.
-    pub fn spend(&mut self, on: &[u32]) -> bool {
+    /// Spends work on a pass over the faces of some clusters and at their borders. Returns whether there was enough.
+    pub fn spend(&mut self, on: &[u32], at_borders: &[u32]) -> bool {
         let faces: usize = on.iter().map(|&cluster| self.faces(cluster).len()).sum();
-        self.faces_left = self.faces_left.saturating_sub(faces);
+        let neighbours: usize = at_borders.iter().map(|&face| self.graph.neighbours_of(face).len()).sum();
+        self.faces_left = self.faces_left.saturating_sub(faces + neighbours / NEIGHBOURS);
         self.faces_left > 0
     }
 

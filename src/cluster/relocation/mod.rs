@@ -18,7 +18,7 @@
 //! if swaps lowered F by a thousandth. Trials and breaths follow then, and also where clusters have fewer than
 //! [`FEW_FACES`] *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The
 //! default makes [`TURNS`] of them, on small meshes [`MORE_TURNS`]. `best` goes on as long as F falls, and mixes in the
-//! results of cheaper jobs, so that its own is not above any of them.
+//! results of cheaper jobs, so that its own is not above any of them (around hubs not of `pml` and `acvd`).
 //! ([`super::coarse`] is where phases start.)
 //!
 //! On small meshes the default makes trials and breaths also where clusters have fewer than [`MANY_FACES`] effective
@@ -65,6 +65,7 @@ pub use self::connection::Connection;
 use self::mix::mixed;
 use self::resize::resize;
 use self::settle::settle;
+pub use self::totals::Totals;
 use super::merging::{self, Pairs};
 use super::run::Phase;
 use crate::device::{Cancel, Device, Ending};
@@ -272,10 +273,11 @@ impl<'a, E: Functional> Relocation<'a, E> {
         let cluster_worth = best.candidates.merges().first().map_or(0, |&(cost, ..)| cost);
         if let Some(labels) = mixed(&best.clusters, &second.clusters, cluster_worth) {
             let mut mix = Improvable::new(self.graph, labels);
-            resize(&mut mix.clusters, wanted, &mut mix.candidates, self.cancel)?;
-            settle_and_swap(&mut mix.clusters, &mut mix.candidates, self.cancel)?;
-            if mix.clusters.energy() > best.clusters.energy() {
-                *best = mix;
+            if resize(&mut mix.clusters, wanted, &mut mix.candidates, self.cancel)? {
+                settle_and_swap(&mut mix.clusters, &mut mix.candidates, self.cancel)?;
+                if mix.clusters.energy() > best.clusters.energy() {
+                    *best = mix;
+                }
             }
         }
         if best.clusters.energy() > before {

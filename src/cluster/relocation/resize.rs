@@ -4,6 +4,9 @@
 //! quarter of the clusters; then a few passes [settle](mod@super::settle) what changed. Splits in a round gain at least
 //! a quarter of what the best gains: the parts of a large cluster are better split again than a small one.
 //!
+//! There are at most [`ROUNDS`]. A cluster is split once a round, so that one with nearly all faces, as a large polygon
+//! with a triangle at each edge, would take as many rounds as there are clusters to make.
+//!
 //! A split gains no more than its cluster's energy. So the clusters with the most energy are split first, and then only
 //! those with more energy than the least gain that would be used.
 
@@ -14,32 +17,35 @@ use super::clusters::Clusters;
 use super::settle::settle;
 use crate::device::Cancel;
 use crate::energy::Functional;
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
+
+/// Rounds at most. Ordinary meshes take two, slivers up to 21.
+const ROUNDS: u32 = 32;
 
 /// Passes that settle a round.
 const PASSES: u32 = 4;
 
-/// Makes it this many clusters; no fewer than components, no more than faces.
+/// Makes it this many clusters; no fewer than components, no more than faces. Returns whether rounds sufficed.
 pub fn resize<E: Functional>(
     clusters: &mut Clusters<'_, E>,
     wanted: usize,
     candidates: &mut Candidates,
     cancel: &Cancel,
-) -> Result<()> {
-    while clusters.count() != wanted {
+) -> Result<bool> {
+    for _ in 0..ROUNDS {
         let count = clusters.count();
+        if count == wanted {
+            return Ok(true);
+        }
         let most = count.abs_diff(wanted).min(count.div_ceil(4));
         candidates.refresh(clusters);
         let changed = match count < wanted {
             true => split(clusters, most, candidates),
             false => merge(clusters, most, candidates),
         };
-        if changed.is_empty() {
-            return Err(Error::new(Kind::Internal, format_args!("no other number of clusters can be made of {count}")));
-        }
         settle(clusters, changed, PASSES, cancel)?;
     }
-    Ok(())
+    Ok(clusters.count() == wanted)
 }
 
 /// Splits up to `most` clusters. Returns the parts.

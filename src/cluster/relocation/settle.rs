@@ -37,11 +37,12 @@ pub fn settle<E: Functional>(
 
 /// Makes one pass. Returns the clusters that changed, ascending.
 pub fn pass<E: Functional>(clusters: &mut Clusters<'_, E>, changed: &[u32]) -> Vec<u32> {
-    if !clusters.spend(changed) {
+    let faces = boundary_faces(clusters, changed);
+    if !clusters.spend(changed, &faces) {
         return Vec::new();
     }
     let mut next = Vec::new();
-    for face in boundary_faces(clusters, changed) {
+    for face in faces {
         let from = clusters.label(face);
         if let Some(to) = best_move(clusters, face)
             && clusters.move_if_lower(face, to)

@@ -49,10 +49,7 @@ impl Split {
         let best = grown.filter(|grown| grown.explained() > cut.explained()).unwrap_or(cut);
         let stays = best.is_second[0];
         let leaving = faces.iter().zip(&best.is_second).filter(|&(_, &side)| side != stays).map(|(&face, _)| face);
-        Some(Self {
-            gain: (best.explained() - explained::<E>(&best.whole())) << energy_shift,
-            leaving: leaving.collect(),
-        })
+        Some(Self { gain: (best.explained() - best.whole().explained()) << energy_shift, leaving: leaving.collect() })
     }
 }
 
@@ -75,11 +72,6 @@ pub fn restricted<E: Functional>(graph: &DualGraph<E>, faces: &[u32], energy_shi
     let weight = part.weights.iter().map(|&weight| u64::from(weight)).sum();
     part.components.push(Component { first_face: 0, faces: faces.len() as u32, weight, energy_shift });
     part
-}
-
-/// What a cluster with these sums explains of F, in units of its component.
-fn explained<E: Functional>(sums: &E::Sums) -> i128 {
-    sums.fit().map_or(0, |(_, explained)| explained)
 }
 
 /// A split, as the side of each face.
@@ -105,7 +97,7 @@ impl<'a, E: Functional> Sides<'a, E> {
     }
 
     fn explained(&self) -> i128 {
-        self.sums.iter().map(explained::<E>).sum()
+        self.sums.iter().map(Sums::explained).sum()
     }
 
     /// The best cut of a minimum spanning tree.
@@ -122,7 +114,7 @@ impl<'a, E: Functional> Sides<'a, E> {
         let gain = |&face: &u32| {
             let mut rest = below[0];
             rest.add(&below[face as usize], -1);
-            (explained::<E>(&rest) + explained::<E>(&below[face as usize]), Reverse(face))
+            (rest.explained() + below[face as usize].explained(), Reverse(face))
         };
         let top = order[1..].iter().copied().max_by_key(gain).unwrap_or(0);
         let mut is_second = vec![false; graph.faces()];
@@ -178,7 +170,7 @@ impl<'a, E: Functional> Sides<'a, E> {
                 let mut sums = self.sums;
                 sums[usize::from(side)].add_face(graph.face(face as usize), -1);
                 sums[usize::from(!side)].add_face(graph.face(face as usize), 1);
-                let then = sums.iter().map(explained::<E>).sum();
+                let then = sums.iter().map(Sums::explained).sum();
                 let is_own = |near: u32| self.is_second[near as usize] == side;
                 if then > now && connection.stays_without(graph, face, is_own) {
                     (self.sums, now) = (sums, then);

@@ -33,7 +33,7 @@ use crate::energy::Functional;
 use crate::error::Result;
 
 /// Rounds at most. Ordinary meshes take under 20.
-const ROUNDS: u32 = 100;
+const ROUNDS: u32 = 32;
 
 /// Makes rounds; `on_round` is called after each with swaps.
 pub fn swap<E: Functional>(

@@ -248,7 +248,8 @@ fn every_number_of_clusters_can_be_made() {
     let (fewest, most) = (surface.components.len(), surface.faces());
     for wanted in [fewest, fewest + 1, most / 3, most - 1, most] {
         let mut clusters = Clusters::new(&surface, start(&surface, 20));
-        resize(&mut clusters, wanted, &mut Candidates::default(), &Cancel::default()).expect("a possible number");
+        let is_made = resize(&mut clusters, wanted, &mut Candidates::default(), &Cancel::default());
+        assert!(is_made.expect("no cancellation"), "{wanted}");
         assert_eq!(clusters.count(), wanted);
         assert_eq!(disconnected_clusters(&surface, wanted, &clusters.compacted()), 0);
     }

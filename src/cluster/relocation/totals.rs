@@ -3,17 +3,16 @@
 use crate::energy::{Bounds, Functional, Sums};
 use crate::surface::DualGraph;
 
-/// A proxy, and what it explains ([`Sums::fit`]).
-pub type Fit<E> = (<E as Functional>::Proxy, i128);
-
 /// The totals of a cluster. `constant` and `fit` are in the component's unit; the methods shift their results left by
 /// `shift`, to that of the finest component.
 #[derive(Debug, Clone, Copy)]
 pub struct Totals<E: Functional> {
+    /// Sums over its faces.
     pub sums: E::Sums,
     /// The part of F that no labels change.
     constant: i128,
-    pub fit: Fit<E>,
+    /// The proxy, and what it explains ([`Sums::fit`]).
+    pub fit: (E::Proxy, i128),
     /// The `energy_shift` of its component.
     pub shift: u32,
 }
@@ -59,8 +58,16 @@ impl<E: Functional> Totals<E> {
     pub fn merge_cost(&self, other: &Self) -> i128 {
         let mut sums = self.sums;
         sums.add(&other.sums, 1);
-        let explained = sums.fit().map_or(0, |(_, explained)| explained);
-        (self.fit.1 + other.fit.1 - explained) << self.shift
+        (self.fit.1 + other.fit.1 - sums.explained()) << self.shift
+    }
+
+    /// The totals of two clusters of one component after a face of the first has moved to the second, and what F falls
+    /// by. None when the first would be left empty.
+    pub fn after_move([mut from, mut to]: [Self; 2], face: E::Item) -> Option<([Self; 2], i128)> {
+        from.count(face, -1);
+        to.count(face, 1);
+        let fall = from.refit() + to.refit();
+        (from.sums.faces() > 0).then_some(([from, to], fall))
     }
 
     /// Whether a split of the cluster, which has these faces, might gain more than this.

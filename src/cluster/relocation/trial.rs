@@ -39,9 +39,22 @@ enum Attempt {
     Split(u32),
 }
 
+impl Attempt {
+    /// The clusters that it merges or splits.
+    fn clusters(self) -> impl Iterator<Item = u32> {
+        match self {
+            Attempt::Merge(a, b) => [Some(a), Some(b)],
+            Attempt::Split(cluster) => [Some(cluster), None],
+        }
+        .into_iter()
+        .flatten()
+    }
+}
+
 /// A trial, before it is made.
 struct Claim {
     attempt: Attempt,
+    /// Its clusters and those beside, ascending.
     region: Vec<u32>,
 }
 
@@ -100,14 +113,27 @@ fn claims<E: Functional>(clusters: &Clusters<'_, E>, candidates: &Candidates) ->
     let mut merges = candidates.merges().into_iter().map(|(_, a, b)| Attempt::Merge(a, b));
     let mut splits = candidates.splits().into_iter().map(|(_, cluster)| Attempt::Split(cluster));
     let mut is_claimed = vec![false; clusters.numbers()];
+    // clusters beside a claimed one, which stay so: none is searched more than twice, however many merges name it
+    let mut is_refused = is_claimed.clone();
     let mut claim = |mut attempts: &mut dyn Iterator<Item = Attempt>| {
         (&mut attempts).find_map(|attempt| {
-            let region = region(clusters, attempt);
-            let is_free = region.iter().all(|&cluster| !is_claimed[cluster as usize]);
-            is_free.then(|| {
-                region.iter().for_each(|&cluster| is_claimed[cluster as usize] = true);
-                Claim { attempt, region }
-            })
+            let mut region = Vec::new();
+            for cluster in attempt.clusters() {
+                if is_claimed[cluster as usize] || is_refused[cluster as usize] {
+                    return None;
+                }
+                let beside = clusters.beside(cluster);
+                if beside.iter().any(|&cluster| is_claimed[cluster as usize]) {
+                    is_refused[cluster as usize] = true;
+                    return None;
+                }
+                region.push(cluster);
+                region.extend(beside);
+            }
+            region.sort_unstable();
+            region.dedup();
+            region.iter().for_each(|&cluster| is_claimed[cluster as usize] = true);
+            Some(Claim { attempt, region })
         })
     };
     let mut claims = Vec::new();
@@ -119,25 +145,6 @@ fn claims<E: Functional>(clusters: &Clusters<'_, E>, candidates: &Candidates) ->
         claims.extend(merge.into_iter().chain(split));
     }
     claims
-}
-
-/// The clusters of a trial and those beside, ascending.
-fn region<E: Functional>(clusters: &Clusters<'_, E>, attempt: Attempt) -> Vec<u32> {
-    let mut region = match attempt {
-        Attempt::Merge(a, b) => {
-            let mut region = clusters.beside(a);
-            region.extend(clusters.beside(b));
-            region
-        }
-        Attempt::Split(cluster) => {
-            let mut region = clusters.beside(cluster);
-            region.push(cluster);
-            region
-        }
-    };
-    region.sort_unstable();
-    region.dedup();
-    region
 }
 
 impl Claim {

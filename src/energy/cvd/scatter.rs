@@ -1,6 +1,6 @@
 //! How the faces of a cluster scatter: bounds of what splits and merges change, in f64 with a margin for their error.
 
-use super::{ClusterSums, Item};
+use super::{ClusterSums, Cvd, Item};
 use crate::energy::functional::{Bounds, Sums as _};
 
 /// A number of coordinates that points can have.
@@ -56,12 +56,10 @@ fn pairs<const D: usize>() -> impl Iterator<Item = (usize, usize)> {
     (0..D).flat_map(|a| (a + 1..D).map(move |b| (a, b)))
 }
 
-impl<const D: usize> Bounds for Scatter<D>
+impl<const D: usize> Bounds<Cvd<D>> for Scatter<D>
 where
     Axes<D>: Products,
 {
-    type Item = Item<D>;
-
     #[inline]
     fn add(&mut self, face: Item<D>) {
         if self.sums.faces == 0 {
@@ -140,7 +138,7 @@ mod tests {
                 let corner = Face { point: [1 - (1 << 27); 3], weight: 1 };
                 [&mut a, &mut b].into_iter().for_each(|faces| faces.insert(0, corner));
             }
-            let explained = |faces: &[Face]| sums(faces).fit().map_or(0, |(_, explained)| explained);
+            let explained = |faces: &[Face]| sums(faces).explained();
             let whole = [&a[..], &b[..]].concat();
             let gain = (explained(&a) + explained(&b) - explained(&whole)) as f64;
             let [a, b, whole] = [a, b, whole].map(|faces| {

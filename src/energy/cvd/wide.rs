@@ -1,7 +1,8 @@
 //! The sums in 128 bits, as their definition reads. The plain device computes with them; the narrow forms are compared
 //! with it.
 
-use super::{ClusterSums, End, Item};
+use super::scatter::Products;
+use super::{Axes, ClusterSums, Cvd, End, Item};
 use crate::energy::functional::WideSums;
 
 /// Sums over the faces of a cluster.
@@ -27,11 +28,10 @@ impl<const D: usize> Sums<D> {
     }
 }
 
-impl<const D: usize> WideSums for Sums<D> {
-    type Item = Item<D>;
-    type Sums = ClusterSums<D>;
-    type End = End<D>;
-
+impl<const D: usize> WideSums<Cvd<D>> for Sums<D>
+where
+    Axes<D>: Products,
+{
     fn add_face(&mut self, face: Item<D>) {
         let weight = i128::from(face.weight);
         for axis in 0..D {
