@@ -125,7 +125,7 @@ fn in_order(numbers: impl IndexedParallelIterator<Item = f64>) -> f64 {
     numbers.collect::<Vec<f64>>().into_iter().sum()
 }
 
-/// A figure of each cluster. `of_range` has those of a range of clusters; threads take ranges, each going over all faces.
+/// A figure of each cluster. `of_range` has those of a range of clusters; threads take ranges, and go over all faces.
 fn by_cluster<T: Send>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
     let ranges = rayon::current_num_threads().min(clusters);
     let bound = |range: usize| (clusters * range / ranges) as u32;
