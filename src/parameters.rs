@@ -75,7 +75,14 @@ pub struct Parameters {
     #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
     pub resolution: Option<Length>,
 
-    /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
+    /// Energies planes and shapes, in place of --clusters: as few clusters as suffice for no corner of a face to be
+    /// further than this from the shape of its cluster; as a share of the diagonal of the mesh, 0.001, or with a u
+    /// behind it as a length, 0.5u. The resolution is a tenth of it when left out
+    #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
+    pub tolerance: Option<Length>,
+
+    /// Number of clusters; may be left out when seeds are listed, with a tolerance, and for hierarchies, which then go
+    /// to the top
     // the command line has a list of them
     #[arg(skip)]
     #[schema(minimum = 1)]

@@ -8,7 +8,7 @@ use crate::data::Format as PointsFormat;
 pub use crate::device::{DeviceInfo, DeviceKind};
 pub use crate::hierarchy::Level;
 use crate::mesh::{Format, Part};
-use crate::parameters::{Algorithm, Parameters};
+use crate::parameters::{Algorithm, Length, Parameters};
 pub use crate::remesh::Summary;
 use crate::shapes::table::ClusterShape;
 
@@ -34,6 +34,8 @@ pub struct Report {
     pub energy: Energy,
     /// The shapes of the clusters, one a label; null for energies without shapes.
     pub shapes: Option<Vec<ClusterShape>>,
+    /// How far corners are from these shapes, of a clustering within a tolerance; null otherwise.
+    pub tolerance: Option<Tolerance>,
     /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels. Row 0 of a flat
     /// clustering is its start, and the only one where no face moves: that is 0 iterations. From 10,000 rows on,
     /// iterations of a phase that are less than a thousandth of those so far share a row: the number, energy and time
@@ -176,6 +178,19 @@ pub struct Energy {
     /// unit normal and the direction of its cluster's mean normal, over the squared diagonal of the bounding box
     /// (Cohen-Steiner et al. 2004). Null for points.
     pub l21: Option<f64>,
+}
+
+/// A tolerance, and what is left of it. Loose faces do not count.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[schema(as = ReportedTolerance)]
+pub struct Tolerance {
+    /// As it was given.
+    pub asked: Length,
+    /// In units of the file.
+    pub length: f64,
+    /// The largest distance of a corner from the shape of its cluster, in units of the file: at most `length`, unless a
+    /// warning counts faces that bend by more.
+    pub largest: f64,
 }
 
 /// What areas are multiplied by.

@@ -44,6 +44,7 @@ def cluster(
     energy: Energy = "cvd",
     shapes: Optional[str] = None,
     resolution: Union[float, str, None] = None,
+    tolerance: Union[float, str, None] = None,
     quality: Quality = "default",
     seeds: Union[Literal["coarse", "merged", "morton", "random"], ArrayLike] = "coarse",
     seed: int = 0,
@@ -88,7 +89,8 @@ def cluster(
         offsets (F + 1) and corners. A single integer after a mesh or path is `clusters`.
     clusters : int or None
         Number of clusters; ``cluster(mesh, 100)`` is ``cluster(mesh, clusters=100)``. When left out: 1,000 for flat
-        clusterings, the number of seeds if they are listed, and all the way to the top for hierarchies.
+        clusterings, the number of seeds if they are listed, what it takes with a tolerance, and all the way to the top
+        for hierarchies.
     algorithm : {"bb", "pml", "ml", "hr", "acvd", "vc"}
         ``"bb"``, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; ``"pml"``
         (parallel multilevel) and ``"ml"`` (multilevel; section 4) and ``"hr"`` (hierarchical, Garland et al. 2001)
@@ -104,6 +106,10 @@ def cluster(
     resolution : float or str, optional
         Energy shapes: distances below it are noise, which no sphere or cylinder stands for; a share of the diagonal of
         the mesh, 0.0003 when left out, or a length, ``"0.5u"``.
+    tolerance : float or str, optional
+        Energies planes and shapes, in place of `clusters`: as few clusters as suffice for no corner of a face to be
+        further than this from the shape of its cluster; a share of the diagonal of the mesh, or a length, ``"0.5u"``.
+        The resolution is a tenth of it when left out.
     quality : {"default", "fast", "best"}
         How much time to take for how low an energy; bb and pml.
     seeds : {"coarse", "merged", "morton", "random"} or array_like of int
@@ -196,7 +202,8 @@ def cluster(
         clusters, faces = number, None
     file = os.fspath(points) if faces is None and isinstance(points, (str, os.PathLike)) else None
     listed = None if isinstance(seeds, str) else as_npy(seeds, "seeds", "iu")
-    if clusters is _CLUSTERS and (algorithm in ("pml", "ml", "hr") or listed is not None):
+    decides = algorithm in ("pml", "ml", "hr") or listed is not None or tolerance is not None
+    if clusters is _CLUSTERS and decides:
         clusters = None
     job = _native.Job(
         as_json(
@@ -204,6 +211,7 @@ def cluster(
             energy=energy,
             shapes=shapes,
             resolution=resolution,
+            tolerance=tolerance,
             clusters=clusters,
             quality=quality,
             seeds=seeds if isinstance(seeds, str) else "listed",

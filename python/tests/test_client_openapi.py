@@ -151,6 +151,7 @@ EVERYTHING: Document = {
     "energy": "shapes",
     "shapes": "plane,sphere",
     "resolution": "0.5u",
+    "tolerance": 0.001,
     "clusters": 1,
     "quality": "fast",
     "seeds": "morton",

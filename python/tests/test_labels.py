@@ -56,6 +56,7 @@ OPTIONS: list[tuple[list[str], dict[str, Any]]] = [
         ["-k", "40", "--energy", "shapes", "--shapes", "cylinder", "--resolution", "0.001"],
         {"clusters": 40, "energy": "shapes", "shapes": "cylinder", "resolution": 0.001},
     ),
+    (["--energy", "planes", "--tolerance", "0.01"], {"energy": "planes", "tolerance": 0.01}),
     (["-k", "20", "--curvature-exponent", "1.5"], {"clusters": 20, "curvature_exponent": 1.5}),
     (
         ["-k", "20", "--refine", "none", "--allow-disconnected"],

@@ -95,6 +95,7 @@ impl Progress {
             Phase::Boundary => "boundary",
             Phase::Refine => "refine",
             Phase::Refit => "refit",
+            Phase::Merge => "merge",
             Phase::Repair => "repair",
             Phase::Regrow => "regrow",
             Phase::Swap => "swap",

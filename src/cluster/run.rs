@@ -19,6 +19,8 @@ pub enum Phase {
     Refine,
     /// Shapes are fitted to the clusters anew, where that lowers the energy.
     Refit,
+    /// Clusters merge, where their shapes stay within the tolerance.
+    Merge,
     /// Pieces cut off from their cluster are given to their neighbours.
     Repair,
     /// Variational clustering: all clusters are grown anew, each from its most central face.

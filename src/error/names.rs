@@ -60,6 +60,7 @@ names! {
     SUBDIVIDE "subdivide",
     SWITCH_TO_ML_AT "switch_to_ml_at",
     TIES "ties",
+    TOLERANCE "tolerance",
     WEIGHTS "weights",
     WEIGHT_ATTRIBUTE "weight_attribute",
 }

@@ -51,12 +51,14 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         l21: energies.l21.and_then(finite),
     };
     let feature_edges_inside = prepared.subject.feature_edges_inside(&labels);
-    let mut table_of_shapes = None;
+    let (mut table_of_shapes, mut tolerance, mut beyond_tolerance) = (None, None, None);
     let (labels, labels_sha256) = if spec.clustering.has_labels() {
         let of_run = labels;
         let Numbered { labels, number_of_cluster } = numbered?;
         if let (Subject::Shapes(shaped), Some(shapes)) = (&prepared.subject, &shapes) {
-            table_of_shapes = Some(shaped.table(shapes, &of_run, &number_of_cluster));
+            let table = shaped.table(shapes, &of_run, &number_of_cluster);
+            (tolerance, beyond_tolerance) = shaped.tolerance(shapes, &table).unzip();
+            table_of_shapes = Some(table);
         }
         let labels = prepared.subject.with_masked(labels);
         with_items!(&prepared.subject, |items| {
@@ -75,6 +77,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         None => None,
     };
     let mut warnings = [prepared.warnings.clone(), clustered.warnings].concat();
+    warnings.extend(beyond_tolerance.flatten());
     let largest = energies.initial.unwrap_or(0.0).max(energies.last);
     match &prepared.subject {
         Subject::Mesh(surface, _) => warnings.extend(out_of_range(surface, largest)),
@@ -98,6 +101,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         feature_edges_inside,
         energy,
         shapes: table_of_shapes,
+        tolerance,
         iterations: clustered.iterations,
         levels: clustered.levels,
         timings_ms,

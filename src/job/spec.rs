@@ -1,13 +1,13 @@
 //! What a job does, typed: made once from its parameters. No later stage asks which algorithm has which options.
 
-use super::shapes::{RESOLUTION, ShapesSpec};
+use super::shapes::ShapesSpec;
 use super::{InputFile, Refusal, seed_list};
 use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
 use crate::cluster::{flat, hierarchy, relocation};
 use crate::energy;
 use crate::error::Error;
-use crate::parameters::{Algorithm, Features, Name, Optimize, Parameters, Refine, Seeds, Shapes, Snapshots, Subdivide};
+use crate::parameters::{Algorithm, Features, Name, Optimize, Parameters, Refine, Seeds, Snapshots, Subdivide};
 use crate::surface::Moves;
 
 /// What a job does.
@@ -19,8 +19,6 @@ pub struct JobSpec {
     pub bridge_components: bool,
     /// What it minimises.
     pub energy: energy::Kind,
-    /// What shapes clusters may have, where these are not all planes.
-    pub shapes: Option<ShapesSpec>,
     /// Edges that clusters do not cross.
     pub features: Option<Features>,
     /// Power of the curvature that areas are multiplied by.
@@ -57,6 +55,8 @@ pub enum Clustering {
     },
     /// A hierarchy.
     Hierarchy(hierarchy::Options),
+    /// A flat clustering by shapes, from single faces that merge.
+    Shapes(ShapesSpec),
 }
 
 /// What a boundary-based clustering does from many clusters that merge.
@@ -162,15 +162,10 @@ impl JobSpec {
         if settled.energy.is_of_shapes() {
             settled.refine = Refine::None;
         }
-        let shapes = (settled.energy == energy::Kind::Shapes).then(|| {
-            let Shapes(kinds) = settled.shapes.get_or_insert_default().clone();
-            ShapesSpec { kinds, resolution: *settled.resolution.get_or_insert(RESOLUTION) }
-        });
         Ok(Self {
-            clustering: Clustering::new(&settled, listed)?,
+            clustering: Clustering::new(&mut settled, listed)?,
             bridge_components: settled.bridge_components,
             energy: settled.energy,
-            shapes,
             features: settled.features,
             curvature_exponent: settled.curvature_exponent,
             weight_attribute: settled.weight_attribute.clone(),
@@ -215,7 +210,7 @@ impl Clustering {
     /// Whether it begins with a cluster a face, which takes memory.
     pub fn merges_faces(&self) -> bool {
         match self {
-            Self::Hierarchy(_) => true,
+            Self::Hierarchy(_) | Self::Shapes(_) => true,
             Self::Coarse(coarse) => coarse.is_merged,
             Self::Seeded { .. } => false,
         }
@@ -228,13 +223,13 @@ impl Clustering {
 
     /// Whether it has labels of its own. A whole hierarchy has some at every number of clusters instead.
     pub fn has_labels(&self) -> bool {
-        self.clusters().is_some()
+        self.clusters().is_some() || !self.is_hierarchical()
     }
 
     /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
     pub fn is_sequential(&self) -> bool {
         match self {
-            Self::Coarse(_) => false,
+            Self::Coarse(_) | Self::Shapes(_) => false,
             Self::Seeded { method, .. } => *method != Method::BoundaryBased,
             Self::Hierarchy(options) => options.sequential_at == u64::MAX,
         }
@@ -244,20 +239,24 @@ impl Clustering {
     pub(super) fn listed_seeds(&mut self) -> Option<&mut [u32]> {
         match self {
             Self::Seeded { listed, .. } => listed.as_deref_mut(),
-            Self::Coarse(_) | Self::Hierarchy(_) => None,
+            Self::Coarse(_) | Self::Hierarchy(_) | Self::Shapes(_) => None,
         }
     }
 
-    /// The number of clusters that it ends with; none for a whole hierarchy.
+    /// The number of clusters that it ends with; none for a whole hierarchy, and where a tolerance decides it.
     pub fn clusters(&self) -> Option<u64> {
         match self {
             Self::Coarse(coarse) => Some(coarse.clusters),
             Self::Seeded { clusters, .. } => Some(*clusters),
             Self::Hierarchy(options) => options.clusters,
+            Self::Shapes(spec) => spec.clusters(),
         }
     }
 
-    fn new(parameters: &Parameters, listed: Option<Vec<u32>>) -> Result<Self, Error> {
+    fn new(parameters: &mut Parameters, listed: Option<Vec<u32>>) -> Result<Self, Error> {
+        if parameters.energy.is_of_shapes() {
+            return ShapesSpec::new(parameters).map(Self::Shapes);
+        }
         let method = match parameters.algorithm {
             Algorithm::Bb => Method::BoundaryBased,
             Algorithm::Acvd => Method::Acvd,

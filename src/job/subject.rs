@@ -108,7 +108,7 @@ impl Subject {
     /// The faces of a mesh as the energy of a job sees them.
     pub(super) fn of(surface: Surface, mesh: MeshView<'_>, spec: &JobSpec) -> Result<Self, Refusal> {
         if spec.energy.is_of_shapes() {
-            let shaped = Shaped::new(surface, mesh, spec.clustering.clusters());
+            let shaped = Shaped::new(surface, mesh, &spec.clustering);
             return Ok(Self::Shapes(Box::new(shaped.map_err(Refusal::of(InputFile::Mesh))?)));
         }
         if spec.energy.is_of_normals() {
@@ -191,7 +191,7 @@ impl Subject {
         match self {
             Self::Mesh(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
             Self::Normals(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
-            Self::Shapes(shaped) => shaped.check(clustering.clusters()).map_err(Refusal::of(InputFile::Mesh))?,
+            Self::Shapes(shaped) => shaped.check(clustering).map_err(Refusal::of(InputFile::Mesh))?,
             Self::Points(points) => with_planned!(&mut points.planned, |planned| {
                 planned.plan = plan(&planned.items, clustering)?;
             }),

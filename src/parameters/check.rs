@@ -1,6 +1,6 @@
 //! Which parameters contradict each other, or what they are about.
 
-use super::{Algorithm, Name, Optimize, Parameters, Seeds};
+use super::{Algorithm, Name, Optimize, Parameters, Seeds, Subdivide};
 use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
 use crate::device::dual_edge::Ties;
@@ -25,7 +25,7 @@ impl Parameters {
         let (goes_with, contradictions) = if self.algorithm.is_hierarchical() {
             ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
         } else {
-            if !listed {
+            if !listed && self.tolerance.is_none() {
                 self.flat_clusters()?;
             }
             ("hierarchies (pml, ml, hr)", self.hierarchical_only())
@@ -111,6 +111,7 @@ impl Parameters {
             (Name::ENERGY, self.energy != energy::Kind::default()),
             (Name::SHAPES, self.shapes.is_some()),
             (Name::RESOLUTION, self.resolution.is_some()),
+            (Name::TOLERANCE, self.tolerance.is_some()),
         ];
         match of_meshes.into_iter().find(|&(_, is_given)| is_given) {
             Some((name, _)) => {
@@ -133,7 +134,15 @@ impl Parameters {
             )));
         }
         if !self.energy.is_of_shapes() {
-            return Ok(());
+            return match self.tolerance {
+                Some(tolerance) => Err(Error::parameter(format_args!(
+                    "{} goes with {} or shapes, not with the energy {}: {tolerance}",
+                    Name::TOLERANCE,
+                    Name::ENERGY.with("planes"),
+                    self.energy.name()
+                ))),
+                None => Ok(()),
+            };
         }
         if self.algorithm != Algorithm::Bb {
             return Err(Error::parameter(format_args!(
@@ -152,6 +161,23 @@ impl Parameters {
         ];
         match others.into_iter().find(|&(_, is_given)| is_given) {
             Some((name, _)) => Err(self.is_not_of_shapes(name)),
+            None => self.check_tolerance(),
+        }
+    }
+
+    /// Refuses what needs a number of clusters where a tolerance decides that.
+    fn check_tolerance(&self) -> Result<()> {
+        let Some(tolerance) = self.tolerance else { return Ok(()) };
+        let others = [
+            (Name::CLUSTERS, self.clusters.is_some()),
+            (Name::SNAPSHOTS, self.snapshots.is_some()),
+            (Name::SUBDIVIDE, self.subdivide == Some(Subdivide::Auto)),
+        ];
+        match others.into_iter().find(|&(_, is_given)| is_given) {
+            Some((name, _)) => Err(Error::parameter(format_args!(
+                "{name} does not go with {}, which decides how many clusters there are: leave one of them out: {tolerance}",
+                Name::TOLERANCE
+            ))),
             None => Ok(()),
         }
     }

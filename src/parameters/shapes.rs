@@ -72,6 +72,14 @@ impl Length {
             Length::Units(length) => length / diagonal,
         }
     }
+
+    /// The length divided by a number.
+    pub fn over(self, by: f64) -> Self {
+        match self {
+            Length::Share(share) => Length::Share(share / by),
+            Length::Units(length) => Length::Units(length / by),
+        }
+    }
 }
 
 impl fmt::Display for Length {
@@ -94,8 +102,10 @@ impl FromStr for Length {
         };
         length.ok_or_else(|| {
             Error::parameter(format_args!(
-                "{} must be a share of the diagonal of the mesh, above 0 and at most 1, or a length as 0.5u, not {}",
+                "{} and {} must be a share of the diagonal of the mesh, above 0 and at most 1, or a length as 0.5u, \
+                 not {}",
                 Name::RESOLUTION,
+                Name::TOLERANCE,
                 Quoted(text)
             ))
         })
@@ -104,7 +114,7 @@ impl FromStr for Length {
 
 /// As a length may be written in JSON and queries.
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "resolution must be a share of the diagonal, or a length as 0.5u")]
+#[serde(untagged, expecting = "resolution and tolerance must be a share of the diagonal, or a length as 0.5u")]
 enum Written {
     Share(f64),
     Text(String),

@@ -8,6 +8,7 @@ use super::fit::{self, Fit, Known};
 use super::kind::Kind;
 use super::moments::{Higher, Moments};
 use super::prices::Prices;
+use super::tolerance::Tolerance;
 
 /// Types beside planes.
 const CURVED: usize = Kind::ALL.len() - 1;
@@ -31,6 +32,19 @@ pub struct Candidates {
     /// The energy of its plane.
     plane: f64,
     curved: [Option<Candidate>; CURVED],
+    /// No mean square of distances may be larger.
+    most: f64,
+}
+
+/// The best fit of a cluster.
+#[derive(Debug, Clone, Copy)]
+pub struct Best {
+    /// Its energy: weight × squared units of moments.
+    pub energy: f64,
+    /// Its axis, of a cylinder.
+    pub axis: Option<DVec3>,
+    /// Whether its mean square is within the tolerance.
+    pub is_within: bool,
 }
 
 /// What shapes clusters may have.
@@ -40,6 +54,8 @@ pub struct Allowed<'a> {
     pub kinds: &'a [Kind],
     /// What they cost in each component.
     pub prices: &'a [Prices],
+    /// How far corners may be from them.
+    pub tolerance: Option<Tolerance<'a>>,
 }
 
 impl Allowed<'_> {
@@ -60,8 +76,10 @@ impl Allowed<'_> {
         let prices = &self.prices[component as usize];
         let central = Central::of(moments);
         let plane = smallest_value(central.matrix()) * central.weight;
-        let mut least = plane;
-        let mut candidates = Candidates { central, plane, curved: [None; CURVED] };
+        let most = self.tolerance.map_or(f64::INFINITY, |tolerance| tolerance.mean_square());
+        // a plane beyond the tolerance is no alternative
+        let mut least = if plane <= most * central.weight { plane } else { f64::INFINITY };
+        let mut candidates = Candidates { central, plane, curved: [None; CURVED], most };
         let may_pay = |kind: Kind, least: f64| kind != Kind::Plane && least > prices.of_kind(kind);
         if !self.kinds.iter().any(|&kind| may_pay(kind, least)) {
             return candidates;
@@ -74,7 +92,9 @@ impl Allowed<'_> {
                 && let Some(fit) = fit::of_kind(kind, known)
             {
                 let energy = fit.mean_square * central.weight + prices.of_kind(kind);
-                least = least.min(energy);
+                if fit.mean_square <= most {
+                    least = least.min(energy);
+                }
                 *place = Some(Candidate { fit, energy });
             }
         }
@@ -94,11 +114,26 @@ impl Candidates {
         [Some(plane)].into_iter().chain(self.curved).flatten()
     }
 
-    /// The smallest energy, and the axis of the first shape that has it, of a cylinder.
-    pub fn best(&self) -> (f64, Option<DVec3>) {
-        self.curved.iter().flatten().fold((self.plane, None), |best, candidate| match candidate.energy < best.0 {
-            true => (candidate.energy, candidate.fit.shape.axis()),
-            false => best,
+    /// The first with the smallest energy of those within the tolerance, or of all if none is.
+    pub fn best(&self) -> Best {
+        let weight = self.central.weight;
+        let plane = Best { energy: self.plane, axis: None, is_within: self.plane <= self.most * weight };
+        self.curved.iter().flatten().fold(plane, |best, candidate| {
+            let is_within = candidate.fit.mean_square <= self.most;
+            let is_better = match is_within == best.is_within {
+                true => candidate.energy < best.energy,
+                false => is_within,
+            };
+            let other = || Best { energy: candidate.energy, axis: candidate.fit.shape.axis(), is_within };
+            if is_better { other() } else { best }
         })
+    }
+
+    /// Those within the tolerance, by their energies.
+    pub fn within(&self) -> Vec<Candidate> {
+        let mut within: Vec<Candidate> =
+            self.all().filter(|candidate| candidate.fit.mean_square <= self.most).collect();
+        within.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+        within
     }
 }

@@ -13,10 +13,13 @@
 //! neighbour whether or not that chose it, which leaves at most half of the clusters of each component after a round.
 //! (The edges that are the cheapest at one end form no circle, since no two have the same rank.)
 
+mod within;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::best::{Allowed, FEWEST_FACES};
+pub use self::within::{Begun, MergedWithin, merged_within};
+use super::best::{Allowed, Best, Candidates, FEWEST_FACES};
 use super::faces::Faces;
 use super::moments::{Higher, Moments};
 use crate::cluster::merging::an_eighth;
@@ -48,6 +51,8 @@ pub struct Merged {
     pub axes: Vec<Option<DVec3>>,
     /// The energies of their best shapes: weight × squared units of moments.
     pub energies: Vec<f64>,
+    /// What numbers they had while they merged: of a face of each.
+    numbers: Vec<u32>,
 }
 
 /// Merges faces until there are so many clusters, which must be possible
@@ -85,7 +90,7 @@ pub fn merged_in_groups(
             }
         }
         edges.retain(|edge| surplus[group_of_face[edge.ends().0 as usize] as usize] > 0);
-        merging.contract(&mut edges);
+        merging.contract(&mut edges, &mut Vec::new());
     }
     Ok(merging.ended())
 }
@@ -132,7 +137,7 @@ impl<'a> Merging<'a> {
             // three samples lie in a plane
             let energy = match faces.samples(face) {
                 [_, _, _] => 0.0,
-                _ => allowed.fits(component, &moments, || None, &[]).best().0,
+                _ => allowed.fits(component, &moments, || None, &[]).best().energy,
             };
             Part { moments, energy, axis: None, faces: 1, component }
         };
@@ -148,14 +153,19 @@ impl<'a> Merging<'a> {
         }
     }
 
-    /// The edges inside groups in which there are merges.
+    /// The edges inside groups in which there are merges, between clusters that are parts of no others.
     fn edges_inside(&self, group_of_face: &[u32], surplus: &[usize]) -> Vec<Edge> {
         let beside = |face: u32| self.faces.graph.neighbours_of(face).iter().map(move |&near| (face, near));
         let is_inside = |&(a, b): &(u32, u32)| {
             let [of_a, of_b] = [a, b].map(|face| group_of_face[face as usize]);
             a < b && of_a == of_b && surplus[of_a as usize] > 0
         };
-        let mut pairs: Vec<(u32, u32)> = (0..self.parts.len() as u32).flat_map(beside).filter(is_inside).collect();
+        let of_clusters = |(a, b): (u32, u32)| {
+            let [a, b] = [a, b].map(|face| self.into[face as usize]);
+            (a != b).then_some((a.min(b), a.max(b)))
+        };
+        let pairs = (0..self.parts.len() as u32).flat_map(beside).filter(is_inside).filter_map(of_clusters);
+        let mut pairs: Vec<(u32, u32)> = pairs.collect();
         pairs.sort_unstable();
         pairs.dedup();
         pairs.into_par_iter().map(|ends| self.edge(ends)).collect()
@@ -166,10 +176,14 @@ impl<'a> Merging<'a> {
         Rank::new(in_order(self.price(low, high)), low, high, Ties::Hash)
     }
 
-    /// What a merge costs, in units of the finest component.
+    /// What a merge costs, in units of the finest component; infinitely much beyond the tolerance.
     fn price(&self, low: u32, high: u32) -> f64 {
         let [a, b] = [low, high].map(|number| &self.parts[number as usize]);
-        let rise = self.union(low, high).1 - a.energy - b.energy;
+        let best = self.union(low, high).1.best();
+        if !best.is_within {
+            return f64::INFINITY;
+        }
+        let rise = best.energy - a.energy - b.energy;
         let [weight_a, weight_b] = [a, b].map(|part| part.moments.weight as f64);
         let mean = |part: &Part| DVec3::from(part.moments.first.map(|sum| sum as f64 / part.moments.weight as f64));
         let apart = (mean(a) - mean(b)).length_squared();
@@ -178,29 +192,30 @@ impl<'a> Merging<'a> {
         (rise + nearness) * f64::from(1u32 << shift)
     }
 
-    /// The moments of two clusters together, the energy of their best shape, and its axis.
-    fn union(&self, low: u32, high: u32) -> (Moments, f64, Option<DVec3>) {
+    /// The moments of two clusters together, and their fits.
+    fn union(&self, low: u32, high: u32) -> (Moments, Candidates) {
         let [a, b] = [low, high].map(|number| &self.parts[number as usize]);
         let moments = a.moments.with(&b.moments);
         let axes = [a.axis.or(b.axis), b.axis].map(|axis| axis.unwrap_or(DVec3::ZERO));
         let known = [a, b].iter().filter(|part| part.axis.is_some()).count();
         let has_enough = a.faces + b.faces >= FEWEST_FACES;
         let higher = || has_enough.then(|| self.higher_of(low).with(&self.higher_of(high)));
-        let (energy, axis) = self.allowed.fits(a.component, &moments, higher, &axes[..known]).best();
-        (moments, energy, axis)
+        (moments, self.allowed.fits(a.component, &moments, higher, &axes[..known]))
     }
 
     fn higher_of(&self, cluster: u32) -> Higher {
         if let Some(higher) = &self.higher[cluster as usize] {
             return **higher;
         }
-        let mut higher = Higher::of(&self.faces, cluster);
-        let mut face = self.next_face[cluster as usize];
-        while face != cluster {
-            higher.add(&Higher::of(&self.faces, face));
-            face = self.next_face[face as usize];
-        }
+        let mut higher = Higher::default();
+        self.faces_of(cluster).for_each(|face| higher.add(&Higher::of(&self.faces, face)));
         higher
+    }
+
+    /// The faces of a cluster, from the one with its number on.
+    fn faces_of(&self, cluster: u32) -> impl Iterator<Item = u32> + Clone {
+        let after = move |&face: &u32| Some(self.next_face[face as usize]).filter(|&next| next != cluster);
+        std::iter::successors(Some(cluster), after)
     }
 
     /// The edges whose clusters merge in a round, the cheapest first.
@@ -228,7 +243,12 @@ impl<'a> Merging<'a> {
     fn merge(&mut self, (low, high): (u32, u32)) {
         let [a, b] = [low, high].map(|cluster| self.root(cluster));
         let (low, high) = (a.min(b), a.max(b));
-        let (moments, energy, axis) = self.union(low, high);
+        let (moments, candidates) = self.union(low, high);
+        self.unite((low, high), moments, candidates.best());
+    }
+
+    /// Makes one of two clusters, given its moments and best shape. Returns its number.
+    fn unite(&mut self, (low, high): (u32, u32), moments: Moments, best: Best) -> u32 {
         let faces = [low, high].map(|cluster| self.parts[cluster as usize].faces);
         let all = faces[0] + faces[1];
         let (from, into) = from_into((low, high), faces);
@@ -238,11 +258,13 @@ impl<'a> Merging<'a> {
             self.higher[into as usize] = Some(Box::new(higher));
         }
         let part = &mut self.parts[into as usize];
+        let Best { energy, axis, .. } = best;
         *part = Part { moments, energy, axis, faces: all, component: part.component };
         self.next_face.swap(low as usize, high as usize);
         self.into[from as usize] = into;
         self.has_merged[from as usize] = true;
         self.has_merged[into as usize] = true;
+        into
     }
 
     /// The cluster that one has become.
@@ -250,17 +272,18 @@ impl<'a> Merging<'a> {
         union_find::root(&mut self.into, cluster)
     }
 
-    /// Prices the edges of clusters that merged anew.
-    fn contract(&mut self, edges: &mut Vec<Edge>) {
+    /// Prices the edges of clusters that merged anew, those that wait among them.
+    fn contract(&mut self, edges: &mut Vec<Edge>, waiting: &mut Vec<(u32, u32)>) {
         let mut changed = Vec::new();
-        edges.retain(|edge| {
-            let (low, high) = edge.ends();
+        let mut stays = |(low, high): (u32, u32)| {
             let has_changed = self.has_merged[low as usize] || self.has_merged[high as usize];
             if has_changed {
                 changed.push((low, high));
             }
             !has_changed
-        });
+        };
+        edges.retain(|edge| stays(edge.ends()));
+        waiting.retain(|&ends| stays(ends));
         for (low, high) in &mut changed {
             for end in [*low, *high] {
                 self.has_merged[end as usize] = false;
@@ -277,6 +300,7 @@ impl<'a> Merging<'a> {
     fn ended(mut self) -> Merged {
         let mut number_of = vec![NONE; self.parts.len()];
         let (mut component_of_cluster, mut axes, mut energies) = (Vec::new(), Vec::new(), Vec::new());
+        let mut numbers = Vec::new();
         let labels = (0..self.parts.len() as u32).map(|face| {
             let cluster = self.root(face) as usize;
             if number_of[cluster] == NONE {
@@ -284,10 +308,11 @@ impl<'a> Merging<'a> {
                 component_of_cluster.push(self.parts[cluster].component);
                 axes.push(self.parts[cluster].axis);
                 energies.push(self.parts[cluster].energy);
+                numbers.push(cluster as u32);
             }
             number_of[cluster]
         });
-        Merged { labels: labels.collect(), component_of_cluster, axes, energies }
+        Merged { labels: labels.collect(), component_of_cluster, axes, energies, numbers }
     }
 }
 

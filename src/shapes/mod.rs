@@ -11,11 +11,15 @@
 //! | faces, and the points of them that are compared | [`faces`], [`mod@crate::surface::samples`] |
 //! | exact sums over clusters | [`moments`], [`monomials`]; about the mean: [`central`] |
 //! | the shape that fits moments best | [`fit`], [`eigen`] |
+//! | the shape nearest to places such as corners | [`geometric`] |
 //! | a shape as integers, and what a face costs | [`proxy`] |
 //! | the best shape of a cluster | [`best`] |
+//! | how far corners may be from it | [`tolerance`] |
 //! | merges from single faces | [`merging`] |
+//! | the shape that a cluster takes | [`fitted`] |
 //! | moves of faces | [`moves`] |
 //! | moves of whole clusters | [`swaps`] |
+//! | clusters whose faces go to those beside them | [`dissolve`] |
 //! | the whole way | [`run`] |
 //! | what reports say of shapes, fitted to corners | [`mod@table`] |
 //!
@@ -28,9 +32,12 @@
 
 pub mod best;
 pub mod central;
+pub mod dissolve;
 pub mod eigen;
 pub mod faces;
 pub mod fit;
+pub mod fitted;
+pub mod geometric;
 pub mod kind;
 pub mod merging;
 pub mod moments;
@@ -42,3 +49,4 @@ pub mod run;
 pub mod shape;
 pub mod swaps;
 pub mod table;
+pub mod tolerance;

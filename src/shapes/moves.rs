@@ -8,7 +8,8 @@
 //! beside them, and those whose cluster would not have stayed connected. Passes end with one in which nothing moves.
 //!
 //! Shapes are held, so that F falls by weight × difference of costs with every move, and by nothing else. Clusters stay
-//! connected, and none gets empty: a face that is alone in its cluster does not move.
+//! connected, and none gets empty: a face that is alone in its cluster does not move. With a tolerance, a face
+//! considers only clusters of whose shape its corners are within the tolerance.
 //!
 //! # Work
 //!
@@ -16,7 +17,10 @@
 //! after [`LOOKS`] looks a face; scans take 10 to 60.
 
 use super::faces::Faces;
+use super::fitted::Fitted;
 use super::proxy::Proxy;
+use super::shape::Shape;
+use super::tolerance::Tolerance;
 use crate::cluster::relocation::Connection;
 use crate::surface::Moves;
 
@@ -30,26 +34,39 @@ pub struct Clusters<'a> {
     pub faces: Faces<'a>,
     /// One a face.
     pub labels: Vec<u32>,
-    /// The proxy of each cluster.
+    /// The shape of each cluster, in units of moments.
+    pub shapes: Vec<Shape>,
+    /// The proxies of these.
     pub proxies: Vec<Proxy>,
     /// Σ w·cost over the faces of each cluster, below 2⁹¹·⁶.
     pub costs: Vec<i128>,
     /// Clusters that gained or lost a face since the last fit.
     pub has_changed: Vec<bool>,
+    tolerance: Option<Tolerance<'a>>,
     sizes: Vec<u32>,
     connection: Connection,
     looks_left: u64,
 }
 
 impl<'a> Clusters<'a> {
-    /// Of connected clusters.
-    pub fn new(faces: Faces<'a>, labels: Vec<u32>, proxies: Vec<Proxy>, costs: Vec<i128>) -> Self {
-        let mut sizes = vec![0; proxies.len()];
+    /// Of connected clusters, a fit for each.
+    pub fn new(faces: Faces<'a>, tolerance: Option<Tolerance<'a>>, labels: Vec<u32>, fits: &[Fitted]) -> Self {
+        let mut sizes = vec![0; fits.len()];
         labels.iter().for_each(|&label| sizes[label as usize] += 1);
         let connection = Connection::new(labels.len(), Moves::Connected);
         let looks_left = LOOKS * labels.len() as u64;
-        let has_changed = vec![true; proxies.len()];
-        Self { faces, labels, proxies, costs, has_changed, sizes, connection, looks_left }
+        Self {
+            faces,
+            labels,
+            shapes: fits.iter().map(|fit| fit.shape).collect(),
+            proxies: fits.iter().map(|fit| fit.proxy).collect(),
+            costs: fits.iter().map(|fit| fit.cost).collect(),
+            has_changed: vec![true; fits.len()],
+            tolerance,
+            sizes,
+            connection,
+            looks_left,
+        }
     }
 
     /// Whether a bound on work has ended passes, or searches of the connection.
@@ -92,22 +109,41 @@ impl<'a> Clusters<'a> {
     }
 
     fn best_move(&self, face: u32) -> Option<Move> {
+        let (other, to) = self.best_beside(face, &self.labels)?;
+        let from = self.labels[face as usize];
+        let own = self.proxies[from as usize].cost(self.faces.samples(face));
+        (other < own && self.sizes[from as usize] > 1).then_some(Move { to, own, other })
+    }
+
+    /// The other cluster beside a face where it costs least, and how much that is; with a tolerance, of those that it
+    /// is within.
+    #[inline]
+    pub fn best_beside(&self, face: u32, labels: &[u32]) -> Option<(u64, u32)> {
         let samples = self.faces.samples(face);
         let cost = |cluster: u32| self.proxies[cluster as usize].cost(samples);
-        let from = self.labels[face as usize];
+        let from = labels[face as usize];
         let mut last = from;
         let mut best: Option<(u64, u32)> = None;
         for &near in self.faces.graph.neighbours_of(face) {
-            let to = self.labels[near as usize];
+            let to = labels[near as usize];
             if to != from && to != last {
                 let other = (cost(to), to);
-                best = Some(best.map_or(other, |best| best.min(other)));
+                if best.is_none_or(|best| other < best) && self.may_move(face, near, to) {
+                    best = Some(other);
+                }
                 last = to;
             }
         }
-        let (other, to) = best?;
-        let own = cost(from);
-        (other < own && self.sizes[from as usize] > 1).then_some(Move { to, own, other })
+        best
+    }
+
+    /// Whether a face is within the tolerance of the cluster of another, and that, if it is alone there, too.
+    fn may_move(&self, face: u32, beside: u32, to: u32) -> bool {
+        let admits = |tolerance: Tolerance<'_>| {
+            let other = (self.sizes[to as usize] == 1).then_some(beside);
+            tolerance.admits(&self.shapes[to as usize], other.into_iter().chain([face]))
+        };
+        self.tolerance.is_none_or(admits)
     }
 
     fn stays_connected_without(&mut self, face: u32) -> bool {

@@ -15,6 +15,12 @@ pub struct Prices {
     unit: f64,
 }
 
+/// The number of clusters that prices are for where a tolerance decides it.
+const LIKELY: usize = 100;
+
+/// No resolution is larger: the diagonal of the lattice.
+const LARGEST: f64 = 4.68e8;
+
 impl Prices {
     /// Those of each component, for so many clusters; `resolution` in lattice units, at most 2²⁸·⁸.
     pub fn of(graph: &DualGraph, clusters: usize, resolution: f64) -> Vec<Self> {
@@ -25,6 +31,13 @@ impl Prices {
         let scaled = resolution / f64::from(1u32 << SHIFT);
         let price = |shift: u32| Self { unit: 3.0 * scaled * scaled * mean / units(shift) };
         graph.components.iter().map(|component| price(component.energy_shift)).collect()
+    }
+
+    /// Those of each component, for clusters within a tolerance. Large resolutions are cut, so that the prices of a
+    /// cluster a face sum up to no more than those of the largest resolution.
+    pub fn within(graph: &DualGraph, resolution: f64) -> Vec<Self> {
+        let most = LARGEST * (LIKELY as f64 / graph.faces() as f64).sqrt();
+        Self::of(graph, LIKELY, resolution.min(most))
     }
 
     /// The price of a type in units of moments.

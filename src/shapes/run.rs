@@ -7,20 +7,29 @@
 //!
 //! Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at most [`SWAPS`]
 //! times.
+//!
+//! With a tolerance in place of a number of clusters, all of this keeps corners within it. In place of swaps, clusters
+//! dissolve ([`super::dissolve`]) and merge on ([`super::merging`]), and faces move after them, at most [`MERGES`]
+//! times. By induction from single faces, no corner is further from its shape than the tolerance, but those of single
+//! polygons that bend by more.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::best::{Allowed, FEWEST_FACES};
+use super::best::Allowed;
+use super::central::Central;
+use super::dissolve::dissolved;
 use super::faces::{Faces, members};
+use super::fitted::{Fitted, cost, fitted};
 use super::kind::Kind;
-use super::merging::merged;
-use super::moments::{Higher, Moments, SHIFT};
+use super::merging::{Begun, Merged, MergedWithin, merged, merged_within};
+use super::moments::Moments;
 use super::moves::Clusters;
 use super::prices::Prices;
 use super::proxy::Proxy;
 use super::shape::Shape;
 use super::swaps::{Swapped, Swaps};
+use super::tolerance::Tolerance;
 use crate::cluster::run::Phase;
 use crate::device::{Cancel, Ending};
 use crate::error::{self, Error, Result};
@@ -31,14 +40,23 @@ const ROUNDS: usize = 1024;
 /// Rounds of swaps at most.
 const SWAPS: usize = 4;
 
-/// Fits whose energy, by moments, is this many times that of the shape so far are not worth a sum over the faces.
-const MARGIN: f64 = 1.01;
+/// How often clusters within a tolerance merge on at most.
+const MERGES: usize = 4;
+
+/// How many clusters there are.
+#[derive(Debug, Clone, Copy)]
+pub enum Wanted<'a> {
+    /// So many.
+    Clusters(usize),
+    /// As few as a tolerance allows.
+    Within(Tolerance<'a>),
+}
 
 /// What to make.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Options {
-    /// Number of clusters.
-    pub clusters: usize,
+#[derive(Debug, Clone)]
+pub struct Options<'a> {
+    /// How many clusters.
+    pub wanted: Wanted<'a>,
     /// Types, in the order of [`Kind::ALL`], planes among them.
     pub kinds: Vec<Kind>,
     /// Distances below it are noise, in lattice units.
@@ -54,7 +72,7 @@ pub struct Step {
     pub phase: Phase,
     /// F after it, in units of the finest component.
     pub energy: i128,
-    /// Faces that moved.
+    /// Faces that moved; of merges, clusters that are gone.
     pub moves: u64,
 }
 
@@ -76,51 +94,40 @@ pub struct Clustering {
 /// Clusters faces. Calls `on_step` with the start and with every step, and the labels after it.
 pub fn cluster(
     faces: Faces<'_>,
-    options: &Options,
+    options: &Options<'_>,
     cancel: &Cancel,
     on_step: &mut dyn FnMut(Step, &[u32]),
 ) -> Result<Clustering> {
-    let prices = Prices::of(faces.graph, options.clusters, options.resolution);
-    let allowed = Allowed { kinds: &options.kinds, prices: &prices };
-    let merged = merged(faces, allowed, options.clusters, cancel)?;
-    let mut run = Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes)?;
-    let initial = run.clusters.labels.clone();
-    let before = run.costs();
-    on_step(Step { phase: Phase::Boundary, energy: run.energy(), moves: 0 }, &initial);
-    let mut ending = run.converge(options.most_steps.unwrap_or(u32::MAX), cancel, on_step)?;
-    for _ in 0..SWAPS {
-        if ending != Ending::Converged {
-            break;
+    let Options { wanted, kinds, resolution, most_steps } = options;
+    let most_steps = most_steps.unwrap_or(u32::MAX);
+    match *wanted {
+        Wanted::Clusters(clusters) => {
+            let prices = Prices::of(faces.graph, clusters, *resolution);
+            let allowed = Allowed { kinds, prices: &prices, tolerance: None };
+            let merged = merged(faces, allowed, clusters, cancel)?;
+            let run = Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes)?;
+            run.with_swaps(most_steps, cancel, on_step)
         }
-        let Some(mut other) = run.swapped(cancel)? else { break };
-        let after = other.converge(u32::MAX, cancel, &mut |_, _| ())?;
-        if other.energy() >= run.energy() {
-            break;
+        Wanted::Within(tolerance) => {
+            let prices = Prices::within(faces.graph, *resolution);
+            let allowed = Allowed { kinds, prices: &prices, tolerance: Some(tolerance) };
+            let merged = merged_within(faces, allowed, tolerance, None, cancel)?;
+            Run::of_shapes(faces, allowed, merged)?.with_merges(tolerance, most_steps, cancel, on_step)
         }
-        let moves = run.clusters.labels.iter().zip(&other.clusters.labels).filter(|(a, b)| a != b).count() as u64;
-        (run, ending) = (other, after);
-        on_step(Step { phase: Phase::Swap, energy: run.energy(), moves }, &run.clusters.labels);
     }
-    let energies = [before, run.costs()];
-    Ok(Clustering { initial, labels: run.clusters.labels, shapes: run.shapes, energies, ending })
 }
 
 struct Run<'a> {
     allowed: Allowed<'a>,
     component_of_cluster: Vec<u32>,
-    shapes: Vec<Shape>,
     clusters: Clusters<'a>,
-}
-
-/// A shape with its proxy, and the costs of its faces.
-struct Fitted {
-    shape: Shape,
-    proxy: Proxy,
-    cost: i128,
+    /// Whether a bound on work ended merges.
+    is_bounded: bool,
 }
 
 impl<'a> Run<'a> {
-    fn new(
+    /// Of clusters to which shapes are fitted.
+    fn fitted(
         faces: Faces<'a>,
         allowed: Allowed<'a>,
         labels: Vec<u32>,
@@ -131,12 +138,100 @@ impl<'a> Run<'a> {
         let fit = |((members, axis), &component): ((&Vec<u32>, &Option<DVec3>), &u32)| {
             fitted(faces, allowed, component, members, *axis, None)
         };
-        let fits: Option<Vec<Fitted>> = members.par_iter().zip(axes).zip(&component_of_cluster).map(fit).collect();
+        let fits = members.par_iter().zip(axes).zip(&component_of_cluster).map(fit).collect();
+        Self::new(faces, allowed, labels, component_of_cluster, fits, false)
+    }
+
+    /// Of clusters with shapes.
+    fn of_shapes(faces: Faces<'a>, allowed: Allowed<'a>, within: MergedWithin) -> Result<Self> {
+        let MergedWithin { merged: Merged { labels, component_of_cluster, .. }, shapes, is_bounded } = within;
+        let fit = |(members, &shape): (&Vec<u32>, &Shape)| {
+            let proxy = Proxy::new(&shape, Central::of(&Moments::of_all(&faces, members)).mean)?;
+            Some(Fitted { shape, proxy, cost: cost(faces, members, &proxy) })
+        };
+        let fits = members(&labels, shapes.len(), |_| true).par_iter().zip(&shapes).map(fit).collect();
+        Self::new(faces, allowed, labels, component_of_cluster, fits, is_bounded)
+    }
+
+    fn new(
+        faces: Faces<'a>,
+        allowed: Allowed<'a>,
+        labels: Vec<u32>,
+        component_of_cluster: Vec<u32>,
+        fits: Option<Vec<Fitted>>,
+        is_bounded: bool,
+    ) -> Result<Self> {
         let fits = fits.ok_or_else(|| Error::new(error::Kind::Internal, "a cluster has no shape"))?;
-        let shapes = fits.iter().map(|fit| fit.shape).collect();
-        let proxies = fits.iter().map(|fit| fit.proxy).collect();
-        let costs = fits.iter().map(|fit| fit.cost).collect();
-        Ok(Self { allowed, component_of_cluster, shapes, clusters: Clusters::new(faces, labels, proxies, costs) })
+        let clusters = Clusters::new(faces, allowed.tolerance, labels, &fits);
+        Ok(Self { allowed, component_of_cluster, clusters, is_bounded })
+    }
+
+    /// Converges, then swaps clusters as long as that pays.
+    fn with_swaps(
+        mut self,
+        mut most_steps: u32,
+        cancel: &Cancel,
+        on_step: &mut dyn FnMut(Step, &[u32]),
+    ) -> Result<Clustering> {
+        let (initial, before) = self.begun(on_step);
+        let mut ending = self.converge(&mut most_steps, cancel, on_step)?;
+        for _ in 0..SWAPS {
+            if ending != Ending::Converged {
+                break;
+            }
+            let Some(mut other) = self.swapped(cancel)? else { break };
+            let after = other.converge(&mut u32::MAX.clone(), cancel, &mut |_, _| ())?;
+            if other.energy() >= self.energy() {
+                break;
+            }
+            let moves = self.clusters.labels.iter().zip(&other.clusters.labels).filter(|(a, b)| a != b).count() as u64;
+            (self, ending) = (other, after);
+            on_step(Step { phase: Phase::Swap, energy: self.energy(), moves }, &self.clusters.labels);
+        }
+        Ok(self.ended(initial, before, ending))
+    }
+
+    /// Converges, and merges on as long as the tolerance allows that.
+    fn with_merges(
+        mut self,
+        tolerance: Tolerance<'_>,
+        most_steps: u32,
+        cancel: &Cancel,
+        on_step: &mut dyn FnMut(Step, &[u32]),
+    ) -> Result<Clustering> {
+        let (initial, before) = self.begun(on_step);
+        let mut left = most_steps;
+        let mut ending = self.converge(&mut left, cancel, on_step)?;
+        for _ in 0..MERGES {
+            if ending != Ending::Converged {
+                break;
+            }
+            let (labels, stay) = dissolved(&self.clusters);
+            let Clusters { faces, shapes, .. } = &self.clusters;
+            let stay: Vec<Shape> = stay.iter().map(|&cluster| shapes[cluster as usize]).collect();
+            let begun = Begun { labels: &labels, shapes: &stay };
+            let within = merged_within(*faces, self.allowed, tolerance, Some(begun), cancel)?;
+            let moves = (shapes.len() - within.shapes.len()) as u64;
+            if moves == 0 {
+                break;
+            }
+            self = Self::of_shapes(*faces, self.allowed, within)?;
+            on_step(Step { phase: Phase::Merge, energy: self.energy(), moves }, &self.clusters.labels);
+            ending = self.converge(&mut left, cancel, on_step)?;
+        }
+        Ok(self.ended(initial, before, ending))
+    }
+
+    /// Tells the start. Returns its labels, and F without prices.
+    fn begun(&self, on_step: &mut dyn FnMut(Step, &[u32])) -> (Vec<u32>, i128) {
+        on_step(Step { phase: Phase::Boundary, energy: self.energy(), moves: 0 }, &self.clusters.labels);
+        (self.clusters.labels.clone(), self.costs())
+    }
+
+    fn ended(self, initial: Vec<u32>, before: i128, ending: Ending) -> Clustering {
+        let energies = [before, self.costs()];
+        let ending = if self.is_bounded && ending == Ending::Converged { Ending::WorkLimit } else { ending };
+        Clustering { initial, labels: self.clusters.labels, shapes: self.clusters.shapes, energies, ending }
     }
 
     /// F, in units of the finest component.
@@ -144,7 +239,7 @@ impl<'a> Run<'a> {
         let price = |(shape, &component): (&Shape, &u32)| {
             self.allowed.prices[component as usize].exact(shape.kind()) << self.shift(component)
         };
-        self.costs() + self.shapes.iter().zip(&self.component_of_cluster).map(price).sum::<i128>()
+        self.costs() + self.clusters.shapes.iter().zip(&self.component_of_cluster).map(price).sum::<i128>()
     }
 
     /// F without prices.
@@ -157,29 +252,29 @@ impl<'a> Run<'a> {
         self.clusters.faces.graph.components[component as usize].energy_shift
     }
 
-    fn converge(&mut self, most_steps: u32, cancel: &Cancel, on_step: &mut dyn FnMut(Step, &[u32])) -> Result<Ending> {
-        let mut left = most_steps;
-        let all = vec![true; self.shapes.len()];
+    /// Moves faces and fits shapes until nothing changes, in so many steps that are `left` at most.
+    fn converge(&mut self, left: &mut u32, cancel: &Cancel, on_step: &mut dyn FnMut(Step, &[u32])) -> Result<Ending> {
+        let all = vec![true; self.clusters.shapes.len()];
         let mut has_new_shape = all.clone();
         for _ in 0..ROUNDS {
             let mut faces = self.clusters.at_boundaries(&has_new_shape);
             let mut has_moved = false;
-            while !faces.is_empty() && left > 0 {
+            while !faces.is_empty() && *left > 0 {
                 cancel.check()?;
                 let (moves, next) = self.clusters.pass(&faces);
                 if moves > 0 {
-                    (left, has_moved) = (left - 1, true);
+                    (*left, has_moved) = (*left - 1, true);
                     on_step(Step { phase: Phase::Boundary, energy: self.energy(), moves }, &self.clusters.labels);
                 }
                 faces = next;
             }
-            if left == 0 {
+            if *left == 0 {
                 return Ok(Ending::IterationLimit);
             }
             cancel.check()?;
             let takes_shape = self.fit();
             if takes_shape.contains(&true) {
-                left -= 1;
+                *left -= 1;
                 on_step(Step { phase: Phase::Refit, energy: self.energy(), moves: 0 }, &self.clusters.labels);
                 has_new_shape = takes_shape;
             } else if has_moved || has_new_shape != all {
@@ -194,72 +289,37 @@ impl<'a> Run<'a> {
 
     /// The same with clusters that merged and others that were split; none if no such swap pays.
     fn swapped(&self, cancel: &Cancel) -> Result<Option<Self>> {
-        let Self { allowed, component_of_cluster, shapes, clusters } = self;
-        let axes: Vec<Option<DVec3>> = shapes.iter().map(Shape::axis).collect();
+        let Self { allowed, component_of_cluster, clusters, .. } = self;
+        let axes: Vec<Option<DVec3>> = clusters.shapes.iter().map(Shape::axis).collect();
         let swaps =
             Swaps { faces: clusters.faces, allowed: *allowed, labels: &clusters.labels, component_of_cluster, axes };
         let begun = |Swapped { labels, component_of_cluster, axes }| {
-            Run::new(clusters.faces, *allowed, labels, component_of_cluster, &axes)
+            Run::fitted(clusters.faces, *allowed, labels, component_of_cluster, &axes)
         };
         swaps.made(cancel)?.map(begun).transpose()
     }
 
     /// Fits shapes to the clusters that changed. Returns which took one.
     fn fit(&mut self) -> Vec<bool> {
-        let Self { allowed, component_of_cluster, shapes, clusters } = self;
-        let members = members(&clusters.labels, shapes.len(), |label| clusters.has_changed[label as usize]);
+        let Self { allowed, component_of_cluster, clusters, .. } = self;
+        let Clusters { faces, labels, shapes, proxies, costs, has_changed, .. } = clusters;
+        let members = members(labels, shapes.len(), |label| has_changed[label as usize]);
         let fit = |(number, members): (usize, &Vec<u32>)| {
-            let so_far = Some((shapes[number].kind(), clusters.costs[number]));
+            let (axis, so_far) = (shapes[number].axis(), Some((shapes[number].kind(), costs[number])));
             (!members.is_empty())
-                .then(|| {
-                    let axis = shapes[number].axis();
-                    fitted(clusters.faces, *allowed, component_of_cluster[number], members, axis, so_far)
-                })
+                .then(|| fitted(*faces, *allowed, component_of_cluster[number], members, axis, so_far))
                 .flatten()
         };
         let fits: Vec<Option<Fitted>> = members.par_iter().enumerate().map(fit).collect();
-        clusters.has_changed.fill(false);
+        has_changed.fill(false);
         let is_new = fits.iter().map(Option::is_some).collect();
         for (number, fit) in fits.into_iter().enumerate() {
             if let Some(Fitted { shape, proxy, cost }) = fit {
-                (shapes[number], clusters.proxies[number], clusters.costs[number]) = (shape, proxy, cost);
+                (shapes[number], proxies[number], costs[number]) = (shape, proxy, cost);
             }
         }
         is_new
     }
-}
-
-/// The best shape of some faces that is better than the one so far, given by its type and costs.
-fn fitted(
-    faces: Faces<'_>,
-    allowed: Allowed<'_>,
-    component: u32,
-    members: &[u32],
-    axis: Option<DVec3>,
-    so_far: Option<(Kind, i128)>,
-) -> Option<Fitted> {
-    let moments = Moments::of_all(&faces, members);
-    let higher = || (members.len() as u32 >= FEWEST_FACES).then(|| Higher::of_all(&faces, members));
-    let candidates = allowed.fits(component, &moments, higher, axis.as_slice());
-    let prices = &allowed.prices[component as usize];
-    let with_price = |kind: Kind, cost: i128| cost + prices.exact(kind);
-    let mut least = so_far.map(|(kind, cost)| with_price(kind, cost));
-    let mut best = None;
-    for candidate in candidates.all() {
-        let by_moments = candidate.energy * f64::from(1u32 << (2 * SHIFT));
-        if least.is_some_and(|least| by_moments > MARGIN * least as f64) {
-            continue;
-        }
-        let shape = candidate.fit.shape;
-        let Some(proxy) = Proxy::new(&shape, candidates.mean()) else { continue };
-        let of_face = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));
-        let cost = members.iter().map(of_face).sum();
-        if least.is_none_or(|least| with_price(proxy.kind, cost) < least) {
-            least = Some(with_price(proxy.kind, cost));
-            best = Some(Fitted { shape, proxy, cost });
-        }
-    }
-    best
 }
 
 #[cfg(test)]
@@ -274,14 +334,13 @@ mod tests {
         let surface = Surface::build(&mesh).expect("a surface");
         let samples = surface.samples(&surface.corners((&mesh).into()));
         let faces = Faces { graph: &surface.graph, samples: &samples };
-        let options = Options { clusters: 13, kinds: Kind::ALL.to_vec(), resolution: 1e5, most_steps: None };
-        let prices = Prices::of(faces.graph, options.clusters, options.resolution);
-        let allowed = Allowed { kinds: &options.kinds, prices: &prices };
-        let merged = merged(faces, allowed, options.clusters, &Cancel::default()).expect("clusters");
+        let prices = Prices::of(faces.graph, 13, 1e5);
+        let allowed = Allowed { kinds: &Kind::ALL, prices: &prices, tolerance: None };
+        let merged = merged(faces, allowed, 13, &Cancel::default()).expect("clusters");
         let mut run =
-            Run::new(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes).expect("shapes");
+            Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes).expect("shapes");
         let (mut steps, mut last) = (0, run.energy());
-        run.converge(u32::MAX, &Cancel::default(), &mut |step, _| {
+        run.converge(&mut u32::MAX.clone(), &Cancel::default(), &mut |step, _| {
             assert!(step.energy < last, "{step:?} {last}");
             (steps, last) = (steps + 1, step.energy);
         })
@@ -296,7 +355,7 @@ mod tests {
             let cost_of = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));
             assert_eq!(run.clusters.costs[number], members.iter().map(cost_of).sum::<i128>());
         }
-        let axis = run.shapes[0].axis();
+        let axis = run.clusters.shapes[0].axis();
         let again = |so_far| fitted(faces, allowed, 0, &members[0], axis, so_far);
         let found = again(None).expect("a shape");
         let with = |cost| Some((found.proxy.kind, cost));

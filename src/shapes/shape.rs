@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::eigen::smallest;
 use super::kind::Kind;
 
 /// A shape. Unit vectors for directions.
@@ -53,6 +54,18 @@ pub fn across(direction: DVec3) -> DVec3 {
 }
 
 impl Shape {
+    /// The plane through their mean that is nearest to weighted places.
+    pub fn plane_at(mean: DVec3, places: impl Iterator<Item = (DVec3, f64)>) -> Self {
+        let mut about = [[0.0; 3]; 3];
+        for (at, weight) in places {
+            let from = (at - mean).to_array();
+            for (row, x) in about.iter_mut().zip(from) {
+                row.iter_mut().zip(from).for_each(|(sum, y)| *sum += weight * x * y);
+            }
+        }
+        Shape::Plane { point: mean, normal: DVec3::from(smallest(about).1) }
+    }
+
     /// Its type.
     pub fn kind(&self) -> Kind {
         match self {
@@ -76,6 +89,15 @@ impl Shape {
             Shape::Plane { point, normal } => Shape::Plane { point: point * by, normal },
             Shape::Sphere { centre, radius } => Shape::Sphere { centre: centre * by, radius: radius * by },
             Shape::Cylinder { point, axis, radius } => Shape::Cylinder { point: point * by, axis, radius: radius * by },
+        }
+    }
+
+    /// The shape whose distances are less by `by`.
+    pub fn moved_out(&self, by: f64) -> Self {
+        match *self {
+            Shape::Plane { point, normal } => Shape::Plane { point: point + by * normal, normal },
+            Shape::Sphere { centre, radius } => Shape::Sphere { centre, radius: radius + by },
+            Shape::Cylinder { point, axis, radius } => Shape::Cylinder { point, axis, radius: radius + by },
         }
     }
 

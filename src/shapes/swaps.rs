@@ -10,7 +10,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::best::{Allowed, FEWEST_FACES};
+use super::best::{Allowed, Best, FEWEST_FACES};
 use super::faces::{Faces, members};
 use super::merging::{Merged, merged_in_groups};
 use super::moments::{Higher, Moments};
@@ -79,7 +79,7 @@ impl Swaps<'_> {
             let has_enough = self.allowed.are_curved() && members.len() as u32 >= FEWEST_FACES;
             let higher = has_enough.then(|| Box::new(Higher::of_all(&self.faces, members)));
             let of_part = || higher.as_deref().copied();
-            let (energy, axis) = self.allowed.fits(component, &moments, of_part, axis.as_slice()).best();
+            let Best { energy, axis, .. } = self.allowed.fits(component, &moments, of_part, axis.as_slice()).best();
             Part { moments, higher, component, axis, energy: energy * self.scale(component) }
         };
         members.par_iter().zip(components).zip(&self.axes).map(part).collect()
@@ -101,8 +101,8 @@ impl Swaps<'_> {
         let moments = a.moments.with(&b.moments);
         let higher = || Some(a.higher.as_deref()?.with(b.higher.as_deref()?));
         let axes: Vec<DVec3> = a.axis.into_iter().chain(b.axis).collect();
-        let (energy, _) = self.allowed.fits(a.component, &moments, higher, &axes).best();
-        energy * self.scale(a.component) - a.energy - b.energy
+        let best = self.allowed.fits(a.component, &moments, higher, &axes).best();
+        best.energy * self.scale(a.component) - a.energy - b.energy
     }
 
     fn scale(&self, component: u32) -> f64 {
@@ -181,7 +181,7 @@ mod tests {
         let samples = surface.samples(&surface.corners((&mesh).into()));
         let faces = Faces { graph: &surface.graph, samples: &samples };
         let prices = Prices::of(faces.graph, 13, surface.on_lattice(|_| 3e-4));
-        let allowed = Allowed { kinds: &Kind::ALL, prices: &prices };
+        let allowed = Allowed { kinds: &Kind::ALL, prices: &prices, tolerance: None };
         let truth: Vec<u32> = surface.upload_face.iter().map(|&face| truth[face as usize]).collect();
         let made = |labels: &[u32]| {
             let component_of_cluster = &[0; 13];

@@ -40,6 +40,17 @@ fn shapes_of_a_part_are_written_alone_and_in_the_report() {
 }
 
 #[test]
+fn a_tolerance_decides_how_many_clusters_there_are() {
+    let folder = Folder::new();
+    run(&folder, "sample part --faces 1500 p.obj");
+    let said = run(&folder, "cluster p.obj --energy shapes --tolerance 0.01 --labels l.npy --report r.json");
+    assert!(said.starts_with("13 clusters of 1,"), "{said}");
+    let report = folder.json("r.json");
+    assert_eq!((&report["tolerance"]["asked"], &report["parameters"]["resolution"]), (&0.01.into(), &0.001.into()));
+    assert!(report["tolerance"]["largest"].as_f64() <= report["tolerance"]["length"].as_f64());
+}
+
+#[test]
 fn noise_moves_the_corners_of_the_part_alone() {
     let folder = Folder::new();
     run(&folder, "sample part --faces 1500 a.obj");

@@ -22,3 +22,4 @@ mod reference;
 mod sample;
 mod shapes;
 mod snapshots;
+mod tolerance;

@@ -74,7 +74,14 @@ async fn shapes_are_in_the_report() {
     };
     assert!(refused("clusters=9&energy=planes&algorithm=hr").await.contains("algorithm bb"));
     assert!(refused("clusters=9&shapes=sphere").await.contains("energy=shapes"));
-    assert!(refused("clusters=9&energy=shapes&resolution=2").await.contains("resolution must be a share"));
+    assert!(refused("clusters=9&energy=shapes&resolution=2").await.contains("resolution and tolerance must be"));
+    assert!(refused("clusters=9&energy=shapes&tolerance=0.1").await.contains("clusters does not go with tolerance"));
+    let job = service.ended(&service.submit("energy=planes&tolerance=0.05u", sphere(1000)).await).await;
+    let report = json(service.get(&format!("{}/report", path(&job)))).await;
+    let tolerance = &report["tolerance"];
+    assert_eq!(tolerance["asked"], "0.05u");
+    assert!(tolerance["largest"].as_f64() <= tolerance["length"].as_f64(), "{tolerance}");
+    assert_eq!(report["shapes"].as_array().map(|rows| rows.len() as u64), report["clusters"].as_u64());
 }
 
 #[tokio::test]

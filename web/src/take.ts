@@ -48,6 +48,7 @@ export function settings(job: Job): [string, string | number | true][] {
     "energy",
     "shapes",
     "resolution",
+    "tolerance",
     "quality",
     "seed",
     "subdivide",

@@ -17,6 +17,7 @@ Phase = Literal[
     "boundary",
     "refine",
     "refit",
+    "merge",
     "repair",
     "regrow",
     "swap",
@@ -304,6 +305,14 @@ ClusterShape = TypedDict(
 )
 
 
+class ReportedTolerance(TypedDict):
+    """A tolerance, and how much of it was needed."""
+
+    asked: float | str
+    length: float
+    largest: float
+
+
 class Report(TypedDict):
     """Everything that is known about an ended clustering."""
 
@@ -316,6 +325,7 @@ class Report(TypedDict):
     feature_edges_inside: int
     energy: Energy
     shapes: list[ClusterShape] | None
+    tolerance: ReportedTolerance | None
     iterations: list[Iteration]
     levels: list[Level]
     timings_ms: Timings

@@ -13,7 +13,7 @@ from urllib.parse import quote
 from tesserae_mesh.client.exchange import Request
 
 PARAMETERS = (
-    "algorithm energy shapes resolution clusters quality seeds seed max_iterations refine allow_disconnected "
+    "algorithm energy shapes resolution tolerance clusters quality seeds seed max_iterations refine allow_disconnected "
     "bridge_components features snapshots subdivide curvature_exponent weight_attribute graph compactness optimize optimize_iterations "
     "switch_to_ml_at collapse_fraction ties pairs levels priority outputs keep_mesh webhook"
 ).split()

@@ -38,7 +38,11 @@ class Parameters(TypedDict, total=False):
     shapes: str
     #: Energy ``"shapes"``: distances below it are noise; a share of the diagonal, or a length as ``"0.5u"``.
     resolution: float | str
-    #: Number of clusters. May be left out with listed ``seeds``, and for hierarchies, which then go to the top.
+    #: Energies ``"planes"`` and ``"shapes"``, in place of ``clusters``: how far corners may be from the shapes of their
+    #: clusters; a share of the diagonal, or a length as ``"0.5u"``.
+    tolerance: float | str
+    #: Number of clusters. May be left out with listed ``seeds`` or a ``tolerance``, and for hierarchies, which
+    #: then go to the top.
     clusters: int
     #: How much time to take for how low an energy.
     quality: Literal["fast", "default", "best"]

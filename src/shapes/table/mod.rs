@@ -5,7 +5,6 @@
 
 mod borders;
 mod extent;
-mod geometric;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -13,9 +12,11 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::faces::members;
+use super::geometric;
 use super::kind::Kind;
 use super::moments::SHIFT;
 use super::shape::Shape;
+use super::tolerance::Tolerance;
 use crate::surface::Surface;
 use crate::surface::corners::Corners;
 
@@ -63,7 +64,7 @@ pub struct Deviation {
 /// A plane.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Plane {
-    /// A point of it: the mean of the corners.
+    /// A point of it, near the mean of the corners.
     pub point: [f64; 3],
     /// Its unit normal, along the mean normal of the faces.
     pub normal: [f64; 3],
@@ -98,8 +99,15 @@ pub struct Cylinder {
 }
 
 /// The shapes of clusters. `labels` are those of the faces in internal order, `shapes` those that decided them, in
-/// units of moments.
-pub fn table(surface: &Surface, corners: &Corners, labels: &[u32], shapes: &[Shape]) -> Vec<ClusterShape> {
+/// units of moments. A shape that decided is reported as it is where the faces are within the tolerance of it, and not
+/// of the one that is fitted to their corners.
+pub fn table(
+    surface: &Surface,
+    corners: &Corners,
+    labels: &[u32],
+    shapes: &[Shape],
+    tolerance: Option<Tolerance<'_>>,
+) -> Vec<ClusterShape> {
     let members = members(labels, shapes.len(), |_| true);
     let unit = f64::from(1u32 << SHIFT);
     let mut rows: Vec<ClusterShape> = (0..)
@@ -109,7 +117,13 @@ pub fn table(surface: &Surface, corners: &Corners, labels: &[u32], shapes: &[Sha
         .into_par_iter()
         .map(|((label, members), shape)| {
             let cluster = Cluster { surface, corners, members };
-            cluster.row(label, &geometric::fit(cluster, &shape.scaled(unit)))
+            let decided = shape.scaled(unit);
+            let places: Vec<(DVec3, f64)> = cluster.weighted_corners().collect();
+            let fitted = geometric::fit(&places, &decided);
+            let of_corners = fitted.scaled(1.0 / unit);
+            let admits = |tolerance: Tolerance<'_>, shape: &Shape| tolerance.admits(shape, members.iter().copied());
+            let keeps = tolerance.is_some_and(|tolerance| !admits(tolerance, &of_corners) && admits(tolerance, shape));
+            cluster.row(label, if keeps { &decided } else { &fitted })
         })
         .collect();
     borders::add(surface, corners, labels, &mut rows);

@@ -38,7 +38,7 @@ fn reported(noise: f64) -> Vec<ClusterShape> {
         cylinder(0.0, 0.0, 0.6),
         plane,
     ];
-    table(&surface, &corners, &labels, &shapes)
+    table(&surface, &corners, &labels, &shapes, None)
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn bend_of_a_roof(right: [u32; 4], thin: Option<[u32; 3]>) -> f64 {
     let surface = Surface::build(&mesh).expect("a surface");
     let labels: Vec<u32> = surface.items.upload_face.iter().map(|&face| u32::from(face == 1)).collect();
     let plane = Shape::Plane { point: DVec3::ZERO, normal: DVec3::X };
-    let rows = table(&surface, &surface.corners((&mesh).into()), &labels, &[plane, plane]);
+    let rows = table(&surface, &surface.corners((&mesh).into()), &labels, &[plane, plane], None);
     rows[0].neighbours[0].angle
 }
 

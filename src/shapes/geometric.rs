@@ -1,12 +1,12 @@
-//! The shape nearest to the corners of a cluster: least squares of true distances, by Gauss and Newton's method.
+//! The shape nearest to places, such as the corners of a cluster: least squares of true distances, by Gauss and Newton's
+//! method.
 //!
 //! f64 with + − × ÷ √ in a fixed order, as the fits that decide labels.
 
 use glam::DVec3;
 
-use super::Cluster;
-use crate::shapes::eigen::{eigen, smallest};
-use crate::shapes::shape::{Shape, across};
+use super::eigen::eigen;
+use super::shape::{Shape, across};
 
 /// Steps at most. Without noise, 3 to 6 are enough.
 const STEPS: usize = 30;
@@ -14,22 +14,22 @@ const STEPS: usize = 30;
 /// Numbers that a step changes at most: those of a cylinder.
 const MOST: usize = 5;
 
-/// The shape of this type that is nearest to the corners, in lattice units; `start` is not far from it.
-pub(super) fn fit(cluster: Cluster<'_>, start: &Shape) -> Shape {
+/// The shape of this type that is nearest to weighted places, in their units; `start` is not far from it.
+pub(super) fn fit(places: &[(DVec3, f64)], start: &Shape) -> Shape {
     let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
-    for (at, of_corner) in cluster.weighted_corners() {
+    for &(at, of_corner) in places {
         sum += of_corner * at;
         weight += of_corner;
     }
     let mean = sum / weight;
     if let Shape::Plane { .. } = start {
-        return plane(cluster, mean);
+        return Shape::plane_at(mean, places.iter().copied());
     }
     let mut best = centred(*start, mean);
-    let mut squares = squares_of(cluster, &best);
+    let mut squares = squares_of(places, &best);
     for _ in 0..STEPS {
-        let next = centred(stepped(cluster, &best), mean);
-        let after = squares_of(cluster, &next);
+        let next = centred(stepped(places, &best), mean);
+        let after = squares_of(places, &next);
         // NaN ends it, too
         if after.partial_cmp(&squares).is_none_or(std::cmp::Ordering::is_ge) {
             break;
@@ -43,17 +43,6 @@ pub(super) fn fit(cluster: Cluster<'_>, start: &Shape) -> Shape {
     best
 }
 
-fn plane(cluster: Cluster<'_>, mean: DVec3) -> Shape {
-    let mut about = [[0.0; 3]; 3];
-    for (at, weight) in cluster.weighted_corners() {
-        let from = (at - mean).to_array();
-        for (row, x) in about.iter_mut().zip(from) {
-            row.iter_mut().zip(from).for_each(|(sum, y)| *sum += weight * x * y);
-        }
-    }
-    Shape::Plane { point: mean, normal: DVec3::from(smallest(about).1) }
-}
-
 /// The same shape; the point of a cylinder's axis is the nearest to the mean.
 fn centred(shape: Shape, mean: DVec3) -> Shape {
     match shape {
@@ -64,16 +53,16 @@ fn centred(shape: Shape, mean: DVec3) -> Shape {
     }
 }
 
-fn squares_of(cluster: Cluster<'_>, shape: &Shape) -> f64 {
-    let square = |(at, weight): (DVec3, f64)| {
+fn squares_of(places: &[(DVec3, f64)], shape: &Shape) -> f64 {
+    let square = |&(at, weight): &(DVec3, f64)| {
         let distance = shape.distance(at);
         weight * distance * distance
     };
-    cluster.weighted_corners().map(square).sum()
+    places.iter().map(square).sum()
 }
 
 /// The shape after a step.
-fn stepped(cluster: Cluster<'_>, shape: &Shape) -> Shape {
+fn stepped(places: &[(DVec3, f64)], shape: &Shape) -> Shape {
     match *shape {
         Shape::Plane { .. } => *shape,
         Shape::Sphere { centre, radius } => {
@@ -81,7 +70,7 @@ fn stepped(cluster: Cluster<'_>, shape: &Shape) -> Shape {
                 let n = shape.tangent(at).normal;
                 [-n.x, -n.y, -n.z, -1.0, 0.0]
             };
-            let [x, y, z, r, _] = solved(cluster, shape, slopes);
+            let [x, y, z, r, _] = solved(places, shape, slopes);
             Shape::Sphere { centre: centre + DVec3::new(x, y, z), radius: radius + r }
         }
         Shape::Cylinder { point, axis, radius } => {
@@ -93,7 +82,7 @@ fn stepped(cluster: Cluster<'_>, shape: &Shape) -> Shape {
                 let along = (at - point).dot(axis) / radius;
                 [-n.dot(u), -n.dot(v), -1.0, -along * n.dot(u), -along * n.dot(v)]
             };
-            let [x, y, r, turn_u, turn_v] = solved(cluster, shape, slopes);
+            let [x, y, r, turn_u, turn_v] = solved(places, shape, slopes);
             let turned = axis + (turn_u * u + turn_v * v) / radius;
             let axis = turned / turned.length();
             Shape::Cylinder { point: point + x * u + y * v, axis, radius: radius + r }
@@ -102,9 +91,9 @@ fn stepped(cluster: Cluster<'_>, shape: &Shape) -> Shape {
 }
 
 /// The numbers that lower the sum of squares most, to first order; `slopes` are those of the distance.
-fn solved(cluster: Cluster<'_>, shape: &Shape, slopes: impl Fn(DVec3) -> [f64; MOST]) -> [f64; MOST] {
+fn solved(places: &[(DVec3, f64)], shape: &Shape, slopes: impl Fn(DVec3) -> [f64; MOST]) -> [f64; MOST] {
     let (mut products, mut right) = ([[0.0; MOST]; MOST], [0.0; MOST]);
-    for (at, weight) in cluster.weighted_corners() {
+    for &(at, weight) in places {
         let slopes = slopes(at);
         let distance = shape.distance(at);
         for i in 0..MOST {
@@ -118,7 +107,7 @@ fn solved(cluster: Cluster<'_>, shape: &Shape, slopes: impl Fn(DVec3) -> [f64; M
     let largest = values.into_iter().fold(0.0, f64::max);
     let mut by = [0.0; MOST];
     for at in 0..MOST {
-        // eigenvalues near 0 are of directions that the corners do not determine
+        // eigenvalues near 0 are of directions that the places do not determine
         if values[at] > 1e-12 * largest {
             let along: f64 = (0..MOST).map(|i| vectors[i][at] * right[i]).sum();
             (0..MOST).for_each(|i| by[i] += vectors[i][at] * along / values[at]);

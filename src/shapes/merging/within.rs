@@ -1,0 +1,181 @@
+//! Clusters that merge as long as every corner stays within a tolerance of the shape of its cluster.
+//!
+//! An edge whose clusters have no shape with a mean square within the tolerance waits. When the turn of another comes,
+//! shapes are compared with all corners of both clusters; if none is within the tolerance, the edge waits, too. It is
+//! priced again when one of its clusters has merged.
+//!
+//! # Work
+//!
+//! A round prices and looks at edges as in [`super`], those that wait included. Merging ends after twice as many such
+//! looks as that has until one end suffices, or after [`LOOKS`] looks at a face on average: there are more clusters
+//! than need be then. Scans take 1 to 35 looks at a face, and a fit of [`super::super::geometric`] for some.
+
+use std::cell::Cell;
+
+use super::*;
+use crate::shapes::faces::members;
+use crate::shapes::proxy::Proxy;
+use crate::shapes::shape::Shape;
+use crate::shapes::tolerance::Tolerance;
+
+/// Looks at a face on average, to see whether its corners are within the tolerance of a shape.
+const LOOKS: usize = 512;
+
+/// The price of an edge that waits.
+const BEYOND: i64 = f64::INFINITY.to_bits() as i64;
+
+/// Clusters to begin with.
+#[derive(Debug, Clone, Copy)]
+pub struct Begun<'a> {
+    /// One a face.
+    pub labels: &'a [u32],
+    /// The shape of each cluster.
+    pub shapes: &'a [Shape],
+}
+
+/// Clusters that were merged within a tolerance.
+#[derive(Debug)]
+pub struct MergedWithin {
+    /// The clusters.
+    pub merged: Merged,
+    /// A shape of each; all corners are within the tolerance, but of a single face.
+    pub shapes: Vec<Shape>,
+    /// Whether a bound on work ended it.
+    pub is_bounded: bool,
+}
+
+/// Merges clusters, single faces at first, until no merge is within the tolerance.
+pub fn merged_within(
+    faces: Faces<'_>,
+    allowed: Allowed<'_>,
+    tolerance: Tolerance<'_>,
+    begun: Option<Begun<'_>>,
+    cancel: &Cancel,
+) -> Result<MergedWithin> {
+    let mut merging = Merging::new(faces, allowed);
+    let mut clusters = faces.count();
+    let mut shapes: Vec<Shape> =
+        (0..faces.count() as u32).into_par_iter().map(|face| tolerance.plane_of(face)).collect();
+    if let Some(begun) = begun {
+        clusters = begun.shapes.len();
+        merging.begin(begun, &mut shapes);
+    }
+    let components = faces.graph.components.len();
+    let edges = merging.edges_inside(&vec![0; faces.count()], &[1]);
+    let most = super::LOOKS * faces.graph.neighbours.len() / 2;
+    let (has_begun, looks_left) = (begun.is_some(), LOOKS * faces.count());
+    let mut within = Within { merging, tolerance, shapes, has_begun, looks_left, waiting: Vec::new() };
+    let mut edges = within.without_waiting(edges);
+    let (mut looks, mut is_bounded) = (0, false);
+    while !edges.is_empty() && !is_bounded {
+        cancel.check()?;
+        looks += edges.len() + within.waiting.len();
+        let chosen = within.merging.choose(&edges, clusters - components, looks > most);
+        let tried = chosen.len();
+        let refused: Vec<Edge> = chosen.into_iter().filter(|edge| !within.merge(edge.ends())).collect();
+        clusters -= tried - refused.len();
+        edges.retain(|edge| refused.binary_search(edge).is_err());
+        within.waiting.extend(refused.iter().map(Edge::ends));
+        within.merging.contract(&mut edges, &mut within.waiting);
+        edges = within.without_waiting(edges);
+        is_bounded = looks > 2 * most || within.looks_left == 0;
+    }
+    let Within { merging, shapes, .. } = within;
+    let merged = merging.ended();
+    let shapes = merged.numbers.iter().map(|&number| shapes[number as usize]).collect();
+    Ok(MergedWithin { merged, shapes, is_bounded })
+}
+
+struct Within<'a> {
+    merging: Merging<'a>,
+    tolerance: Tolerance<'a>,
+    /// One a number of a cluster.
+    shapes: Vec<Shape>,
+    /// Whether it began with clusters.
+    has_begun: bool,
+    /// The ends of edges that wait.
+    waiting: Vec<(u32, u32)>,
+    looks_left: usize,
+}
+
+impl Within<'_> {
+    /// The edges that do not wait.
+    fn without_waiting(&mut self, mut edges: Vec<Edge>) -> Vec<Edge> {
+        edges.retain(|edge| {
+            let waits = edge.cost == BEYOND;
+            if waits {
+                self.waiting.push(edge.ends());
+            }
+            !waits
+        });
+        edges
+    }
+
+    /// Merges the clusters that two have become, if there is a shape within the tolerance.
+    fn merge(&mut self, (low, high): (u32, u32)) -> bool {
+        let [a, b] = [low, high].map(|cluster| self.merging.root(cluster));
+        let ends = (a.min(b), a.max(b));
+        let (moments, candidates) = self.merging.union(ends.0, ends.1);
+        let Some(shape) = self.shape_of(ends, &candidates) else { return false };
+        let into = self.merging.unite(ends, moments, candidates.best());
+        self.shapes[into as usize] = shape;
+        true
+    }
+
+    /// A shape that both clusters are within the tolerance of: of the fits to both, or that of the larger one. Clusters
+    /// that were optimised have no better ones to merge with, so that it may be any near the fits then.
+    fn shape_of(&mut self, (low, high): (u32, u32), candidates: &Candidates) -> Option<Shape> {
+        let Self { merging, tolerance, shapes, .. } = self;
+        let looks = Cell::new(0);
+        let faces_of = |cluster| merging.faces_of(cluster).inspect(|_| looks.set(looks.get() + 1));
+        let both = || faces_of(low).chain(faces_of(high));
+        let has_proxy = |shape: &Shape| Proxy::new(shape, candidates.mean()).is_some();
+        let fits: Vec<Shape> = candidates.within().iter().map(|candidate| candidate.fit.shape).collect();
+        let fit = || fits.iter().copied().find(|shape| has_proxy(shape) && tolerance.admits(shape, both()));
+        let of_larger = || {
+            let faces = [low, high].map(|cluster| merging.parts[cluster as usize].faces);
+            let (from, into) = from_into((low, high), faces);
+            let shape = shapes[into as usize];
+            // a single face may be beyond the tolerance of its own shape
+            let is_within =
+                tolerance.admits(&shape, faces_of(from)) && tolerance.admits(&shape, faces_of(into).take(1));
+            (is_within && has_proxy(&shape)).then_some(shape)
+        };
+        let near = || fits.iter().find_map(|fit| tolerance.reached_from(fit, both()).filter(has_proxy));
+        let shape = fit().or_else(of_larger).or_else(|| self.has_begun.then(near).flatten());
+        self.looks_left = self.looks_left.saturating_sub(looks.get());
+        shape
+    }
+}
+
+impl Merging<'_> {
+    /// Makes clusters of their faces, and sets their shapes.
+    fn begin(&mut self, begun: Begun<'_>, shapes: &mut [Shape]) {
+        let members = members(begun.labels, begun.shapes.len(), |_| true);
+        let joined = |(members, shape): (&Vec<u32>, &Shape)| {
+            let moments = Moments::of_all(&self.faces, members);
+            let has_higher = self.allowed.are_curved() && members.len() as u32 >= KEPT_FROM;
+            let higher = has_higher.then(|| Box::new(Higher::of_all(&self.faces, members)));
+            let component = self.parts[members[0] as usize].component;
+            let axis = shape.axis();
+            let of_few = || Higher::of_all(&self.faces, members);
+            let has_enough = members.len() as u32 >= FEWEST_FACES;
+            let higher_of = || has_enough.then(|| higher.as_deref().copied().unwrap_or_else(of_few));
+            let fits = self.allowed.fits(component, &moments, higher_of, axis.as_slice());
+            let Best { energy, axis, .. } = fits.best();
+            (Part { moments, energy, axis, faces: members.len() as u32, component }, higher)
+        };
+        let parts: Vec<_> = members.par_iter().zip(begun.shapes).map(joined).collect();
+        for ((members, (part, higher)), &shape) in members.iter().zip(parts).zip(begun.shapes) {
+            let number = members[0] as usize;
+            (self.parts[number], shapes[number]) = (part, shape);
+            if self.allowed.are_curved() {
+                self.higher[number] = higher;
+            }
+            for (at, &face) in members.iter().enumerate() {
+                self.next_face[face as usize] = members[(at + 1) % members.len()];
+                self.into[face as usize] = members[0];
+            }
+        }
+    }
+}
