@@ -13,11 +13,13 @@
 //! neighbour whether or not that chose it, which leaves at most half of the clusters of each component after a round.
 //! (The edges that are the cheapest at one end form no circle, since no two have the same rank.)
 
+mod starts;
 mod within;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+pub use self::starts::{merged, merged_on};
 pub use self::within::{Begun, MergedWithin, merged_within};
 use super::best::{Allowed, Best, Candidates, FEWEST_FACES};
 use super::faces::Faces;
@@ -55,44 +57,17 @@ pub struct Merged {
     numbers: Vec<u32>,
 }
 
-/// Merges faces until there are so many clusters, which must be possible
-/// ([`crate::cluster::seeds::shares`]).
-pub fn merged(faces: Faces<'_>, allowed: Allowed<'_>, clusters: usize, cancel: &Cancel) -> Result<Merged> {
-    let surplus = faces.count().saturating_sub(clusters);
-    merged_in_groups(faces, allowed, &vec![0; faces.count()], vec![surplus], cancel)
-}
-
 /// Merges faces of one group, so many times in each of the groups. Faces of a group must be connected.
 pub fn merged_in_groups(
     faces: Faces<'_>,
     allowed: Allowed<'_>,
     group_of_face: &[u32],
-    mut surplus: Vec<usize>,
+    surplus: Vec<usize>,
     cancel: &Cancel,
 ) -> Result<Merged> {
     let mut merging = Merging::new(faces, allowed);
-    let mut edges = merging.edges_inside(group_of_face, &surplus);
-    let mut left: usize = surplus.iter().sum();
-    let mut looks_left = LOOKS * edges.len();
-    while left > 0 {
-        cancel.check()?;
-        looks_left = looks_left.saturating_sub(edges.len());
-        let chosen = merging.choose(&edges, left, looks_left == 0);
-        if chosen.is_empty() {
-            return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
-        }
-        for edge in chosen {
-            let of_group = &mut surplus[group_of_face[edge.ends().0 as usize] as usize];
-            if *of_group > 0 {
-                merging.merge(edge.ends());
-                *of_group -= 1;
-                left -= 1;
-            }
-        }
-        edges.retain(|edge| surplus[group_of_face[edge.ends().0 as usize] as usize] > 0);
-        merging.contract(&mut edges, &mut Vec::new());
-    }
-    Ok(merging.ended())
+    merging.merge_all(group_of_face, surplus, cancel, &mut |_, _| ())?;
+    Ok(merging.clusters())
 }
 
 /// A dual edge by its price.
@@ -151,6 +126,39 @@ impl<'a> Merging<'a> {
             has_merged: vec![false; count],
             cheapest: vec![NONE; count],
         }
+    }
+
+    /// Merges so many times in each group. Calls `on_round` before each round with the merges that are left.
+    fn merge_all(
+        &mut self,
+        group_of_face: &[u32],
+        mut surplus: Vec<usize>,
+        cancel: &Cancel,
+        on_round: &mut dyn FnMut(&mut Self, usize),
+    ) -> Result<()> {
+        let mut edges = self.edges_inside(group_of_face, &surplus);
+        let mut left: usize = surplus.iter().sum();
+        let mut looks_left = LOOKS * edges.len();
+        while left > 0 {
+            cancel.check()?;
+            on_round(self, left);
+            looks_left = looks_left.saturating_sub(edges.len());
+            let chosen = self.choose(&edges, left, looks_left == 0);
+            if chosen.is_empty() {
+                return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
+            }
+            for edge in chosen {
+                let of_group = &mut surplus[group_of_face[edge.ends().0 as usize] as usize];
+                if *of_group > 0 {
+                    self.merge(edge.ends());
+                    *of_group -= 1;
+                    left -= 1;
+                }
+            }
+            edges.retain(|edge| surplus[group_of_face[edge.ends().0 as usize] as usize] > 0);
+            self.contract(&mut edges, &mut Vec::new());
+        }
+        Ok(())
     }
 
     /// The edges inside groups in which there are merges, between clusters that are parts of no others.
@@ -297,7 +305,8 @@ impl<'a> Merging<'a> {
         edges.par_extend(changed.into_par_iter().map(|ends| self.edge(ends)));
     }
 
-    fn ended(mut self) -> Merged {
+    /// The clusters so far.
+    fn clusters(&mut self) -> Merged {
         let mut number_of = vec![NONE; self.parts.len()];
         let (mut component_of_cluster, mut axes, mut energies) = (Vec::new(), Vec::new(), Vec::new());
         let mut numbers = Vec::new();

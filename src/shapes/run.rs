@@ -22,7 +22,7 @@ use super::dissolve::dissolved;
 use super::faces::{Faces, members};
 use super::fitted::{Fitted, cost, fitted};
 use super::kind::Kind;
-use super::merging::{Begun, Merged, MergedWithin, merged, merged_within};
+use super::merging::{Begun, Merged, MergedWithin, merged, merged_on, merged_within};
 use super::moments::Moments;
 use super::moves::Clusters;
 use super::prices::Prices;
@@ -36,6 +36,9 @@ use crate::error::{self, Error, Result};
 
 /// Rounds of fits at most. Scans take 5 to 60.
 const ROUNDS: usize = 1024;
+
+/// Resolutions, times the one that is asked for, by whose prices other starts merge.
+const OTHER_STARTS: [f64; 2] = [2.0, 0.5];
 
 /// Rounds of swaps at most.
 const SWAPS: usize = 4;
@@ -104,9 +107,16 @@ pub fn cluster(
         Wanted::Clusters(clusters) => {
             let prices = Prices::of(faces.graph, clusters, *resolution);
             let allowed = Allowed { kinds, prices: &prices, tolerance: None };
-            let merged = merged(faces, allowed, clusters, cancel)?;
-            let run = Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes)?;
-            run.with_swaps(most_steps, cancel, on_step)
+            let (merged, fork) = merged(faces, allowed, clusters, cancel)?;
+            let start =
+                |merged: Merged| Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
+            let other = |&factor: &f64| {
+                let prices = Prices::of(faces.graph, clusters, factor * resolution);
+                merged_on(faces, Allowed { prices: &prices, ..allowed }, &fork, clusters, cancel).and_then(start)
+            };
+            let has_others = allowed.are_curved() && *resolution > 0.0;
+            let others = OTHER_STARTS.iter().filter(|_| has_others).map(other);
+            start(merged)?.with_swaps(others, most_steps, cancel, on_step)
         }
         Wanted::Within(tolerance) => {
             let prices = Prices::within(faces.graph, *resolution);
@@ -166,15 +176,27 @@ impl<'a> Run<'a> {
         Ok(Self { allowed, component_of_cluster, clusters, is_bounded })
     }
 
-    /// Converges, then swaps clusters as long as that pays.
+    /// Converges, as do other starts; then the best of them swaps clusters as long as that pays.
     fn with_swaps(
         mut self,
+        others: impl Iterator<Item = Result<Self>>,
         mut most_steps: u32,
         cancel: &Cancel,
         on_step: &mut dyn FnMut(Step, &[u32]),
     ) -> Result<Clustering> {
         let (initial, before) = self.begun(on_step);
         let mut ending = self.converge(&mut most_steps, cancel, on_step)?;
+        for other in others {
+            if ending != Ending::Converged {
+                break;
+            }
+            let mut other = other?;
+            let after = other.converge(&mut u32::MAX.clone(), cancel, &mut |_, _| ())?;
+            if other.energy() < self.energy() {
+                ending = after;
+                self.replace(other, Phase::MergedStart, on_step);
+            }
+        }
         for _ in 0..SWAPS {
             if ending != Ending::Converged {
                 break;
@@ -184,11 +206,17 @@ impl<'a> Run<'a> {
             if other.energy() >= self.energy() {
                 break;
             }
-            let moves = self.clusters.labels.iter().zip(&other.clusters.labels).filter(|(a, b)| a != b).count() as u64;
-            (self, ending) = (other, after);
-            on_step(Step { phase: Phase::Swap, energy: self.energy(), moves }, &self.clusters.labels);
+            ending = after;
+            self.replace(other, Phase::Swap, on_step);
         }
         Ok(self.ended(initial, before, ending))
+    }
+
+    /// Becomes another run of as many clusters, whose energy is lower.
+    fn replace(&mut self, other: Self, phase: Phase, on_step: &mut dyn FnMut(Step, &[u32])) {
+        let moves = self.clusters.labels.iter().zip(&other.clusters.labels).filter(|(a, b)| a != b).count() as u64;
+        *self = other;
+        on_step(Step { phase, energy: self.energy(), moves }, &self.clusters.labels);
     }
 
     /// Converges, and merges on as long as the tolerance allows that.

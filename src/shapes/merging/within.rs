@@ -13,7 +13,6 @@
 use std::cell::Cell;
 
 use super::*;
-use crate::shapes::faces::members;
 use crate::shapes::proxy::Proxy;
 use crate::shapes::shape::Shape;
 use crate::shapes::tolerance::Tolerance;
@@ -58,7 +57,9 @@ pub fn merged_within(
         (0..faces.count() as u32).into_par_iter().map(|face| tolerance.plane_of(face)).collect();
     if let Some(begun) = begun {
         clusters = begun.shapes.len();
-        merging.begin(begun, &mut shapes);
+        let axes: Vec<_> = begun.shapes.iter().map(Shape::axis).collect();
+        let numbers = merging.begin(begun.labels, &axes);
+        numbers.iter().zip(begun.shapes).for_each(|(&number, &shape)| shapes[number as usize] = shape);
     }
     let components = faces.graph.components.len();
     let edges = merging.edges_inside(&vec![0; faces.count()], &[1]);
@@ -80,8 +81,8 @@ pub fn merged_within(
         edges = within.without_waiting(edges);
         is_bounded = looks > 2 * most || within.looks_left == 0;
     }
-    let Within { merging, shapes, .. } = within;
-    let merged = merging.ended();
+    let Within { mut merging, shapes, .. } = within;
+    let merged = merging.clusters();
     let shapes = merged.numbers.iter().map(|&number| shapes[number as usize]).collect();
     Ok(MergedWithin { merged, shapes, is_bounded })
 }
@@ -145,37 +146,5 @@ impl Within<'_> {
         let shape = fit().or_else(of_larger).or_else(|| self.has_begun.then(near).flatten());
         self.looks_left = self.looks_left.saturating_sub(looks.get());
         shape
-    }
-}
-
-impl Merging<'_> {
-    /// Makes clusters of their faces, and sets their shapes.
-    fn begin(&mut self, begun: Begun<'_>, shapes: &mut [Shape]) {
-        let members = members(begun.labels, begun.shapes.len(), |_| true);
-        let joined = |(members, shape): (&Vec<u32>, &Shape)| {
-            let moments = Moments::of_all(&self.faces, members);
-            let has_higher = self.allowed.are_curved() && members.len() as u32 >= KEPT_FROM;
-            let higher = has_higher.then(|| Box::new(Higher::of_all(&self.faces, members)));
-            let component = self.parts[members[0] as usize].component;
-            let axis = shape.axis();
-            let of_few = || Higher::of_all(&self.faces, members);
-            let has_enough = members.len() as u32 >= FEWEST_FACES;
-            let higher_of = || has_enough.then(|| higher.as_deref().copied().unwrap_or_else(of_few));
-            let fits = self.allowed.fits(component, &moments, higher_of, axis.as_slice());
-            let Best { energy, axis, .. } = fits.best();
-            (Part { moments, energy, axis, faces: members.len() as u32, component }, higher)
-        };
-        let parts: Vec<_> = members.par_iter().zip(begun.shapes).map(joined).collect();
-        for ((members, (part, higher)), &shape) in members.iter().zip(parts).zip(begun.shapes) {
-            let number = members[0] as usize;
-            (self.parts[number], shapes[number]) = (part, shape);
-            if self.allowed.are_curved() {
-                self.higher[number] = higher;
-            }
-            for (at, &face) in members.iter().enumerate() {
-                self.next_face[face as usize] = members[(at + 1) % members.len()];
-                self.into[face as usize] = members[0];
-            }
-        }
     }
 }
