@@ -75,7 +75,7 @@ pub struct Parameters {
     #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
     pub resolution: Option<Length>,
 
-    /// Energies planes and shapes, in place of --clusters: as few clusters as suffice for no corner of a face to be
+    /// Energies planes and shapes, in place of a number: as few clusters as suffice for no corner of a face to be
     /// further than this from the shape of its cluster; as a share of the diagonal of the mesh, 0.001, or with a u
     /// behind it as a length, 0.5u. The resolution is a tenth of it when left out
     #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]

@@ -5,8 +5,9 @@
 //! negative, falls with every pass and every round of fits, and the run ends. There is no refinement, and no repair:
 //! clusters are connected all along.
 //!
-//! Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at most [`SWAPS`]
-//! times.
+//! Other starts do the same, which merged by the prices of other resolutions ([`OTHER_STARTS`]). The one with the lowest
+//! F goes on. Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at most
+//! [`SWAPS`] times.
 //!
 //! With a tolerance in place of a number of clusters, all of this keeps corners within it. In place of swaps, clusters
 //! dissolve ([`super::dissolve`]) and merge on ([`super::merging`]), and faces move after them, at most [`MERGES`]
@@ -110,12 +111,12 @@ pub fn cluster(
             let (merged, fork) = merged(faces, allowed, clusters, cancel)?;
             let start =
                 |merged: Merged| Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
-            let other = |&factor: &f64| {
+            let other = |(&factor, state): (&f64, &Merged)| {
                 let prices = Prices::of(faces.graph, clusters, factor * resolution);
-                merged_on(faces, Allowed { prices: &prices, ..allowed }, &fork, clusters, cancel).and_then(start)
+                merged_on(faces, Allowed { prices: &prices, ..allowed }, state, clusters, cancel).and_then(start)
             };
-            let has_others = allowed.are_curved() && *resolution > 0.0;
-            let others = OTHER_STARTS.iter().filter(|_| has_others).map(other);
+            let state = fork.filter(|_| *resolution > 0.0);
+            let others = OTHER_STARTS.iter().filter_map(|factor| Some(other((factor, state.as_ref()?))));
             start(merged)?.with_swaps(others, most_steps, cancel, on_step)
         }
         Wanted::Within(tolerance) => {
@@ -212,9 +213,10 @@ impl<'a> Run<'a> {
         Ok(self.ended(initial, before, ending))
     }
 
-    /// Becomes another run of as many clusters, whose energy is lower.
+    /// Becomes another run of as many clusters, whose energy is lower. Where no face moves, shapes are better alone.
     fn replace(&mut self, other: Self, phase: Phase, on_step: &mut dyn FnMut(Step, &[u32])) {
         let moves = self.clusters.labels.iter().zip(&other.clusters.labels).filter(|(a, b)| a != b).count() as u64;
+        let phase = if moves == 0 { Phase::Refit } else { phase };
         *self = other;
         on_step(Step { phase, energy: self.energy(), moves }, &self.clusters.labels);
     }

@@ -145,6 +145,8 @@ fn a_part_is_cut_into_its_patches() {
         let outcome = run(&mesh, &within(Kind::Shapes, Length::Share(share)));
         assert_holds(&mesh, &outcome, "a part");
         assert_eq!(outcome.report.clusters, 13, "{noise} {share}");
+        let tolerance = outcome.report.tolerance.expect("a tolerance");
+        assert!(noise == 0.0 || tolerance.largest > 0.1 * tolerance.length, "{tolerance:?}");
         let mut counts = std::collections::BTreeMap::<(u32, u32), usize>::new();
         labels(&outcome)
             .iter()

@@ -9,18 +9,23 @@ use crate::shapes::faces::members;
 const FORK: usize = 64;
 
 /// Merges faces until there are so many clusters, which must be possible
-/// ([`crate::cluster::seeds::shares`]). Also returns the state with [`FORK`] times as many, or all faces.
-pub fn merged(faces: Faces<'_>, allowed: Allowed<'_>, clusters: usize, cancel: &Cancel) -> Result<(Merged, Merged)> {
+/// ([`crate::cluster::seeds::shares`]). Also returns the state with [`FORK`] times as many, or all faces, unless all
+/// shapes are planes, which prices do not touch.
+pub fn merged(
+    faces: Faces<'_>,
+    allowed: Allowed<'_>,
+    clusters: usize,
+    cancel: &Cancel,
+) -> Result<(Merged, Option<Merged>)> {
     let mut merging = Merging::new(faces, allowed);
     let surplus = faces.count().saturating_sub(clusters);
     let mut fork = None;
     merging.merge_all(&vec![0; faces.count()], vec![surplus], cancel, &mut |merging, left| {
-        if fork.is_none() && left <= (FORK - 1).saturating_mul(clusters) {
+        if allowed.are_curved() && fork.is_none() && left <= (FORK - 1).saturating_mul(clusters) {
             fork = Some(merging.clusters());
         }
     })?;
-    let merged = merging.clusters();
-    Ok((merged, fork.unwrap_or_else(|| merging.clusters())))
+    Ok((merging.clusters(), fork))
 }
 
 /// Merges the clusters of a state until there are so many.
