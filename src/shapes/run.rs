@@ -366,7 +366,7 @@ mod tests {
         let faces = Faces { graph: &surface.graph, samples: &samples };
         let prices = Prices::of(faces.graph, 13, 1e5);
         let allowed = Allowed { kinds: &Kind::ALL, prices: &prices, tolerance: None };
-        let merged = merged(faces, allowed, 13, &Cancel::default()).expect("clusters");
+        let (merged, _) = merged(faces, allowed, 13, &Cancel::default()).expect("clusters");
         let mut run =
             Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes).expect("shapes");
         let (mut steps, mut last) = (0, run.energy());
