@@ -175,7 +175,7 @@ impl Parameters {
         ];
         match others.into_iter().find(|&(_, is_given)| is_given) {
             Some((name, _)) => Err(Error::parameter(format_args!(
-                "{name} does not go with {}, which decides how many clusters there are: leave one of them out: {tolerance}",
+                "{name} does not go with {}, which decides how many clusters there are: leave one out: {tolerance}",
                 Name::TOLERANCE
             ))),
             None => Ok(()),

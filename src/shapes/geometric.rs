@@ -1,5 +1,5 @@
-//! The shape nearest to places, such as the corners of a cluster: least squares of true distances, by Gauss and Newton's
-//! method.
+//! The shape nearest to places, such as the corners of a cluster: least squares of true distances, by Gauss and
+//! Newton's method.
 //!
 //! f64 with + − × ÷ √ in a fixed order, as the fits that decide labels.
 

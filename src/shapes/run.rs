@@ -5,8 +5,8 @@
 //! negative, falls with every pass and every round of fits, and the run ends. There is no refinement, and no repair:
 //! clusters are connected all along.
 //!
-//! Other starts do the same, which merged by the prices of other resolutions ([`OTHER_STARTS`]). The one with the lowest
-//! F goes on. Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at most
+//! Other starts do the same, which merged by the prices of other resolutions ([`OTHER_STARTS`]). The one with the
+//! lowest F goes on. Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at most
 //! [`SWAPS`] times.
 //!
 //! With a tolerance in place of a number of clusters, all of this keeps corners within it. In place of swaps, clusters
@@ -38,7 +38,7 @@ use crate::error::{self, Error, Result};
 /// Rounds of fits at most. Scans take 5 to 60.
 const ROUNDS: usize = 1024;
 
-/// Resolutions, times the one that is asked for, by whose prices other starts merge.
+/// Resolutions, times the given one, by whose prices other starts merge.
 const OTHER_STARTS: [f64; 2] = [2.0, 0.5];
 
 /// Rounds of swaps at most.

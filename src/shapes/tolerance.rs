@@ -1,7 +1,7 @@
 //! The tolerance: how far a corner of a face may be from the shape of its cluster.
 //!
-//! Corners alone do not show how far a chord is from an arc: all corners of the bottom of a cylinder lie on its side. So
-//! middles of edges must be near, too, but as far as [`CHORDS`] tolerances.
+//! Corners alone do not show how far a chord is from an arc: all corners of the bottom of a cylinder lie on its side.
+//! So middles of edges must be near, too, but as far as [`CHORDS`] tolerances.
 //!
 //! Distances are f64 with + − × √, of places that are not rounded to the lattice: every machine computes the same bits,
 //! and reports the same.
@@ -30,7 +30,8 @@ pub struct Tolerance<'a> {
 }
 
 impl Tolerance<'_> {
-    /// Whether the corners of some faces, and the middles of their edges, are within the tolerance of a shape, given in units of moments.
+    /// Whether the corners of some faces, and the middles of their edges, are within the tolerance of a shape,
+    /// given in units of moments.
     pub fn admits(&self, shape: &Shape, mut faces: impl Iterator<Item = u32>) -> bool {
         let shape = shape.scaled(f64::from(1u32 << SHIFT));
         let is_near = |at: DVec3, tolerance: f64| shape.distance(at).abs() <= tolerance;

@@ -1,4 +1,4 @@
-//! Clustering within a tolerance, checked from outside: labels, the mesh that was read, and shapes as reports have them.
+//! Clustering within a tolerance, checked from outside: labels, the mesh that was read, and shapes of reports.
 
 use std::collections::BTreeSet;
 
@@ -64,7 +64,8 @@ fn farthest(mesh: &PolygonMesh, outcome: &Outcome) -> Vec<[f64; 2]> {
     labels(outcome).iter().enumerate().map(of_face).collect()
 }
 
-/// No corner is further than the tolerance, no middle of an edge than twice that, and what the report says is so. Loose faces do not count.
+/// No corner is further than the tolerance, no middle of an edge than twice that, and what the report says is so. Loose faces do not
+/// count.
 fn assert_holds(mesh: &PolygonMesh, outcome: &Outcome, of: &str) {
     let report = &outcome.report;
     let tolerance = report.tolerance.expect("a tolerance");
