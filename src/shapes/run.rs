@@ -6,8 +6,8 @@
 //! clusters are connected all along.
 //!
 //! Other starts do the same, which merged by the prices of other resolutions ([`OTHER_STARTS`]). The one with the
-//! lowest F goes on. Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at most
-//! [`SWAPS`] times.
+//! lowest F goes on. Then whole clusters move ([`super::swaps`]), and faces after them; that is kept if F is lower, at
+//! most [`SWAPS`] times.
 //!
 //! With a tolerance in place of a number of clusters, all of this keeps corners within it. In place of swaps, clusters
 //! dissolve ([`super::dissolve`]) and merge on ([`super::merging`]), and faces move after them, at most [`MERGES`]

@@ -64,8 +64,8 @@ fn farthest(mesh: &PolygonMesh, outcome: &Outcome) -> Vec<[f64; 2]> {
     labels(outcome).iter().enumerate().map(of_face).collect()
 }
 
-/// No corner is further than the tolerance, no middle of an edge than twice that, and what the report says is so. Loose faces do not
-/// count.
+/// No corner is further than the tolerance, no middle of an edge than twice that, and what the report says is so.
+/// Loose faces do not count.
 fn assert_holds(mesh: &PolygonMesh, outcome: &Outcome, of: &str) {
     let report = &outcome.report;
     let tolerance = report.tolerance.expect("a tolerance");
