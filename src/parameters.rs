@@ -71,13 +71,13 @@ pub struct Parameters {
     pub shapes: Option<Shapes>,
 
     /// Energy shapes: distances below it are noise, which no sphere or cylinder stands for; as a share of the diagonal
-    /// of the mesh, 0.0003 when left out, or with a u behind it as a length, 0.5u
+    /// of the mesh, 0.0003 or a tenth of the tolerance when left out, or with a u behind it as a length, 0.5u
     #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
     pub resolution: Option<Length>,
 
-    /// Energies planes and shapes, in place of a number: as few clusters as suffice for no corner of a face to be
-    /// further than this from the shape of its cluster; as a share of the diagonal of the mesh, 0.001, or with a u
-    /// behind it as a length, 0.5u. The resolution is a tenth of it when left out
+    /// Energies planes and shapes, in place of a number: few clusters, such that no corner of a face is further than
+    /// this from the shape of its cluster; as a share of the diagonal of the mesh, 0.001, or with a u behind it as a
+    /// length, 0.5u
     #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
     pub tolerance: Option<Length>,
 

@@ -180,7 +180,7 @@ pub struct Energy {
     pub l21: Option<f64>,
 }
 
-/// A tolerance, and what is left of it. Loose faces do not count.
+/// A tolerance, and how much of it was needed. Loose faces do not count.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[schema(as = ReportedTolerance)]
 pub struct Tolerance {

@@ -105,9 +105,9 @@ def cluster(
         Energy shapes: types that clusters may have, ``"plane,sphere,cylinder"`` when left out; planes always.
     resolution : float or str, optional
         Energy shapes: distances below it are noise, which no sphere or cylinder stands for; a share of the diagonal of
-        the mesh, 0.0003 when left out, or a length, ``"0.5u"``.
+        the mesh, 0.0003 or a tenth of the tolerance when left out, or a length, ``"0.5u"``.
     tolerance : float or str, optional
-        Energies planes and shapes, in place of `clusters`: as few clusters as suffice for no corner of a face to be
+        Energies planes and shapes, in place of `clusters`: few clusters, such that no corner of a face is
         further than this from the shape of its cluster; a share of the diagonal of the mesh, or a length, ``"0.5u"``.
         The resolution is a tenth of it when left out.
     quality : {"default", "fast", "best"}

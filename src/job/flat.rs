@@ -296,7 +296,7 @@ pub(super) fn warnings(max_iterations: Option<u32>, ending: Ending, record: &Rec
         }
         (Ending::WorkLimit, _) => vec![
             "stopped by the bound on work, maybe before it had converged: clusters hang \
-            together by long ways, as around holes, slivers or damaged positions"
+            together by long ways, as around holes, slivers or damaged positions, or faces have very many neighbours"
                 .to_owned(),
         ],
         (Ending::IterationLimit, None) | (Ending::Converged, _) => Vec::new(),

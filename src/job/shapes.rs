@@ -25,7 +25,7 @@ use crate::surface::samples::Samples;
 /// Resolution where the caller gives none.
 const RESOLUTION: Length = Length::Share(3e-4);
 
-/// Resolutions in a tolerance, where the caller gives that alone.
+/// A tolerance over the resolution, where the caller gives the tolerance alone.
 const IN_TOLERANCE: f64 = 10.0;
 
 /// The faces of a mesh as shapes see them.
@@ -53,7 +53,7 @@ pub struct ShapesSpec {
 pub enum WantedShapes {
     /// So many.
     Clusters(u64),
-    /// As few as suffice for all corners to be within this distance.
+    /// Few, such that all corners are within this distance.
     Within(Length),
 }
 
@@ -138,8 +138,9 @@ impl Shaped {
         let length = libm::ldexp(distance, -self.surface.frame().exponent);
         let largest = table.iter().fold(0.0, |most: f64, shape| most.max(shape.residual.max));
         let beyond = table.iter().filter(|shape| shape.residual.max > length).count();
-        let warning = (beyond > 0)
-            .then(|| format!("faces that bend by more than the tolerance, which are clusters of their own: {beyond}"));
+        let warning = (beyond > 0).then(|| {
+            format!("faces with corners beyond the tolerance of their plane, clusters of their own: {beyond}")
+        });
         Some((report::Tolerance { asked, length, largest }, warning))
     }
 

@@ -7,30 +7,44 @@
 //!
 //! # Work
 //!
-//! Clusters are tried until all faces have been looked at [`LOOKS`] times on average.
+//! Clusters are tried until all faces and their neighbours have been looked at [`LOOKS`] times on average.
 
 use super::moves::Clusters;
+use crate::device::Cancel;
+use crate::error::Result;
 
-/// Looks at a face, on average.
+/// Looks at a face or a neighbour of one, on average.
 const LOOKS: usize = 64;
 
 /// No cluster.
 const NONE: u32 = u32::MAX;
 
-/// The labels without the clusters that dissolve, numbered without gaps, and the clusters that stay.
-pub(super) fn dissolved(clusters: &Clusters<'_>) -> (Vec<u32>, Vec<u32>) {
+/// Clusters after some have dissolved.
+#[derive(Debug)]
+pub(super) struct Dissolved {
+    /// One a face, numbered without gaps.
+    pub labels: Vec<u32>,
+    /// What the clusters that stay were.
+    pub stay: Vec<u32>,
+    /// Whether the bound on work ended it.
+    pub is_bounded: bool,
+}
+
+/// Dissolves clusters.
+pub(super) fn dissolved(clusters: &Clusters<'_>, cancel: &Cancel) -> Result<Dissolved> {
     let mut labels = clusters.labels.clone();
     let count = clusters.shapes.len() as u32;
     let mut members = super::faces::members(&labels, count as usize, |_| true);
     let mut by_size: Vec<u32> = (0..count).collect();
     by_size.sort_by_key(|&cluster| members[cluster as usize].len());
-    let mut looks_left = LOOKS * labels.len();
+    let mut looks_left = LOOKS * clusters.faces.all_looks();
     for cluster in by_size {
+        cancel.check()?;
         let all = std::mem::take(&mut members[cluster as usize]);
         let mut left = all.clone();
         while !left.is_empty() {
             let before = left.len();
-            looks_left = looks_left.saturating_sub(before);
+            looks_left = looks_left.saturating_sub(clusters.faces.looks(&left));
             left.retain(|&face| match clusters.best_beside(face, &labels).filter(|_| looks_left > 0) {
                 Some((_, to)) => {
                     labels[face as usize] = to;
@@ -53,5 +67,5 @@ pub(super) fn dissolved(clusters: &Clusters<'_>) -> (Vec<u32>, Vec<u32>) {
     let mut number_of = vec![NONE; count as usize];
     (0..).zip(&stay).for_each(|(number, &cluster)| number_of[cluster as usize] = number);
     labels.iter_mut().for_each(|label| *label = number_of[*label as usize]);
-    (labels, stay)
+    Ok(Dissolved { labels, stay, is_bounded: looks_left == 0 })
 }

@@ -30,6 +30,16 @@ impl Faces<'_> {
         self.samples.of(face)
     }
 
+    /// What it takes to look at some faces and their neighbours.
+    pub fn looks(&self, faces: &[u32]) -> usize {
+        faces.iter().map(|&face| 1 + self.graph.neighbours_of(face).len()).sum()
+    }
+
+    /// The same for all faces.
+    pub fn all_looks(&self) -> usize {
+        self.count() + self.graph.neighbours.len()
+    }
+
     /// The unit normal of a face × 2¹⁴.
     pub fn normal(&self, face: u32) -> [i64; 3] {
         self.samples.normal(face)

@@ -14,7 +14,7 @@
 //! # Work
 //!
 //! The costs of a face fall with its moves, so that it is in each cluster once at most between two fits. Passes end
-//! after [`LOOKS`] looks a face; scans take 10 to 60.
+//! after [`LOOKS`] looks at all faces and their neighbours; scans take 10 to 60.
 
 use super::faces::Faces;
 use super::fitted::Fitted;
@@ -24,7 +24,7 @@ use super::tolerance::Tolerance;
 use crate::cluster::relocation::Connection;
 use crate::surface::Moves;
 
-/// Looks at a face, over all passes, on average.
+/// Looks at a face or a neighbour of one, over all passes, on average.
 const LOOKS: u64 = 1024;
 
 /// Clusters of faces, and what they cost.
@@ -54,7 +54,7 @@ impl<'a> Clusters<'a> {
         let mut sizes = vec![0; fits.len()];
         labels.iter().for_each(|&label| sizes[label as usize] += 1);
         let connection = Connection::new(labels.len(), Moves::Connected);
-        let looks_left = LOOKS * labels.len() as u64;
+        let looks_left = LOOKS * faces.all_looks() as u64;
         Self {
             faces,
             labels,
@@ -86,7 +86,7 @@ impl<'a> Clusters<'a> {
 
     /// Makes a pass over faces, ascending. Returns how many moved, and the faces for the next pass.
     pub fn pass(&mut self, faces: &[u32]) -> (u64, Vec<u32>) {
-        self.looks_left = self.looks_left.saturating_sub(faces.len() as u64);
+        self.looks_left = self.looks_left.saturating_sub(self.faces.looks(faces) as u64);
         if self.looks_left == 0 {
             return (0, Vec::new());
         }

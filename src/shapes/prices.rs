@@ -18,17 +18,17 @@ pub struct Prices {
 /// The number of clusters that prices are for where a tolerance decides it.
 const LIKELY: usize = 100;
 
-/// No resolution is larger: the diagonal of the lattice.
+/// No resolution counts as larger: the diagonal of the lattice.
 const LARGEST: f64 = 4.68e8;
 
 impl Prices {
-    /// Those of each component, for so many clusters; `resolution` in lattice units, at most 2²⁸·⁸.
+    /// Those of each component, for so many clusters; `resolution` in lattice units, the diagonal at most.
     pub fn of(graph: &DualGraph, clusters: usize, resolution: f64) -> Vec<Self> {
         let units = |shift: u32| f64::from(1u32 << shift);
         let all: f64 =
             graph.components.iter().map(|component| component.weight as f64 * units(component.energy_shift)).sum();
         let mean = all / clusters as f64;
-        let scaled = resolution / f64::from(1u32 << SHIFT);
+        let scaled = resolution.min(LARGEST) / f64::from(1u32 << SHIFT);
         let price = |shift: u32| Self { unit: 3.0 * scaled * scaled * mean / units(shift) };
         graph.components.iter().map(|component| price(component.energy_shift)).collect()
     }

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use super::best::Allowed;
 use super::central::Central;
-use super::dissolve::dissolved;
+use super::dissolve::{Dissolved, dissolved};
 use super::faces::{Faces, members};
 use super::fitted::{Fitted, cost, fitted};
 use super::kind::Kind;
@@ -52,7 +52,7 @@ const MERGES: usize = 4;
 pub enum Wanted<'a> {
     /// So many.
     Clusters(usize),
-    /// As few as a tolerance allows.
+    /// Few, within a tolerance.
     Within(Tolerance<'a>),
 }
 
@@ -180,17 +180,16 @@ impl<'a> Run<'a> {
     /// Converges, as do other starts; then the best of them swaps clusters as long as that pays.
     fn with_swaps(
         mut self,
-        others: impl Iterator<Item = Result<Self>>,
+        mut others: impl Iterator<Item = Result<Self>>,
         mut most_steps: u32,
         cancel: &Cancel,
         on_step: &mut dyn FnMut(Step, &[u32]),
     ) -> Result<Clustering> {
         let (initial, before) = self.begun(on_step);
         let mut ending = self.converge(&mut most_steps, cancel, on_step)?;
-        for other in others {
-            if ending != Ending::Converged {
-                break;
-            }
+        while ending == Ending::Converged
+            && let Some(other) = others.next()
+        {
             let mut other = other?;
             let after = other.converge(&mut u32::MAX.clone(), cancel, &mut |_, _| ())?;
             if other.energy() < self.energy() {
@@ -236,16 +235,19 @@ impl<'a> Run<'a> {
             if ending != Ending::Converged {
                 break;
             }
-            let (labels, stay) = dissolved(&self.clusters);
+            let Dissolved { labels, stay, is_bounded } = dissolved(&self.clusters, cancel)?;
+            self.is_bounded |= is_bounded;
             let Clusters { faces, shapes, .. } = &self.clusters;
             let stay: Vec<Shape> = stay.iter().map(|&cluster| shapes[cluster as usize]).collect();
             let begun = Begun { labels: &labels, shapes: &stay };
             let within = merged_within(*faces, self.allowed, tolerance, Some(begun), cancel)?;
             let moves = (shapes.len() - within.shapes.len()) as u64;
+            let is_bounded = self.is_bounded | within.is_bounded;
             if moves == 0 {
+                self.is_bounded = is_bounded;
                 break;
             }
-            self = Self::of_shapes(*faces, self.allowed, within)?;
+            self = Self { is_bounded, ..Self::of_shapes(*faces, self.allowed, within)? };
             on_step(Step { phase: Phase::Merge, energy: self.energy(), moves }, &self.clusters.labels);
             ending = self.converge(&mut left, cancel, on_step)?;
         }

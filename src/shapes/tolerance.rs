@@ -3,8 +3,7 @@
 //! Corners alone do not show how far a chord is from an arc: all corners of the bottom of a cylinder lie on its side.
 //! So middles of edges must be near, too, but as far as [`CHORDS`] tolerances.
 //!
-//! Distances are f64 with + − × √, of places that are not rounded to the lattice: every machine computes the same bits,
-//! and reports the same.
+//! Distances are f64 with + − × √, of places that are not rounded to the lattice: every machine computes the same bits.
 
 use glam::DVec3;
 

@@ -20,6 +20,11 @@ impl Corners {
         self.faces.corners(face as usize)
     }
 
+    /// Those of all faces.
+    pub fn count(&self) -> usize {
+        self.faces.all_corners().len()
+    }
+
     /// Whether every face has three.
     pub fn are_of_triangles(&self) -> bool {
         self.faces.are_triangles()

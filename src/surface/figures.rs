@@ -127,7 +127,9 @@ fn in_order(numbers: impl IndexedParallelIterator<Item = f64>) -> f64 {
 
 /// A figure of each cluster. `of_range` has those of a range of clusters; threads take ranges, and go over all faces.
 fn by_cluster<T: Send>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
-    let ranges = rayon::current_num_threads().min(clusters);
+    /// Ranges at most: each goes over all labels.
+    const MOST: usize = 16;
+    let ranges = rayon::current_num_threads().min(MOST).min(clusters);
     let bound = |range: usize| (clusters * range / ranges) as u32;
     let figures = (0..ranges).into_par_iter().map(|range| of_range(bound(range)..bound(range + 1)));
     figures.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()

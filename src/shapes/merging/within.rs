@@ -7,8 +7,8 @@
 //! # Work
 //!
 //! A round prices and looks at edges as in [`super`], those that wait included. Merging ends after twice as many such
-//! looks as that has until one end suffices, or after [`LOOKS`] looks at a face on average: there are more clusters
-//! than need be then. Scans take 1 to 35 looks at a face, and a fit of [`super::super::geometric`] for some.
+//! looks as that has until one end suffices, or after [`LOOKS`] looks at a corner on average: there are more clusters
+//! than need be then. Scans take 1 to 35, and a fit of [`super::super::geometric`], 30 steps at most, for some.
 
 use std::cell::Cell;
 
@@ -17,8 +17,11 @@ use crate::shapes::proxy::Proxy;
 use crate::shapes::shape::Shape;
 use crate::shapes::tolerance::Tolerance;
 
-/// Looks at a face on average, to see whether its corners are within the tolerance of a shape.
+/// Looks at a corner on average, to see whether it is within the tolerance of a shape.
 const LOOKS: usize = 512;
+
+/// Tries to merge between two looks whether the job is cancelled.
+const TRIES: usize = 256;
 
 /// The price of an edge that waits.
 const BEYOND: i64 = f64::INFINITY.to_bits() as i64;
@@ -64,7 +67,7 @@ pub fn merged_within(
     let components = faces.graph.components.len();
     let edges = merging.edges_inside(&vec![0; faces.count()], &[1]);
     let most = super::LOOKS * faces.graph.neighbours.len() / 2;
-    let (has_begun, looks_left) = (begun.is_some(), LOOKS * faces.count());
+    let (has_begun, looks_left) = (begun.is_some(), LOOKS * tolerance.corners.count());
     let mut within = Within { merging, tolerance, shapes, has_begun, looks_left, waiting: Vec::new() };
     let mut edges = within.without_waiting(edges);
     let (mut looks, mut is_bounded) = (0, false);
@@ -73,7 +76,15 @@ pub fn merged_within(
         looks += edges.len() + within.waiting.len();
         let chosen = within.merging.choose(&edges, clusters - components, looks > most);
         let tried = chosen.len();
-        let refused: Vec<Edge> = chosen.into_iter().filter(|edge| !within.merge(edge.ends())).collect();
+        let mut refused = Vec::new();
+        for (at, edge) in chosen.into_iter().enumerate() {
+            if at % TRIES == TRIES - 1 {
+                cancel.check()?;
+            }
+            if !within.merge(edge.ends()) {
+                refused.push(edge);
+            }
+        }
         clusters -= tried - refused.len();
         edges.retain(|edge| refused.binary_search(edge).is_err());
         within.waiting.extend(refused.iter().map(Edge::ends));
@@ -126,9 +137,13 @@ impl Within<'_> {
     /// A shape that both clusters are within the tolerance of: of the fits to both, or that of the larger one. Clusters
     /// that were optimised have no better ones to merge with, so that it may be any near the fits then.
     fn shape_of(&mut self, (low, high): (u32, u32), candidates: &Candidates) -> Option<Shape> {
+        if self.looks_left == 0 {
+            return None;
+        }
         let Self { merging, tolerance, shapes, .. } = self;
         let looks = Cell::new(0);
-        let faces_of = |cluster| merging.faces_of(cluster).inspect(|_| looks.set(looks.get() + 1));
+        let look = |&face: &u32| looks.set(looks.get() + tolerance.corners.of(face).len());
+        let faces_of = |cluster| merging.faces_of(cluster).inspect(look);
         let both = || faces_of(low).chain(faces_of(high));
         let has_proxy = |shape: &Shape| Proxy::new(shape, candidates.mean()).is_some();
         let fits: Vec<Shape> = candidates.within().iter().map(|candidate| candidate.fit.shape).collect();
