@@ -3,7 +3,6 @@
 use std::time::{Duration, Instant};
 
 use futures_util::future::join_all;
-use reqwest::multipart::{Form, Part};
 use serde_json::Value;
 use tesserae_mesh::dev::sample::{self, Sample};
 use tesserae_mesh::device::cpu::CpuDevice;
@@ -127,19 +126,16 @@ async fn the_next_mesh_is_read_while_the_device_works() {
 #[tokio::test]
 async fn a_running_job_is_cancelled_stays_listed_and_is_then_deleted() {
     let service = Service::start().await;
-    // seconds of iterations
-    let mesh = sphere_glb(80_000);
-    let submit = async || {
-        let form = Form::new().part("mesh", Part::bytes(mesh.clone()).file_name("sphere.glb"));
-        json(service.post("/v1/jobs").multipart(form.text("clusters", "4000").text("quality", "best"))).await
-    };
+    // a second of iterations
+    let mesh = sphere(30_000);
+    let submit = async || service.submit("clusters=1500&quality=best", mesh.clone()).await;
     let started = Instant::now();
     assert_eq!(service.ended(&submit().await).await["state"], "succeeded");
     let whole = started.elapsed();
 
     let job = submit().await;
     while service.job(&job).await["progress"]["iterations"].as_u64() < Some(3) {
-        tokio::time::sleep(Duration::from_millis(2)).await;
+        tokio::time::sleep(Duration::from_millis(10)).await;
     }
     let asked = Instant::now();
     let response = service.delete(path(&job)).send().await.expect("answered");

@@ -131,7 +131,7 @@ impl Service {
                 return job;
             }
             assert!(started.elapsed() < PATIENCE, "the job does not end: {job}");
-            tokio::time::sleep(Duration::from_millis(5)).await;
+            tokio::time::sleep(Duration::from_millis(15)).await;
         }
     }
 
