@@ -5,7 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::Surface;
-use super::lattice::{COORDINATE_BITS, FaceGeometry};
+use super::lattice::{COORDINATE_BITS, FaceGeometry, PIECE};
 use super::of_faces::OfFaces;
 
 /// Figures of a clustering.
@@ -116,9 +116,6 @@ impl<E: OfFaces> Surface<E> {
         Some(lattice / (self.frame.diagonal * self.frame.diagonal) * self.units.density)
     }
 }
-
-/// Faces whose figures are added up one after the other, for any number of threads.
-const PIECE: usize = 1 << 12;
 
 /// The sum of numbers in their order.
 fn in_order(numbers: impl IndexedParallelIterator<Item = f64>) -> f64 {

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::components::Component;
 use super::graph::DualGraph;
+use super::lattice::PIECE;
 use super::loose::Loose;
 use super::order;
 use crate::energy::{Energy, Functional, LatticeEnergy, Merged, Sums};
@@ -56,7 +57,9 @@ impl<E: Functional> Items<E> {
     /// The items of a graph, none of them loose.
     pub fn new(graph: DualGraph<E>, upload_face: Vec<u32>, units: Units<E>) -> Self {
         let moment_of = |component: &Component| {
-            let moment: i128 = component.range().into_par_iter().map(|item| E::constant(graph.face(item))).sum();
+            // of small components, of which there may be as many as faces, by one thread
+            let items = component.range().into_par_iter().with_min_len(PIECE);
+            let moment: i128 = items.map(|item| E::constant(graph.face(item))).sum();
             moment << component.energy_shift
         };
         let moment = graph.components.iter().map(moment_of).sum();

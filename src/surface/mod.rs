@@ -65,7 +65,7 @@ use adjacency::Links;
 use components::NO_COMPONENT;
 use density::Density;
 use features::Features;
-use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
+use lattice::{COORDINATE_BITS, FaceGeometry, PIECE, Scales};
 use of_faces::OfFaces as _;
 use weld::UNUSED;
 
@@ -229,9 +229,6 @@ impl Surface {
         }
     }
 }
-
-/// Faces that a thread gathers at once. Sums go by piece, whatever the number of threads.
-const PIECE: usize = 1 << 12;
 
 /// The faces on the lattice, internal order.
 struct Gathered {

@@ -183,7 +183,11 @@ mod tests {
             let each = |faces: &[u32], visit: &mut dyn FnMut(usize, DVec3)| {
                 faces.iter().enumerate().for_each(|(at, &face)| visit(at, centroids[face as usize]));
             };
-            assert_eq!(along_curve(5000, each), expected);
+            // there is a sort for few threads and one for many
+            for threads in [1, 4] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                assert_eq!(pool.install(|| along_curve(5000, each)), expected, "{threads} threads");
+            }
         }
     }
 }

@@ -43,6 +43,9 @@ pub fn resize<E: Functional>(
             true => split(clusters, most, candidates),
             false => merge(clusters, most, candidates),
         };
+        if changed.is_empty() {
+            return Ok(false);
+        }
         settle(clusters, changed, PASSES, cancel)?;
     }
     Ok(clusters.count() == wanted)
