@@ -1,29 +1,29 @@
 //! uses: wide, float
 // The CVD energy (P§6): everything that depends on what a face costs in a cluster. Another energy is a file with the
-// same names. `energy::cvd` is the same in Rust; `energy::cvd::words` has `Face`, `Proxy` and `SUMS`.
-// Bit widths: |coordinate| < 2²⁷, Σ weight < 2³⁴, |Σ weight·centroid| < 2⁶¹ an axis.
+// same names. `energy::cvd` is the same in Rust; `energy::cvd::words` has `Face` and `Proxy`.
+// Bit widths: |coordinate| < 2²⁷, of more than 4 axes < 2²⁶; Σ weight < 2³⁴, |Σ weight·point| < 2⁶¹ an axis.
+// What each axis or sum has once is written out: `device::gpu::axes`.
 
-// Sums over faces, from which a cluster's proxy and energy follow: Σ weight·centroid on each axis, then Σ weight.
+// Sums over faces, from which a cluster's proxy and energy follow: Σ weight·point on each axis, then Σ weight.
 alias Sums = array<i64, SUMS>;
 
 const NO_SUMS = Sums();
 
 // Index of Σ weight.
-const WEIGHT: u32 = 3u;
+const WEIGHT: u32 = AXES;
 
 fn sums_of(face: Face) -> Sums {
     // by way of u64, because naga extends the sign when it converts u32 to i64
     let weight = i64(u64(face.weight));
-    let centroid = face.centroid;
-    return Sums(i64(centroid.x) * weight, i64(centroid.y) * weight, i64(centroid.z) * weight, weight);
+    return Sums(@list(i64(face.point[$]) * weight), weight);
 }
 
 fn sums_plus(a: Sums, b: Sums) -> Sums {
-    return Sums(a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]);
+    return Sums(@list(a[#] + b[#]));
 }
 
 fn sums_minus(a: Sums, b: Sums) -> Sums {
-    return Sums(a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]);
+    return Sums(@list(a[#] - b[#]));
 }
 
 fn square(number: i32) -> u64 {
@@ -32,14 +32,13 @@ fn square(number: i32) -> u64 {
 }
 
 // Squared distance of two lattice points, below 2⁵⁸.
-fn distance_squared(a: vec3<i32>, b: vec3<i32>) -> u64 {
-    let apart = a - b;
-    return square(apart.x) + square(apart.y) + square(apart.z);
+fn distance_squared(a: Point, b: Point) -> u64 {
+    return @sum(square(a[$] - b[$]));
 }
 
 // What a unit of the face's weight costs in a cluster with this proxy.
 fn cost(face: Face, proxy: Proxy) -> u64 {
-    return distance_squared(face.centroid, proxy.position);
+    return distance_squared(face.point, proxy.position);
 }
 
 // sum / weight rounded to nearest, halves up: ⌊(2·sum + weight) / (2·weight)⌋.
@@ -53,20 +52,16 @@ fn mean(sum: i64, weight: i64) -> i32 {
 // The proxy of a cluster with faces.
 fn fit(sums: Sums, energy_shift: u32) -> Proxy {
     let weight = sums[WEIGHT];
-    return Proxy(vec3<i32>(mean(sums[0], weight), mean(sums[1], weight), mean(sums[2], weight)), energy_shift);
+    return Proxy(Point(@list(mean(sums[$], weight))), energy_shift);
 }
 
 // The explained energy 2·P·S − M·|P|² = P·(2·S − M·P), below 2⁹². |P| ≤ 2²⁷ and |2·S − M·P| < 2⁶² an axis, so the
-// product of P with the upper 32 bits is below 2⁵⁷, with the lower ones below 2⁵⁹.
+// product of P with the upper 32 bits is below 2⁵⁷ an axis, with the lower ones below 2⁵⁹; of more than 4 axes, where
+// |P| ≤ 2²⁶, half of that.
 fn explained(proxy: Proxy, sums: Sums) -> Wide {
-    let p = vec3<i64>(proxy.position);
-    let x = 2li * sums[0] - sums[WEIGHT] * p.x;
-    let y = 2li * sums[1] - sums[WEIGHT] * p.y;
-    let z = 2li * sums[2] - sums[WEIGHT] * p.z;
-    return wide(
-        p.x * (x >> 32u) + p.y * (y >> 32u) + p.z * (z >> 32u),
-        p.x * (x & 0xffffffffli) + p.y * (y & 0xffffffffli) + p.z * (z & 0xffffffffli),
-    );
+    @each(let p_$ = i64(proxy.position[$]);)
+    @each(let factor_$ = 2li * sums[$] - sums[WEIGHT] * p_$;)
+    return wide(@sum(p_$ * (factor_$ >> 32u)), @sum(p_$ * (factor_$ & 0xffffffffli)));
 }
 
 // distance·weight / rest; weight / rest, below 1, as a fraction of 32 bits.

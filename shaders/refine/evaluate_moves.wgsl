@@ -19,7 +19,7 @@ fn take_sum(cluster: u32, at: u32) -> i64 {
 
 // Reads the sums of the joining faces and clears them for the next iteration.
 fn take_joining(cluster: u32) -> Change {
-    let sums = Sums(take_sum(cluster, 0u), take_sum(cluster, 1u), take_sum(cluster, 2u), take_sum(cluster, 3u));
+    let sums = Sums(@list(take_sum(cluster, #u)));
     return Change(sums, atomicExchange(&cluster_bids[cluster].joining, 0u));
 }
 

@@ -15,10 +15,7 @@ fn add_to_joining_sum(cluster: u32, at: u32, value: i64) {
 
 // Adds a face to the sums of those that leave a cluster together, as `cluster_sums` adds to a cluster.
 fn add_joining(cluster: u32, sums: Sums) {
-    add_to_joining_sum(cluster, 0u, sums[0]);
-    add_to_joining_sum(cluster, 1u, sums[1]);
-    add_to_joining_sum(cluster, 2u, sums[2]);
-    add_to_joining_sum(cluster, 3u, sums[3]);
+    @each(add_to_joining_sum(cluster, #u, sums[#]);)
     atomicAdd(&cluster_bids[cluster].joining, 1u);
 }
 

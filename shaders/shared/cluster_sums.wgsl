@@ -3,8 +3,8 @@
 // the low word returns the value before, which shows whether this addition carried, in whatever order threads add. So
 // at the end of the dispatch the two words hold the sum modulo 2⁶⁴. A kernel does not read sums that it adds to.
 //
-// The numbers are written out here and in kernels: an index that is computed would put 64-bit arrays into memory of the
-// thread, which drivers seldom compile. Another number of sums does not parse.
+// The numbers of sums are written out here and in kernels: an index that is computed would put 64-bit arrays into memory
+// of the thread, which drivers seldom compile.
 
 fn cluster_sum(cluster: u32, at: u32) -> i64 {
     let low = u64(atomicLoad(&clusters[cluster].sums[2u * at]));
@@ -17,7 +17,7 @@ fn cluster_weight(cluster: u32) -> i64 {
 }
 
 fn cluster_sums(cluster: u32) -> Sums {
-    return Sums(cluster_sum(cluster, 0u), cluster_sum(cluster, 1u), cluster_sum(cluster, 2u), cluster_sum(cluster, 3u));
+    return Sums(@list(cluster_sum(cluster, #u)));
 }
 
 fn add_to_sum(cluster: u32, at: u32, value: i64) {
@@ -31,10 +31,7 @@ fn add_to_sum(cluster: u32, at: u32, value: i64) {
 
 // Adds the sums of `count` faces; negative to take faces away.
 fn add_to_cluster(cluster: u32, sums: Sums, count: i32) {
-    add_to_sum(cluster, 0u, sums[0]);
-    add_to_sum(cluster, 1u, sums[1]);
-    add_to_sum(cluster, 2u, sums[2]);
-    add_to_sum(cluster, 3u, sums[3]);
+    @each(add_to_sum(cluster, #u, sums[#]);)
     atomicAdd(&clusters[cluster].count, u32(count));
 }
 
@@ -45,9 +42,6 @@ fn store_sum(cluster: u32, at: u32, value: i64) {
 
 // Replaces the sums of a cluster that no other thread reads or adds to.
 fn store_sums(cluster: u32, sums: Sums, count: u32) {
-    store_sum(cluster, 0u, sums[0]);
-    store_sum(cluster, 1u, sums[1]);
-    store_sum(cluster, 2u, sums[2]);
-    store_sum(cluster, 3u, sums[3]);
+    @each(store_sum(cluster, #u, sums[#]);)
     atomicStore(&clusters[cluster].count, count);
 }

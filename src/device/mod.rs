@@ -69,6 +69,11 @@ pub trait Device<E: Functional = Energy>: Send {
     /// What it is.
     fn info(&self) -> &DeviceInfo;
 
+    /// It, if it is a gpu: for points of other numbers of coordinates.
+    fn as_gpu(&mut self) -> Option<&mut gpu::GpuDevice> {
+        None
+    }
+
     /// Another device like this one that may work at the same time, where that costs nothing: for small meshes, and for
     /// several starts of one clustering.
     fn another(&self) -> Option<Box<dyn Device<E>>> {

@@ -1,9 +1,11 @@
 //! `device::gpu` of a build without the feature `gpu`: no adapters, and an error where a gpu is required.
 
-use super::Device;
 use super::adapter::{AdapterKind, AdapterReport};
 use super::tuning::Tuning;
+use super::{Device, DeviceInfo, MergeSteps, Steps};
+use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
+use crate::surface::DualGraph;
 
 /// Nothing that could be changed about a gpu.
 #[derive(Debug, Clone, Copy, Default)]
@@ -13,6 +15,24 @@ impl Overrides {
     /// Nothing.
     pub fn timed(_: Tuning) -> Self {
         Self {}
+    }
+}
+
+/// There is none.
+#[derive(Debug)]
+pub enum GpuDevice {}
+
+impl<E: Functional> Device<E> for GpuDevice {
+    fn info(&self) -> &DeviceInfo {
+        match *self {}
+    }
+
+    fn open<'a>(&'a mut self, _: &'a DualGraph<E>, _: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+        match *self {}
+    }
+
+    fn open_merging<'a>(&'a mut self, _: &'a DualGraph<E>, _: &'a [u32]) -> Result<Box<dyn MergeSteps<E> + 'a>> {
+        match *self {}
     }
 }
 

@@ -31,6 +31,9 @@ pub type Normals = OfPoints<6>;
 /// The sums over the faces of a cluster of a mesh.
 pub type ClusterSums = <Energy as Functional>::Sums;
 
+/// An energy whose numbers a gpu has as words.
+pub use self::shared::Words;
+
 /// By how much proxies may drift before a face could have a bid in refinement.
 pub use cvd::RefinementSlack;
 

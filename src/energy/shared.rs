@@ -1,13 +1,13 @@
-//! Structs that Rust and WGSL share, byte for byte. [`shared!`] makes the Rust struct and its WGSL text from one list
-//! of members: of `u32`, `u64`, the types below, and arrays of them.
+//! Structs that WGSL has, too. [`shared!`] makes a Rust struct and its WGSL text from one list of members: of `u32`,
+//! `u64`, the types below, and arrays of them. [`wide!`] lists structs whose size depends on the number of axes of a
+//! point; Rust writes and reads their words.
 //!
 //! The energy has such structs, because it decides which words a face and a proxy take; a device has others.
 
+use super::Functional;
+
 /// An atomic number in WGSL.
 pub type Atomic = u32;
-
-/// A vector in WGSL.
-pub type Vec3 = [i32; 3];
 
 /// An array without end in WGSL.
 pub type List = [u32; 1];
@@ -17,16 +17,33 @@ pub type List = [u32; 1];
 pub struct Struct {
     /// Its name.
     pub name: &'static str,
-    /// Its size in bytes in Rust.
-    pub size: usize,
-    /// Name, type and offset of each member, in Rust.
-    pub members: &'static [(&'static str, &'static str, usize)],
+    /// Name and type of each member.
+    pub members: &'static [(&'static str, &'static str)],
+    /// What Rust knows of its layout.
+    pub layout: Layout,
+}
+
+/// What Rust knows of the layout of a struct.
+#[derive(Debug, Clone, Copy)]
+pub enum Layout {
+    /// The size in bytes, and the offset of each member.
+    Twin(usize, &'static [usize]),
+    /// The number of words for so many axes.
+    Words(fn(usize) -> usize),
 }
 
 impl Struct {
+    /// Its size for points of so many axes.
+    pub fn bytes(&self, axes: usize) -> usize {
+        match self.layout {
+            Layout::Twin(bytes, _) => bytes,
+            Layout::Words(words) => words(axes) * size_of::<u32>(),
+        }
+    }
+
     /// Its declaration.
     pub fn wgsl(&self) -> String {
-        let member = |(name, ty, _): &(&str, &str, usize)| format!("    {name}: {},\n", wgsl_type(ty));
+        let member = |(name, ty): &(&str, &str)| format!("    {name}: {},\n", wgsl_type(ty));
         format!("struct {} {{\n{}}}\n", self.name, self.members.iter().map(member).collect::<String>())
     }
 }
@@ -37,10 +54,27 @@ fn wgsl_type(ty: &str) -> String {
     match (ty, array) {
         (_, Some((item, length))) => format!("array<{}, {length}>", wgsl_type(item)),
         ("Atomic", _) => "atomic<u32>".to_owned(),
-        ("Vec3", _) => "vec3<i32>".to_owned(),
         ("List", _) => "array<u32>".to_owned(),
         _ => ty.to_owned(),
     }
+}
+
+/// An energy whose numbers a gpu has as words.
+pub trait Words: Functional {
+    /// Coordinates of a point.
+    const AXES: usize;
+
+    /// The point with these coordinates.
+    fn point(coordinate: impl FnMut(usize) -> i32) -> Self::Point;
+
+    /// The words of a face.
+    fn of_face(face: Self::Item) -> impl Iterator<Item = u32>;
+
+    /// Those of the proxy of a cluster without faces.
+    fn of_unfitted(energy_shift: u32) -> impl Iterator<Item = u32>;
+
+    /// The sums of a cluster from their words, the low one of each number first, and the number of its faces.
+    fn sums(words: &[u32], faces: u32) -> Self::Sums;
 }
 
 /// Defines structs and lists them in `STRUCTS`.
@@ -57,10 +91,34 @@ macro_rules! shared {
         /// All structs that this file shares with WGSL.
         pub const STRUCTS: &[$crate::energy::shared::Struct] = &[$($crate::energy::shared::Struct {
             name: stringify!($name),
-            size: size_of::<$name>(),
-            members: &[$((stringify!($member), stringify!($ty), std::mem::offset_of!($name, $member))),*],
+            members: &[$((stringify!($member), stringify!($ty))),*],
+            layout: $crate::energy::shared::Layout::Twin(
+                size_of::<$name>(),
+                &[$(std::mem::offset_of!($name, $member)),*],
+            ),
         }),*];
     };
 }
 
-pub(crate) use shared;
+/// Lists structs of `axes`, their words and members, and all of them in `WIDE`.
+macro_rules! wide {
+    ($(
+        $(#[$doc:meta])* $constant:ident = $name:ident($words:expr) {
+            $($(#[$member_doc:meta])* $member:ident: $ty:ty,)*
+        }
+    )*) => {
+        $(
+            $(#[$doc])*
+            pub const $constant: $crate::energy::shared::Struct = $crate::energy::shared::Struct {
+                name: stringify!($name),
+                members: &[$((stringify!($member), stringify!($ty))),*],
+                layout: $crate::energy::shared::Layout::Words($words),
+            };
+        )*
+
+        /// All of these structs.
+        pub const WIDE: &[$crate::energy::shared::Struct] = &[$($constant),*];
+    };
+}
+
+pub(crate) use {shared, wide};

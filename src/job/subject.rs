@@ -7,7 +7,7 @@ use super::{Clustered, Clustering, InputFile, JobSpec, Plan, Prepared, Refusal, 
 use crate::data::{Members, PointSet};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
-use crate::energy::{Functional, Normals, OfPoints};
+use crate::energy::{Functional, Normals, OfPoints, Words};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::MeshView;
 use crate::report::{DeviceKind, Row};
@@ -153,21 +153,13 @@ impl Subject {
         }
     }
 
-    /// The items and the plan, if a gpu has code for them.
-    fn of_three(&self) -> Option<(&Items, &Plan)> {
-        match self {
-            Self::Mesh(surface, plan) => Some((&surface.items, plan)),
-            Self::Normals(..) | Self::Shapes(_) => None,
-            Self::Points(points) => match &points.planned {
-                Width::D3(Planned { items, plan }) => Some((items, plan)),
-                _ => None,
-            },
-        }
-    }
-
     /// Whether only the cpu has code for it.
     pub fn is_for_cpu(&self) -> bool {
-        self.of_three().is_none()
+        match self {
+            Self::Mesh(..) | Self::Normals(..) => false,
+            Self::Shapes(_) => true,
+            Self::Points(points) => !matches!(points.planned, Width::D3(_) | Width::D8(_)),
+        }
     }
 
     /// The points, of points.
@@ -207,25 +199,37 @@ impl Subject {
         cancel: &Cancel,
         on_row: &mut (dyn FnMut(Row) + Send),
     ) -> Result<Clustered> {
-        if let Some((items, plan)) = self.of_three() {
-            return cluster(prepared, items, plan, device, cancel, on_row);
-        }
-        if device.info().kind == DeviceKind::Gpu {
+        if self.is_for_cpu() && device.info().kind == DeviceKind::Gpu {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
-                "the device must be cpu or auto for energies other than that of places, and for points of more than 3 \
-                 coordinates",
+                "the device must be cpu or auto for the energies of shapes, and for points of more than 8 coordinates",
             ));
         }
         let mut cpu = CpuDevice::new();
         match self {
-            Self::Mesh(surface, plan) => cluster(prepared, &surface.items, plan, &mut cpu, cancel, on_row),
-            Self::Normals(surface, plan) => cluster(prepared, &surface.items, plan, &mut cpu, cancel, on_row),
+            Self::Mesh(surface, plan) => cluster(prepared, &surface.items, plan, device, cancel, on_row),
+            Self::Normals(surface, plan) => {
+                cluster(prepared, &surface.items, plan, like(device, &mut cpu), cancel, on_row)
+            }
             Self::Shapes(shaped) => shaped.cluster(prepared, device.info(), cancel, on_row),
-            Self::Points(points) => with_planned!(&points.planned, |planned| {
-                cluster(prepared, &planned.items, &planned.plan, &mut cpu, cancel, on_row)
-            }),
+            Self::Points(points) => match &points.planned {
+                Width::D3(planned) => cluster(prepared, &planned.items, &planned.plan, device, cancel, on_row),
+                Width::D8(planned) => {
+                    cluster(prepared, &planned.items, &planned.plan, like(device, &mut cpu), cancel, on_row)
+                }
+                wider => with_planned!(wider, |planned| {
+                    cluster(prepared, &planned.items, &planned.plan, &mut cpu, cancel, on_row)
+                }),
+            },
         }
+    }
+}
+
+/// The device for points of another number of coordinates: a gpu itself, otherwise the cpu.
+fn like<'a, E: Words>(device: &'a mut dyn Device, cpu: &'a mut CpuDevice) -> &'a mut dyn Device<E> {
+    match device.as_gpu() {
+        Some(gpu) => gpu,
+        None => cpu,
     }
 }
 

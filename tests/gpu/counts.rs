@@ -25,6 +25,7 @@ fn counting() -> GpuDevice {
 
 /// Dispatches and waits since the last call; none where the adapter has no timestamps.
 fn counts(device: &mut GpuDevice) -> Option<(u64, u64)> {
+    let device: &mut dyn Device = device;
     let profile = device.take_profile().expect("a profile")?;
     Some((profile.dispatches.values().sum(), profile.waits))
 }

@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod axes;
 mod counts;
 mod dual_edges;
 mod equals_cpu;

@@ -9,8 +9,11 @@ use naga::{AddressSpace, Module, StorageAccess, TypeInner};
 use tesserae_mesh::device::gpu::Tuning;
 use tesserae_mesh::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
 use tesserae_mesh::device::gpu::layout::{self, Iteration};
-use tesserae_mesh::energy::shared::Struct;
+use tesserae_mesh::energy::shared::{Layout, Struct};
 use tesserae_mesh::energy::{Energy, Functional};
+
+/// Numbers of coordinates of points.
+const AXES: [usize; 3] = [3, 6, 8];
 
 fn parse(kernel: &Kernel, source: &str) -> (Module, ModuleInfo) {
     let module = naga::front::wgsl::parse_str(source)
@@ -49,38 +52,47 @@ fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
     found
 }
 
-/// Compares what a module uses with the buffers that are bound.
-fn check_bindings((module, info): &(Module, ModuleInfo), bound: &[Binding]) -> Result<(), String> {
+/// Compares what a module for so many axes uses with the buffers that are bound.
+fn check_bindings((module, info): &(Module, ModuleInfo), bound: &[Binding], axes: usize) -> Result<(), String> {
     let uniform = (0, "iteration".to_owned(), None, size_of::<Iteration>() as u32);
     let storage = (1..).zip(bound).map(|(at, binding)| {
-        (at, binding.buffer.spec().name.to_owned(), Some(binding.is_written), binding.buffer.spec().stride as u32)
+        let spec = binding.buffer.spec();
+        (at, spec.name.to_owned(), Some(binding.is_written), (spec.stride)(axes) as u32)
     });
     let expected: Vec<Declared> = std::iter::once(uniform).chain(storage).collect();
     let found = used(module, info);
     if found == expected { Ok(()) } else { Err(format!("WGSL uses {found:#?}, bound is {expected:#?}")) }
 }
 
-/// Compares a struct of the module with that of Rust.
-fn check_struct(module: &Module, expected: &Struct) -> Result<(), String> {
+/// Compares a struct of a module for so many axes with what Rust knows of it.
+fn check_struct(module: &Module, expected: &Struct, axes: usize) -> Result<(), String> {
     let found = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(expected.name));
     let Some((_, naga::Type { inner: TypeInner::Struct { members, span }, .. })) = found else {
         return Err(format!("{} is no struct", expected.name));
     };
     let offsets: Vec<_> = members.iter().map(|member| member.offset as usize).collect();
-    let in_rust: Vec<_> = expected.members.iter().map(|&(_, _, offset)| offset).collect();
-    if (*span as usize, &offsets) == (expected.size, &in_rust) {
+    let (bytes, in_rust) = match expected.layout {
+        Layout::Twin(bytes, offsets) => (bytes, offsets),
+        Layout::Words(words) => (4 * words(axes), offsets.as_slice()),
+    };
+    if (*span as usize, offsets.as_slice()) == (bytes, in_rust) {
         return Ok(());
     }
-    Err(format!("{}: WGSL has {span} bytes, {offsets:?}; Rust has {}, {in_rust:?}", expected.name, expected.size))
+    Err(format!("{}: WGSL has {span} bytes, {offsets:?}; Rust has {bytes}, {in_rust:?}", expected.name))
 }
 
 #[test]
 fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
     let mut all = BTreeSet::new();
     for kernel in KERNELS {
-        let parsed = parse(kernel, &kernel.source(&Tuning::default()));
         let bound = kernel.bindings();
-        check_bindings(&parsed, &bound).unwrap_or_else(|error| panic!("{}: {error}", kernel.name));
+        for axes in AXES {
+            let parsed = parse(kernel, &kernel.source(&Tuning::default(), axes));
+            check_bindings(&parsed, &bound, axes).unwrap_or_else(|error| panic!("{}: {error}", kernel.name));
+            let constants: Vec<_> =
+                parsed.0.overrides.iter().filter_map(|(_, constant)| constant.name.as_deref()).collect();
+            assert_eq!(constants, Vec::from_iter(kernel.constant.map(|(name, _)| name)), "{}", kernel.name);
+        }
         for (part, key) in kernel.parts.iter().flat_map(|part| ["reads", "writes"].map(|key| (part, key))) {
             let unknown =
                 names(part.wgsl, key).find(|name| !bound.iter().any(|bound| bound.buffer.spec().name == *name));
@@ -88,18 +100,17 @@ fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
         }
         let most = if kernel.is_chain() { 11 } else { 8 };
         assert!(bound.len() <= most, "{}: portable devices bind 8 storage buffers", kernel.name);
-        let constants: Vec<_> =
-            parsed.0.overrides.iter().filter_map(|(_, constant)| constant.name.as_deref()).collect();
-        assert_eq!(constants, Vec::from_iter(kernel.constant.map(|(name, _)| name)), "{}", kernel.name);
         assert!(all.insert(kernel.name), "{} twice", kernel.name);
     }
 }
 
 #[test]
 fn structs_have_the_same_layout_on_both_sides() {
-    let (module, _) = parse(KERNELS[0], &KERNELS[0].source(&Tuning::default()));
-    for expected in layout::structs() {
-        assert_eq!(check_struct(&module, expected), Ok(()));
+    for axes in AXES {
+        let (module, _) = parse(KERNELS[0], &KERNELS[0].source(&Tuning::default(), axes));
+        for expected in layout::structs() {
+            assert_eq!(check_struct(&module, expected, axes), Ok(()), "{axes} axes");
+        }
     }
 }
 
@@ -147,31 +158,33 @@ fn the_rust_twin_that_a_kernel_names_exists() {
 
 #[test]
 fn the_comparison_notices_differences() {
+    let source = |kernel: &Kernel| kernel.source(&Tuning::default(), 3);
     let mut swaps = 0;
     for kernel in KERNELS {
-        let parsed = parse(kernel, &kernel.source(&Tuning::default()));
+        let parsed = parse(kernel, &source(kernel));
         let bound = kernel.bindings();
         for (b, a) in (0..bound.len()).flat_map(|b| (0..b).map(move |a| (b, a))) {
             let mut swapped = bound.clone();
             swapped.swap(a, b);
-            assert!(check_bindings(&parsed, &swapped).is_err(), "{}: bindings {a} and {b}", kernel.name);
+            assert!(check_bindings(&parsed, &swapped, 3).is_err(), "{}: bindings {a} and {b}", kernel.name);
             swaps += 1;
         }
     }
     assert!(swaps > 200, "{swaps}");
     let kernel = KERNELS.iter().find(|kernel| kernel.name == "BOUNDARY_APPLY").expect("boundary_apply");
     let changed = |from: &str, to: &str| {
-        let source = kernel.source(&Tuning::default()).replace(from, to);
-        assert_ne!(source, kernel.source(&Tuning::default()), "{from}");
-        parse(kernel, &source)
+        let changed = source(kernel).replace(from, to);
+        assert_ne!(changed, source(kernel), "{from}");
+        parse(kernel, &changed)
     };
     let unused = changed("wanted_clusters[face]", "0u");
-    assert!(check_bindings(&unused, &kernel.bindings()).is_err());
+    assert!(check_bindings(&unused, &kernel.bindings(), 3).is_err());
     let mut only_read = kernel.bindings();
     only_read.iter_mut().for_each(|binding| binding.is_written = false);
-    assert!(check_bindings(&parse(kernel, &kernel.source(&Tuning::default())), &only_read).is_err());
+    assert!(check_bindings(&parse(kernel, &source(kernel)), &only_read, 3).is_err());
     let (grown, _) = changed("moves: atomic<u32>,", "moves: atomic<u32>, more: u32,");
-    assert!(layout::structs().any(|expected| check_struct(&grown, expected).is_err()));
-    let (moved, _) = changed("centroid: vec3<i32>,\n    weight: u32,", "weight: u32,\n    centroid: vec3<i32>,");
-    assert!(layout::structs().any(|expected| check_struct(&moved, expected).is_err()));
+    let differs = |module: &Module| layout::structs().any(|expected| check_struct(module, expected, 3).is_err());
+    assert!(differs(&grown));
+    let (moved, _) = changed("point: Point,\n    weight: u32,", "weight: u32,\n    point: Point,");
+    assert!(differs(&moved));
 }

@@ -69,7 +69,7 @@ pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
         let needed = needed(is_merging);
         let fits = |faces: u64| {
             let clusters = (faces / faces_a_cluster).max(1);
-            let sizes = Sizes { faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
+            let sizes = Sizes { axes: 3, faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
             needed.iter().all(|buffer| (buffer.spec().bytes)(&sizes) <= most)
         };
         let (mut least, mut beyond) = (0, MOST_FACES + 1);

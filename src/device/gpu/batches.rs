@@ -21,7 +21,7 @@ use super::memory::{BETWEEN, Numbers};
 use super::readback::Along;
 use super::state::{Change, GpuSteps, History};
 use crate::device::{Cancel, Ending, FLOOD_FROM};
-use crate::energy::LatticeEnergy;
+use crate::energy::{LatticeEnergy, Words};
 use crate::error::Result;
 
 /// What an iteration does.
@@ -67,7 +67,7 @@ pub(super) const REFINEMENT: Phase = Phase {
     leaves_fitted: false,
 };
 
-impl GpuSteps<'_> {
+impl<E: Words> GpuSteps<'_, E> {
     /// Runs iterations until one has nothing left to do or `limit` of them moved something. Calls `on_iteration` with
     /// each that did and the number of moves, in order; it returns the energy then.
     pub(super) fn run(

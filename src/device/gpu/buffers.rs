@@ -2,18 +2,20 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{self, IterationStats, Move};
-use crate::energy::words::{Face, Proxy};
+use super::layout::{self, CLUSTER, CLUSTER_BIDS, COPIED_SUMS, IterationStats, Move};
+use crate::energy::words::{FACE, PROXY};
 
 /// Iterations in the largest batch.
 pub const BATCH: u32 = 64;
 
 /// Sums that the host reads at a time.
-const COPIED_SUMS: u64 = 1 << 18;
+const MOST_COPIED: u64 = 1 << 18;
 
 /// Numbers that the lengths of buffers depend on.
 #[derive(Debug, Clone, Copy)]
 pub struct Sizes {
+    /// Coordinates of a point.
+    pub axes: usize,
     /// Faces.
     pub faces: u64,
     /// Neighbours of all faces.
@@ -31,14 +33,19 @@ pub struct Spec {
     pub name: &'static str,
     /// Its type in kernels that write it; those that only read it see no atomics.
     pub wgsl: &'static str,
-    /// Bytes of an item; of the whole struct for [`Buffer::BoundaryList`] with one entry.
-    pub stride: usize,
+    /// Bytes of an item for points of so many axes; of the whole struct for [`Buffer::BoundaryList`] with one entry.
+    pub stride: fn(usize) -> usize,
     /// Bytes of the buffer.
     pub bytes: fn(&Sizes) -> u64,
 }
 
+/// Bytes of a type, for any number of axes.
+fn of<T>(_: usize) -> usize {
+    size_of::<T>()
+}
+
 macro_rules! buffers {
-    ($($(#[$doc:meta])* $variant:ident = $name:literal: $wgsl:literal, $type:ty, $items:expr;)*) => {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal: $wgsl:literal, $stride:expr, $items:expr;)*) => {
         /// A storage buffer.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Buffer { $($(#[$doc])* $variant,)* }
@@ -53,10 +60,11 @@ macro_rules! buffers {
                     $(Self::$variant => Spec {
                         name: $name,
                         wgsl: $wgsl,
-                        stride: size_of::<$type>(),
+                        stride: $stride,
                         bytes: |sizes| {
                             let items: fn(&Sizes) -> u64 = $items;
-                            items(sizes).max(1) * size_of::<$type>() as u64
+                            let stride: fn(usize) -> usize = $stride;
+                            items(sizes).max(1) * stride(sizes.axes) as u64
                         },
                     },)*
                 }
@@ -67,51 +75,51 @@ macro_rules! buffers {
 
 buffers! {
     /// Points and weights.
-    Faces = "faces": "array<Face>", Face, |sizes| sizes.faces;
+    Faces = "faces": "array<Face>", |axes| FACE.bytes(axes), |sizes| sizes.faces;
     /// For each face the index of its first neighbour, one more index for the end, and then the neighbours.
-    Neighbours = "neighbours": "array<u32>", u32, |sizes| sizes.faces + 1 + sizes.neighbours;
+    Neighbours = "neighbours": "array<u32>", of::<u32>, |sizes| sizes.faces + 1 + sizes.neighbours;
     /// The cluster of each face.
-    Labels = "labels": "array<u32>", u32, |sizes| sizes.faces;
+    Labels = "labels": "array<u32>", of::<u32>, |sizes| sizes.faces;
     /// The cluster that a face moves to in this iteration: of movers, and of free faces that are listed.
-    WantedClusters = "wanted_clusters": "array<u32>", u32, |sizes| sizes.faces;
+    WantedClusters = "wanted_clusters": "array<u32>", of::<u32>, |sizes| sizes.faces;
     /// The label of each face after the last merge, or that it is not listed.
-    LabelAtMerge = "label_at_merge": "array<atomic<u32>>", u32, |sizes| sizes.faces;
+    LabelAtMerge = "label_at_merge": "array<atomic<u32>>", of::<u32>, |sizes| sizes.faces;
     /// Boundary faces.
-    BoundaryList = "boundary_list": "BoundaryList", layout::BoundaryList, |sizes| {
+    BoundaryList = "boundary_list": "BoundaryList", of::<layout::BoundaryList>, |sizes| {
         let head = offset_of!(layout::BoundaryList, entries) as u64;
         (head + 8 * sizes.faces).div_ceil(size_of::<layout::BoundaryList>() as u64)
     };
     /// The clusters that are left; the host writes them.
-    LivingClusters = "living_clusters": "array<u32>", u32, |sizes| sizes.clusters;
+    LivingClusters = "living_clusters": "array<u32>", of::<u32>, |sizes| sizes.clusters;
     /// Sums of each cluster.
-    Clusters = "clusters": "array<Cluster>", layout::Cluster, |sizes| sizes.clusters;
+    Clusters = "clusters": "array<Cluster>", |axes| CLUSTER.bytes(axes), |sizes| sizes.clusters;
     /// Proxy of each cluster.
-    Proxies = "proxies": "array<Proxy>", Proxy, |sizes| sizes.clusters;
+    Proxies = "proxies": "array<Proxy>", |axes| PROXY.bytes(axes), |sizes| sizes.clusters;
     /// Refinement: the best move of each face.
-    FaceBids = "face_bids": "array<FaceBid>", layout::FaceBid, |sizes| sizes.faces;
+    FaceBids = "face_bids": "array<FaceBid>", of::<layout::FaceBid>, |sizes| sizes.faces;
     /// Refinement: the bids at each cluster, and the move out of it.
-    ClusterBids = "cluster_bids": "array<ClusterBids>", layout::ClusterBids, |sizes| sizes.clusters;
+    ClusterBids = "cluster_bids": "array<ClusterBids>", |axes| CLUSTER_BIDS.bytes(axes), |sizes| sizes.clusters;
     /// Pieces: the tree of each face. A face points to a smaller face of its piece, the smallest to itself, and a face
     /// of no piece to FREE.
-    Parents = "parents": "array<atomic<u32>>", u32, |sizes| sizes.faces;
+    Parents = "parents": "array<atomic<u32>>", of::<u32>, |sizes| sizes.faces;
     /// Pieces: number of faces, at their smallest face.
-    PieceSizes = "piece_sizes": "array<atomic<u32>>", u32, |sizes| sizes.faces;
+    PieceSizes = "piece_sizes": "array<atomic<u32>>", of::<u32>, |sizes| sizes.faces;
     /// Pieces: the one that each cluster keeps.
-    LargestPieces = "largest_pieces": "array<LargestPiece>", layout::LargestPiece, |sizes| sizes.clusters;
+    LargestPieces = "largest_pieces": "array<LargestPiece>", of::<layout::LargestPiece>, |sizes| sizes.clusters;
     /// What each iteration of a batch reports, then what is done between batches, and before them.
-    Stats = "stats": "array<IterationStats>", IterationStats, |_| u64::from(BATCH) + 2;
+    Stats = "stats": "array<IterationStats>", of::<IterationStats>, |_| u64::from(BATCH) + 2;
     /// The best dual edge of each cluster so far; cleared between searches.
-    BestDualEdges = "best_dual_edges": "array<BestDualEdge>", layout::BestDualEdge, |sizes| sizes.clusters;
+    BestDualEdges = "best_dual_edges": "array<BestDualEdge>", of::<layout::BestDualEdge>, |sizes| sizes.clusters;
     /// The best dual edge of each cluster that is left, for the host.
-    DualEdges = "dual_edges": "array<DualEdge>", layout::DualEdge, |sizes| sizes.clusters;
+    DualEdges = "dual_edges": "array<DualEdge>", of::<layout::DualEdge>, |sizes| sizes.clusters;
     /// The cheapest dual edge of each workgroup.
-    CandidateEdges = "candidate_edges": "array<CandidateEdge>", layout::CandidateEdge, |sizes| sizes.face_groups;
+    CandidateEdges = "candidate_edges": "array<CandidateEdge>", of::<layout::CandidateEdge>, |sizes| sizes.face_groups;
     /// For each cluster 0, or one more than the cluster that it was merged into.
-    MergedInto = "merged_into": "array<u32>", u32, |sizes| sizes.clusters;
+    MergedInto = "merged_into": "array<u32>", of::<u32>, |sizes| sizes.clusters;
     /// A list of the host: pairs that merge, or clusters whose sums are copied.
-    HostList = "host_list": "array<u32>", u32, |sizes| sizes.clusters.max(2);
+    HostList = "host_list": "array<u32>", of::<u32>, |sizes| sizes.clusters.max(2);
     /// Sums for the host.
-    CopiedSums = "copied_sums": "array<CopiedSums>", layout::CopiedSums, |sizes| sizes.clusters.min(COPIED_SUMS);
+    CopiedSums = "copied_sums": "array<CopiedSums>", |axes| COPIED_SUMS.bytes(axes), |sizes| sizes.clusters.min(MOST_COPIED);
     /// Faces that moved since the last merge, for the host.
-    Moves = "moves": "array<Move>", Move, |sizes| sizes.faces;
+    Moves = "moves": "array<Move>", of::<Move>, |sizes| sizes.faces;
 }

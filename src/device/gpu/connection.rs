@@ -37,8 +37,10 @@ pub(super) struct Connection {
     pub(super) is_software: bool,
     /// Whether chains of kernels are used: they have more storage buffers than portable devices bind.
     pub(super) has_chains: bool,
-    /// Compiled kernels, by name.
-    pipelines: Mutex<HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
+    /// Compiled kernels, by name and number of axes.
+    pipelines: Mutex<HashMap<(&'static str, usize), (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
+    /// Numbers of axes whose kernels passed the self-test.
+    pub(super) tested: Mutex<Vec<usize>>,
     /// Name of the adapter.
     pub(super) name: String,
     /// What surfaces are uploaded through.
@@ -79,7 +81,7 @@ struct Health {
 }
 
 impl Connection {
-    /// Opens a device on the adapter and compiles the kernels.
+    /// Opens a device on the adapter.
     pub(super) fn open(found: &Found, overrides: Overrides) -> Result<Self> {
         let name = found.report.name.clone();
         let mut limits = found.adapter.limits();
@@ -117,7 +119,7 @@ impl Connection {
         let binds = |kernel: &&Kernel| kernel.bindings().len() as u32 <= limits.max_storage_buffers_per_shader_stage;
         let has_chains = KERNELS.iter().all(binds);
         let clock = is_timed.then(|| Clock::new(&device, &queue));
-        let connection = Self {
+        Ok(Self {
             device,
             queue,
             limits,
@@ -125,6 +127,7 @@ impl Connection {
             is_software: found.report.kind == AdapterKind::Software,
             has_chains,
             pipelines: Mutex::default(),
+            tested: Mutex::default(),
             name,
             staging: Mutex::default(),
             health,
@@ -132,26 +135,25 @@ impl Connection {
             is_exhausted: AtomicBool::default(),
             is_wrong: AtomicBool::default(),
             clock,
-        };
-        connection.compile()?;
-        Ok(connection)
+        })
     }
 
-    /// Compiles all kernels, several at a time.
-    fn compile(&self) -> Result<()> {
+    /// Compiles all kernels for points of so many axes, several at a time.
+    pub(super) fn compile(&self, axes: usize) -> Result<()> {
         let used = |kernel: &&&Kernel| self.has_chains || !kernel.needs_many_buffers();
         let compiled: Vec<_> = KERNELS
             .par_iter()
             .filter(used)
-            .map(|kernel| (kernel.name, compile(&self.device, kernel, &self.tuning)))
+            .map(|kernel| ((kernel.name, axes), compile(&self.device, kernel, &self.tuning, axes)))
             .collect();
         lock(&self.pipelines).extend(compiled);
         self.check()
     }
 
     /// The layout of a kernel's bind group, and its pipeline.
-    pub(super) fn pipeline(&self, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
-        lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel, &self.tuning)).clone()
+    pub(super) fn pipeline(&self, kernel: &Kernel, axes: usize) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+        let compiled = || compile(&self.device, kernel, &self.tuning, axes);
+        lock(&self.pipelines).entry((kernel.name, axes)).or_insert_with(compiled).clone()
     }
 
     /// Begins a pass, timed if there is a clock.
@@ -323,12 +325,17 @@ fn one_line(message: &str) -> String {
 }
 
 /// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
-fn compile(device: &wgpu::Device, kernel: &Kernel, tuning: &Tuning) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+fn compile(
+    device: &wgpu::Device,
+    kernel: &Kernel,
+    tuning: &Tuning,
+    axes: usize,
+) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
     let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
     let types = kernel.bindings().into_iter().map(|binding| storage(binding.is_written));
     let entries: Vec<_> = (0..)
         .zip(std::iter::once(wgpu::BufferBindingType::Uniform).chain(types))
-        .zip(kernel.binding_sizes())
+        .zip(kernel.binding_sizes(axes))
         .map(|((binding, ty), bytes)| wgpu::BindGroupLayoutEntry {
             binding,
             visibility: wgpu::ShaderStages::COMPUTE,
@@ -344,7 +351,7 @@ fn compile(device: &wgpu::Device, kernel: &Kernel, tuning: &Tuning) -> (wgpu::Bi
     let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label,
-        source: wgpu::ShaderSource::Wgsl(kernel.source(tuning).into()),
+        source: wgpu::ShaderSource::Wgsl(kernel.source(tuning, axes).into()),
     });
     let constants: Vec<_> = kernel.constant.into_iter().map(|(name, value)| (name, f64::from(value))).collect();
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {

@@ -11,7 +11,8 @@
 //! //! writes: wanted_clusters, clusters
 //! ```
 //!
-//! `energy` is the file of the energy in `shaders/energy/`. [`Kernel::source`] puts the pieces, what they use
+//! `energy` is the file of the energy in `shaders/energy/`. What a text has once for each coordinate is written out for
+//! their number ([`written_out`]). [`Kernel::source`] puts the pieces, what they use
 //! themselves, and all declarations in front; layouts, pipelines and bind groups are made from the same lines.
 //!
 //! A *chain* is several kernels in one dispatch of one workgroup, with barriers in between. Where a step has few items,
@@ -20,6 +21,7 @@
 use std::mem::size_of;
 
 use super::Tuning;
+use super::axes::written_out;
 use super::buffers::{Buffer, Spec};
 use super::layout::{self, Iteration};
 use crate::energy::words;
@@ -111,9 +113,9 @@ impl Part {
 }
 
 impl Kernel {
-    /// All of its WGSL.
-    pub fn source(&self, tuning: &Tuning) -> String {
-        let mut source = layout::wgsl(tuning);
+    /// All of its WGSL, for points of so many axes.
+    pub fn source(&self, tuning: &Tuning, axes: usize) -> String {
+        let mut source = layout::wgsl(tuning, axes);
         source.push_str("@group(0) @binding(0) var<uniform> iteration: Iteration;\n");
         for (place, Binding { buffer, is_written }) in (1..).zip(self.bindings()) {
             let Spec { name, wgsl: ty, .. } = buffer.spec();
@@ -137,7 +139,7 @@ impl Kernel {
              let first = group.x * WORKGROUP + local;\n    let stride = groups.x * WORKGROUP;\n{}}}\n",
             tuning.workgroup, calls,
         ));
-        source
+        written_out(&source, axes, words::sums(axes))
     }
 
     /// Whether only hierarchies need it.
@@ -172,9 +174,9 @@ impl Kernel {
         all
     }
 
-    /// Bytes of the smallest buffer for each binding.
-    pub fn binding_sizes(&self) -> impl Iterator<Item = usize> {
-        let storage = self.bindings().into_iter().map(|binding| binding.buffer.spec().stride);
+    /// Bytes of the smallest buffer for each binding, for points of so many axes.
+    pub fn binding_sizes(&self, axes: usize) -> impl Iterator<Item = usize> {
+        let storage = self.bindings().into_iter().map(move |binding| (binding.buffer.spec().stride)(axes));
         std::iter::once(size_of::<Iteration>()).chain(storage)
     }
 }

@@ -3,34 +3,85 @@
 
 use super::Tuning;
 use crate::device::{FLOOD_FROM, FREE};
-use crate::energy::shared::{Atomic, List, Struct, shared};
-use crate::energy::{ClusterSums, LatticeEnergy, words};
+use crate::energy::shared::{Atomic, List, Struct, shared, wide};
+use crate::energy::{LatticeEnergy, words};
 
 /// `label_at_merge` of a face that is not on the boundary list.
 pub const UNLISTED: u32 = u32::MAX - 1;
 
 /// Words of the sums of a cluster.
-pub const SUM_WORDS: usize = 2 * words::SUMS;
-
-/// Constants of WGSL.
-const CONSTANTS: [(&str, u32); 5] = [
-    ("FREE", FREE),
-    ("FLOOD_FROM", FLOOD_FROM),
-    ("UNLISTED", UNLISTED),
-    ("SUMS", words::SUMS as u32),
-    ("SUM_WORDS", SUM_WORDS as u32),
-];
+pub const fn sum_words(axes: usize) -> usize {
+    2 * words::sums(axes)
+}
 
 /// All structs that kernels see.
 pub fn structs() -> impl Iterator<Item = &'static Struct> {
-    words::STRUCTS.iter().chain(STRUCTS)
+    words::WIDE.iter().chain(WIDE).chain(STRUCTS)
 }
 
-/// The declarations of all constants and structs.
-pub fn wgsl(tuning: &Tuning) -> String {
-    let tuned = [("WORKGROUP", tuning.workgroup), ("RUN", tuning.run)];
-    let constants = CONSTANTS.iter().chain(&tuned).map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
-    constants.chain(structs().map(Struct::wgsl)).collect()
+/// The declarations of all constants and types, for points of so many axes.
+pub fn wgsl(tuning: &Tuning, axes: usize) -> String {
+    let constants = [
+        ("FREE", FREE),
+        ("FLOOD_FROM", FLOOD_FROM),
+        ("UNLISTED", UNLISTED),
+        ("WORKGROUP", tuning.workgroup),
+        ("RUN", tuning.run),
+        ("AXES", axes as u32),
+        ("SUMS", words::sums(axes) as u32),
+        ("SUM_WORDS", sum_words(axes) as u32),
+    ];
+    let constants = constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
+    // a vector is read at once
+    let point = if axes == 3 { "vec3<i32>".to_owned() } else { format!("array<i32, {axes}>") };
+    let point = format!("alias Point = {point};\n");
+    constants.into_iter().chain([point]).chain(structs().map(Struct::wgsl)).collect()
+}
+
+wide! {
+    /// Sums over the faces of a cluster, and its leavers of this iteration. The host only clears it.
+    CLUSTER = Cluster(|axes| sum_words(axes) + 4) {
+        /// The sums of the energy, 64 bits each, low word first, two's complement.
+        sums: [Atomic; SUM_WORDS],
+        /// Number of faces.
+        count: Atomic,
+        /// Faces of the cluster, less those that want to leave in this iteration.
+        staying: Atomic,
+        /// Smallest face that wants to leave.
+        first_leaver: Atomic,
+        /// 1: known to be connected, and it has lost no face since.
+        connected: Atomic,
+    }
+
+    /// The bids at a cluster, and the move that leaves it. Its joining faces are counted from zero in each iteration.
+    CLUSTER_BIDS = ClusterBids(|axes| 8 + sum_words(axes)) {
+        /// The largest packed gain of the faces that want to leave or enter, 0 without any.
+        best_bid: Atomic,
+        /// The smallest face with that gain.
+        best_face: Atomic,
+        /// The iteration in which a face last won a move out of the cluster.
+        won_in: u32,
+        /// That face.
+        winner: u32,
+        /// The cluster that it wants to enter.
+        target_cluster: u32,
+        /// What was decided: a constant of `shaders/shared/bids.wgsl`.
+        accepted: u32,
+        /// The iteration in which the cluster last gained or lost a face.
+        changed_in: u32,
+        /// Number of the faces that join the move.
+        joining: Atomic,
+        /// Their sums, as in `Cluster`.
+        joining_sums: [Atomic; SUM_WORDS],
+    }
+
+    /// The sums of a cluster, for the host.
+    COPIED_SUMS = CopiedSums(|axes| sum_words(axes) + 1) {
+        /// As in `Cluster`.
+        sums: [u32; SUM_WORDS],
+        /// Number of faces.
+        count: u32,
+    }
 }
 
 shared! {
@@ -75,20 +126,6 @@ shared! {
         listed: Atomic,
     }
 
-    /// Sums over the faces of a cluster, and its leavers of this iteration. The host only clears it.
-    Cluster {
-        /// The sums of the energy, 64 bits each, low word first, two's complement.
-        sums: [Atomic; SUM_WORDS],
-        /// Number of faces.
-        count: Atomic,
-        /// Faces of the cluster, less those that want to leave in this iteration.
-        staying: Atomic,
-        /// Smallest face that wants to leave.
-        first_leaver: Atomic,
-        /// 1: known to be connected, and it has lost no face since.
-        connected: Atomic,
-    }
-
     /// The best move of a mover, in refinement.
     FaceBid {
         /// The cluster that it wants to enter.
@@ -97,28 +134,6 @@ shared! {
         bid: u32,
         /// The iteration in which the face was last refused, or 0.
         refused_in: u32,
-    }
-
-    /// The bids at a cluster, and the move that leaves it. Its joining faces are counted from zero in each iteration.
-    ClusterBids {
-        /// The largest packed gain of the faces that want to leave or enter, 0 without any.
-        best_bid: Atomic,
-        /// The smallest face with that gain.
-        best_face: Atomic,
-        /// The iteration in which a face last won a move out of the cluster.
-        won_in: u32,
-        /// That face.
-        winner: u32,
-        /// The cluster that it wants to enter.
-        target_cluster: u32,
-        /// What was decided: a constant of `shaders/shared/bids.wgsl`.
-        accepted: u32,
-        /// The iteration in which the cluster last gained or lost a face.
-        changed_in: u32,
-        /// Number of the faces that join the move.
-        joining: Atomic,
-        /// Their sums, as in `Cluster`.
-        joining_sums: [Atomic; SUM_WORDS],
     }
 
     /// The piece that a cluster keeps; cleared memory is no piece.
@@ -185,14 +200,6 @@ shared! {
         /// Its cluster now.
         after: u32,
     }
-
-    /// The sums of a cluster, for the host.
-    CopiedSums {
-        /// As in `Cluster`.
-        sums: [u32; SUM_WORDS],
-        /// Number of faces.
-        count: u32,
-    }
 }
 
 impl IterationStats {
@@ -207,13 +214,6 @@ impl IterationStats {
         let limb = |at: usize| u128::from(self.explained[2 * at]) | u128::from(self.explained[2 * at + 1]) << 32;
         let sum = limb(0).wrapping_add(limb(1) << 32).wrapping_add(limb(2) << 64);
         sum.cast_signed()
-    }
-}
-
-impl CopiedSums {
-    /// The same for the host.
-    pub fn sums(&self) -> ClusterSums {
-        ClusterSums::of_words(self.sums, self.count)
     }
 }
 

@@ -14,7 +14,7 @@ use super::layout::Iteration;
 use super::upload::{upload, upload_graph};
 use super::{FaultPoint, Tuning};
 use crate::device::dual_edge::Ties;
-use crate::energy::words::Proxy;
+use crate::energy::Words;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -65,6 +65,8 @@ pub(super) struct SurfaceMemory {
     most_groups: u32,
     /// What all iterations have in common.
     common: Iteration,
+    /// Coordinates of a point.
+    axes: usize,
     /// Faces on the boundary list when the host last read that; all of them before.
     pub(super) listed: u32,
     /// Pipelines and buffers of kernels that were dispatched, by name.
@@ -74,9 +76,9 @@ pub(super) struct SurfaceMemory {
 impl SurfaceMemory {
     /// Uploads a surface, without labels. Errors: the surface exceeds a limit of the device
     /// ([`Kind::DeviceUnsuitable`]), or there is no memory for it ([`Kind::DeviceLost`]).
-    pub(super) fn new(
+    pub(super) fn new<E: Words>(
         connection: &Connection,
-        graph: &DualGraph,
+        graph: &DualGraph<E>,
         component_of_cluster: &[u32],
         is_merging: bool,
     ) -> Result<Self> {
@@ -84,14 +86,15 @@ impl SurfaceMemory {
         check_counts(connection, graph)?;
         let tuning = connection.tuning;
         let sizes = Sizes {
+            axes: E::AXES,
             faces: graph.faces() as u64,
             neighbours: graph.neighbours.len() as u64,
-            clusters: proxies.len() as u64,
+            clusters: component_of_cluster.len() as u64,
             face_groups: graph.faces().div_ceil(tuning.workgroup as usize) as u64,
         };
         connection.reach(FaultPoint::Upload);
         let needed = kernels::needed(is_merging);
-        let create = |buffer: &Buffer| create(connection, *buffer, needed.contains(buffer).then_some(&sizes));
+        let create = |buffer: &Buffer| create(connection, *buffer, &sizes, needed.contains(buffer));
         let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
         let stride =
             (size_of::<Iteration>() as u32).next_multiple_of(connection.limits.min_uniform_buffer_offset_alignment);
@@ -102,7 +105,8 @@ impl SurfaceMemory {
         let most_groups = connection.limits.max_compute_workgroups_per_dimension;
         let bound = RefCell::default();
         let listed = common.faces;
-        let mut memory = Self { storage, iterations, stride, tuning, most_groups, common, listed, bound };
+        let mut memory =
+            Self { storage, iterations, stride, tuning, most_groups, common, axes: E::AXES, listed, bound };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
         upload(&connection.queue, memory.get(Buffer::Proxies), 0, &proxies);
         let all: Vec<u32> = (0..sizes.clusters as u32).collect();
@@ -118,7 +122,7 @@ impl SurfaceMemory {
 
     /// Items that a buffer has room for.
     pub(super) fn capacity(&self, buffer: Buffer) -> usize {
-        self.get(buffer).size() as usize / buffer.spec().stride
+        self.get(buffer).size() as usize / (buffer.spec().stride)(self.axes)
     }
 
     /// Number of faces.
@@ -206,7 +210,7 @@ impl SurfaceMemory {
             .zip(std::iter::once(iteration).chain(storage))
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
             .collect();
-        let (layout, pipeline) = connection.pipeline(kernel);
+        let (layout, pipeline) = connection.pipeline(kernel, self.axes);
         let bind_group = connection.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(kernel.name),
             layout: &layout,
@@ -216,21 +220,24 @@ impl SurfaceMemory {
     }
 }
 
-/// The proxies of clusters without faces.
-fn proxies(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<Proxy>> {
+/// The words of the proxies of clusters without faces.
+fn proxies<E: Words>(graph: &DualGraph<E>, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
     let (faces, clusters) = (graph.faces(), component_of_cluster.len());
     if clusters == 0 || clusters > faces {
         return Err(Error::new(Kind::Internal, format_args!("{faces} faces cannot make {clusters} clusters")));
     }
-    let proxy = |&component: &u32| match graph.components.get(component as usize) {
-        Some(component) => Ok(Proxy::unfitted(component.energy_shift)),
-        None => Err(Error::new(Kind::Internal, format_args!("a cluster lies in no component: {component}"))),
-    };
-    component_of_cluster.iter().map(proxy).collect()
+    let mut proxies = Vec::with_capacity(clusters * (E::AXES + 1));
+    for &component in component_of_cluster {
+        let Some(component) = graph.components.get(component as usize) else {
+            return Err(Error::new(Kind::Internal, format_args!("a cluster lies in no component: {component}")));
+        };
+        proxies.extend(E::of_unfitted(component.energy_shift));
+    }
+    Ok(proxies)
 }
 
 /// Refuses more faces than threads can number in u32, and more neighbours than u32 can index behind the rows.
-fn check_counts(connection: &Connection, graph: &DualGraph) -> Result<()> {
+fn check_counts<E: Words>(connection: &Connection, graph: &DualGraph<E>) -> Result<()> {
     let (faces, neighbours) = (graph.faces() as u64, graph.neighbours.len() as u64);
     for (what, found, limit) in
         [("faces", faces, MOST_FACES), ("faces and neighbours of faces", faces + 1 + neighbours, u64::from(u32::MAX))]
@@ -245,10 +252,11 @@ fn check_counts(connection: &Connection, graph: &DualGraph) -> Result<()> {
     Ok(())
 }
 
-/// A storage buffer; of one item without sizes. Errors: it is larger than the device allows, or there is no memory.
-fn create(connection: &Connection, buffer: Buffer, sizes: Option<&Sizes>) -> Result<wgpu::Buffer> {
+/// A storage buffer; of one item if it is not needed. Errors: it is larger than the device allows, or there is no
+/// memory.
+fn create(connection: &Connection, buffer: Buffer, sizes: &Sizes, is_needed: bool) -> Result<wgpu::Buffer> {
     let spec = buffer.spec();
-    let bytes = sizes.map_or(spec.stride as u64, spec.bytes);
+    let bytes = if is_needed { (spec.bytes)(sizes) } else { (spec.stride)(sizes.axes) as u64 };
     let limit = connection.limits.max_storage_buffer_binding_size.min(connection.limits.max_buffer_size);
     if bytes > limit {
         return Err(Error::new(

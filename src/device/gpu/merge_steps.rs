@@ -7,14 +7,14 @@
 use super::FaultPoint;
 use super::buffers::Buffer;
 use super::kernels::{self, Kernel};
-use super::layout::{CandidateEdge, CopiedSums, DualEdge as ListedEdge, Move};
+use super::layout::{CandidateEdge, DualEdge as ListedEdge, Move, sum_words};
 use super::memory::{BETWEEN, Numbers};
 use super::readback::{Along, Part, Parts};
 use super::state::{Change, Found, GpuSteps, History, Search};
 use super::upload::upload;
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{DualEdge, FREE, MergeSteps};
-use crate::energy::ClusterSums;
+use crate::energy::Words;
 use crate::error::{Error, Kind, Result};
 
 impl Search {
@@ -32,7 +32,7 @@ impl Search {
     }
 }
 
-impl GpuSteps<'_> {
+impl<E: Words> GpuSteps<'_, E> {
     /// The numbers of a submission that ends with this search.
     pub(super) fn numbers_of(&self, search: Option<Search>) -> Numbers {
         let (entries, ties) = match search {
@@ -55,11 +55,21 @@ impl GpuSteps<'_> {
             Search::Best(_) => (Part::of::<ListedEdge>(Buffer::DualEdges, 0, self.living.len()), self.summed()),
             Search::Cheapest(_) => (Part::of::<CandidateEdge>(Buffer::CandidateEdges, 0, 1), 2),
         };
-        [found, Part::of::<CopiedSums>(Buffer::CopiedSums, 0, sums)]
+        [found, Self::copied(sums)]
+    }
+
+    /// The first of the sums that are copied for the host.
+    fn copied(sums: usize) -> Part {
+        Part::of::<u32>(Buffer::CopiedSums, 0, sums * (sum_words(E::AXES) + 1))
+    }
+
+    /// Sums from their words.
+    fn sums(words: &[u32]) -> impl Iterator<Item = E::Sums> {
+        words.chunks_exact(sum_words(E::AXES) + 1).map(|words| E::sums(words, words[sum_words(E::AXES)]))
     }
 
     /// What a search has found, and the sums of clusters that came along.
-    pub(super) fn found(&self, search: Search, parts: &mut Parts<'_>) -> (Found, Vec<(u32, ClusterSums)>) {
+    pub(super) fn found(&self, search: Search, parts: &mut Parts<'_>) -> (Found, Vec<(u32, E::Sums)>) {
         let (found, summed) = match search {
             Search::Best(_) => {
                 let edges = self.living.iter().zip(parts.next::<ListedEdge>()).filter(|(_, edge)| edge.other != FREE);
@@ -72,8 +82,8 @@ impl GpuSteps<'_> {
                 (Found::Cheapest(ends), ends.iter().flat_map(|&(low, high)| [low, high]).collect())
             }
         };
-        let sums = parts.next::<CopiedSums>();
-        (found, summed.into_iter().zip(sums.iter().map(CopiedSums::sums)).collect())
+        let sums = parts.next::<u32>();
+        (found, summed.into_iter().zip(Self::sums(&sums)).collect())
     }
 
     /// What a search finds; what it found along with an earlier step, if that was the same search.
@@ -104,7 +114,7 @@ impl GpuSteps<'_> {
     }
 }
 
-impl MergeSteps for GpuSteps<'_> {
+impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         match self.search(Search::Best(ties))? {
             Some(Found::Best(edges)) => Ok(edges),
@@ -153,7 +163,7 @@ impl MergeSteps for GpuSteps<'_> {
         self.connection.check()
     }
 
-    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<E::Sums>> {
         self.check_clusters(clusters.iter().copied())?;
         let known = |cluster: &u32| {
             let at = self.known.sums.binary_search_by_key(cluster, |&(cluster, _)| cluster).ok()?;
@@ -167,8 +177,8 @@ impl MergeSteps for GpuSteps<'_> {
             upload(&self.connection.queue, self.memory.get(Buffer::HostList), 0, chunk);
             let mut encoder = self.begin(Numbers { entries: chunk.len() as u32, ..Numbers::NONE }, false, false);
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY], BETWEEN);
-            let copied = self.download::<CopiedSums>(encoder, Buffer::CopiedSums, chunk.len())?;
-            sums.extend(copied.iter().map(CopiedSums::sums));
+            let copied: Vec<u32> = self.read(encoder, &[Self::copied(chunk.len())], |mut parts| parts.next())?;
+            sums.extend(Self::sums(&copied));
         }
         Ok(sums)
     }

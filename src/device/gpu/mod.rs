@@ -6,6 +6,7 @@
 //! | `adapter`, `choice` | the adapters of the machine, which of them can cluster, and which is meant |
 //! | `connection` | an open adapter: queue, pipelines, errors, injected faults; `clock` times its passes |
 //! | `kernels` | the table of kernels: a kernel is its WGSL file, a row, and a dispatch |
+//! | `axes` | kernels for points of other numbers of coordinates |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
 //! | `state` | what the host knows about a surface, and how submissions begin; `readback` has how they end |
@@ -34,6 +35,7 @@
 //! self-test, [`Kind::DeviceWrong`] where labels do not have the energy that the device added up.
 
 pub mod adapter;
+mod axes;
 mod batches;
 pub mod buffers;
 mod choice;
@@ -56,6 +58,7 @@ mod verify;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use self::adapter::Found;
+pub use self::axes::MOST_AXES;
 pub use self::choice::{adapters, open, open_hardware, tested_adapters};
 use self::connection::Connection;
 pub use self::probe::probe;
@@ -64,6 +67,7 @@ use super::adapter::{AdapterKind, AdapterReport};
 use super::cpu::CpuDevice;
 pub use super::tuning::Tuning;
 use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
+use crate::energy::{Energy, Words};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -210,14 +214,15 @@ impl GpuDevice {
         Ok(connection)
     }
 
-    fn steps<'a>(
+    fn steps<'a, E: Words>(
         &mut self,
-        graph: &'a DualGraph,
+        graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
         is_merging: bool,
-    ) -> Result<GpuSteps<'a>> {
+    ) -> Result<GpuSteps<'a, E>> {
         let fault = self.fault.take();
         let connection = self.connection()?;
+        prepare::<E>(&connection)?;
         connection.arm(fault);
         GpuSteps::new(connection, graph, component_of_cluster, is_merging)
     }
@@ -226,8 +231,25 @@ impl GpuDevice {
 /// Opens an adapter and tests it.
 fn connect(found: &Found, overrides: Overrides) -> Result<Arc<Connection>> {
     let connection = Arc::new(Connection::open(found, overrides)?);
-    self_test::run(&connection)?;
+    prepare::<Energy>(&connection)?;
     Ok(connection)
+}
+
+/// Compiles and tests the kernels for points of an energy, once. [`Kind::DeviceUnsuitable`] where they fail the
+/// test, and for more than [`MOST_AXES`].
+fn prepare<E: Words>(connection: &Arc<Connection>) -> Result<()> {
+    if lock(&connection.tested).contains(&E::AXES) {
+        return Ok(());
+    }
+    if E::AXES > MOST_AXES {
+        let message =
+            format_args!("a gpu takes points of at most {MOST_AXES} coordinates, use the cpu device: {}", E::AXES);
+        return Err(Error::new(Kind::DeviceUnsuitable, message));
+    }
+    connection.compile(E::AXES)?;
+    self_test::run::<E>(connection)?;
+    lock(&connection.tested).push(E::AXES);
+    Ok(())
 }
 
 impl Drop for GpuDevice {
@@ -237,15 +259,19 @@ impl Drop for GpuDevice {
     }
 }
 
-impl Device for GpuDevice {
+impl<E: Words> Device<E> for GpuDevice {
     fn info(&self) -> &DeviceInfo {
         &self.info
     }
 
-    fn for_start(&self, faces: usize) -> Option<Box<dyn Device>> {
+    fn as_gpu(&mut self) -> Option<&mut GpuDevice> {
+        Some(self)
+    }
+
+    fn for_start(&self, faces: usize) -> Option<Box<dyn Device<E>>> {
         let more = if self.report.kind == AdapterKind::Software { 4 } else { 1 };
         let most = more * self.overrides.tuning.start_on_cpu as usize;
-        (faces <= most).then(|| Box::new(CpuDevice::new()) as Box<dyn Device>)
+        (faces <= most).then(|| Box::new(CpuDevice::new()) as Box<dyn Device<E>>)
     }
 
     fn memory_meter(&self) -> MemoryMeter {
@@ -266,15 +292,15 @@ impl Device for GpuDevice {
         connection.copy_bandwidth(connection.limits.max_buffer_size.min(1 << 28))
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         Ok(Box::new(self.steps(graph, component_of_cluster, false)?))
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        graph: &'a DualGraph,
+        graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn MergeSteps + 'a>> {
+    ) -> Result<Box<dyn MergeSteps<E> + 'a>> {
         Ok(Box::new(self.steps(graph, component_of_cluster, true)?))
     }
 }

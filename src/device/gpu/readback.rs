@@ -16,6 +16,7 @@ use super::layout::{BoundaryList, IterationStats, Move, UNLISTED};
 use super::memory::{BETWEEN, Numbers};
 use super::state::{GpuSteps, History, Search};
 use super::verify::verify;
+use crate::energy::Words;
 use crate::error::Result;
 
 /// Moves that are read along with their number: as many bytes as cross the bus in a wait.
@@ -75,9 +76,9 @@ impl Parts<'_> {
     }
 }
 
-impl GpuSteps<'_> {
+impl<E: Words> GpuSteps<'_, E> {
     /// Submits the commands, waits for them, and reads parts of buffers.
-    fn read<T>(
+    pub(super) fn read<T>(
         &self,
         mut encoder: wgpu::CommandEncoder,
         parts: &[Part],

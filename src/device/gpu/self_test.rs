@@ -12,6 +12,7 @@ use super::state::GpuSteps;
 use crate::device::cpu::CpuDevice;
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Step};
+use crate::energy::Words;
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Component, DualGraph, Moves};
 
@@ -31,8 +32,8 @@ const CLUSTERS: u32 = (SIDE / SEEDS_APART) * (SIDE / SEEDS_APART);
 const SHIFTS: [u32; 2] = [0, 30];
 
 /// Fails with [`Kind::DeviceUnsuitable`] and what differed where the device computes other numbers than the cpu.
-pub(super) fn run(connection: &Arc<Connection>) -> Result<()> {
-    let graph = graph();
+pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
+    let graph = graph::<E>();
     let component_of_cluster: Vec<u32> = (0..).zip(SHIFTS).flat_map(|(at, _)| [at; CLUSTERS as usize]).collect();
     let unsuitable = |why: &str| {
         let name = &connection.name;
@@ -56,10 +57,10 @@ pub(super) fn run(connection: &Arc<Connection>) -> Result<()> {
 type Numbers = (&'static str, Vec<i128>);
 
 /// The numbers that all steps give.
-fn results(steps: &mut dyn MergeSteps) -> Result<Vec<Numbers>> {
+fn results<E: Words>(steps: &mut dyn MergeSteps<E>) -> Result<Vec<Numbers>> {
     let cancel = Cancel::default();
     let mut all: Vec<Numbers> = Vec::new();
-    let labels = |steps: &mut dyn MergeSteps| -> Result<Vec<i128>> {
+    let labels = |steps: &mut dyn MergeSteps<E>| -> Result<Vec<i128>> {
         let energy = steps.energy()?.explained;
         Ok(std::iter::once(energy).chain(steps.labels()?.into_iter().map(i128::from)).collect())
     };
@@ -112,7 +113,9 @@ fn seeds() -> Vec<u32> {
 
 /// Two squares of faces, each a component. Places reach to the ends of the lattice in one, and are close together in
 /// the other; weights have 1 to 32 bits.
-fn graph() -> DualGraph {
+fn graph<E: Words>() -> DualGraph<E> {
+    // a coordinate is below 2 to this
+    let bits_of_places = if E::AXES <= 4 { 27 } else { 26 };
     let mut state = 1u64;
     // a number of `bits` bits at most
     let mut random = |bits: u32| {
@@ -129,15 +132,20 @@ fn graph() -> DualGraph {
     };
     for (component, energy_shift) in (0..).zip(SHIFTS) {
         let first = component * FACES;
-        let scale = 23 - 14 * component;
+        let scale = bits_of_places - 4 - 14 * component;
         for at in 0..FACES {
             let (row, column) = (at / SIDE, at % SIDE);
             // the middle of the square is the origin
             let middle = (SIDE / 2) << scale;
             let place = |index: u32, beyond: u32| ((index << scale) + beyond) as i32 - middle as i32;
-            let point = [(column, scale), (row, scale), (SIDE / 2, scale + 2)]
-                .map(|(index, bits)| place(index, random(bits)).max(1 - (1 << 27)));
-            graph.points.push(point);
+            graph.points.push(E::point(|axis| {
+                let (index, bits) = match axis {
+                    0 => (column, scale),
+                    1 => (row, scale),
+                    _ => (SIDE / 2, scale + 2),
+                };
+                place(index, random(bits)).max(1 - (1 << bits_of_places))
+            }));
             let bits = 1 + random(5) % 24;
             // the sum of a component stays below 2³⁴
             graph.weights.push(if at == FACES / 2 { u32::MAX } else { 1 + random(bits) });

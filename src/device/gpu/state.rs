@@ -12,7 +12,7 @@ use super::layout::{BoundaryList, Move};
 use super::memory::{BEFORE, Numbers, SurfaceMemory};
 use crate::device::DualEdge;
 use crate::device::dual_edge::Ties;
-use crate::energy::{ClusterSums, LatticeEnergy};
+use crate::energy::{LatticeEnergy, Words};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -58,7 +58,7 @@ pub(super) enum Change {
 
 /// What the host knows about the device's state.
 #[derive(Debug)]
-pub(super) struct Known {
+pub(super) struct Known<E: Words> {
     pub history: History,
     /// Whether a face may be free.
     pub has_free: bool,
@@ -79,12 +79,12 @@ pub(super) struct Known {
     /// The faces that moved since the last merge, or some, and their number.
     pub moves: Option<(Vec<Move>, usize)>,
     /// The sums of some clusters, ascending.
-    pub sums: Vec<(u32, ClusterSums)>,
+    pub sums: Vec<(u32, E::Sums)>,
     /// What a search finds.
     pub found: Option<(Search, Found)>,
 }
 
-impl Known {
+impl<E: Words> Known<E> {
     /// Of a new surface: all faces are free.
     const NEW: Self = Self {
         history: History::Unmerged,
@@ -120,9 +120,9 @@ impl Known {
 }
 
 /// A surface on the gpu.
-pub(super) struct GpuSteps<'a> {
+pub(super) struct GpuSteps<'a, E: Words> {
     pub(super) connection: Arc<Connection>,
-    pub(super) graph: &'a DualGraph,
+    pub(super) graph: &'a DualGraph<E>,
     pub(super) component_of_cluster: &'a [u32],
     pub(super) memory: SurfaceMemory,
     /// The clusters that may have faces, ascending.
@@ -131,7 +131,7 @@ pub(super) struct GpuSteps<'a> {
     pub(super) is_living: Vec<bool>,
     /// Memory for [`mutual`](crate::device::dual_edge::mutual).
     pub(super) chosen: Vec<u32>,
-    pub(super) known: Known,
+    pub(super) known: Known<E>,
     /// The last search for dual edges.
     pub(super) last_search: Option<Search>,
     /// The number of the first iteration of the next phase: not 1 if that goes on with the last one. Of refinement,
@@ -143,11 +143,11 @@ pub(super) struct GpuSteps<'a> {
     pub(super) host_buffer: Cell<Option<wgpu::Buffer>>,
 }
 
-impl<'a> GpuSteps<'a> {
+impl<'a, E: Words> GpuSteps<'a, E> {
     /// Opens a surface, all faces free. Hierarchies need more buffers.
     pub(super) fn new(
         connection: Arc<Connection>,
-        graph: &'a DualGraph,
+        graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
         is_merging: bool,
     ) -> Result<Self> {

@@ -10,10 +10,10 @@ use super::readback::Along;
 use super::state::{Change, GpuSteps, History};
 use super::upload::upload;
 use crate::device::{Cancel, Ending, FREE, OnStep, Step, Steps};
-use crate::energy::LatticeEnergy;
+use crate::energy::{LatticeEnergy, Words};
 use crate::error::{Error, Kind, Result};
 
-impl GpuSteps<'_> {
+impl<E: Words> GpuSteps<'_, E> {
     /// Replaces all labels; the history stays.
     fn replace_labels(&mut self, labels: &[u32]) -> Result<()> {
         let faces = self.graph.faces();
@@ -35,7 +35,7 @@ impl GpuSteps<'_> {
     }
 }
 
-impl Steps for GpuSteps<'_> {
+impl<E: Words> Steps for GpuSteps<'_, E> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         if self.known.history != History::Unmerged {
             self.known.history = History::Unmerged;

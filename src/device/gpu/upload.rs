@@ -7,7 +7,7 @@ use bytemuck::{Pod, cast, cast_slice};
 
 use super::connection::{Connection, InFlight, PATIENCE, Staging};
 use super::lock;
-use crate::energy::words::Face;
+use crate::energy::Words;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -28,32 +28,35 @@ pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: 
 
 /// Writes faces and their neighbours, through [`Staging`]. Creating a piece may fail for want of memory, which is an
 /// error of this call; if a copy of `write_buffer` finds none, the device is lost.
-pub(super) fn upload_graph(
+pub(super) fn upload_graph<E: Words>(
     connection: &Connection,
-    graph: &DualGraph,
+    graph: &DualGraph<E>,
     faces: &wgpu::Buffer,
     neighbours: &wgpu::Buffer,
 ) -> Result<()> {
     let rows = graph.faces() + 1;
-    write(connection, faces, (0, rows - 1), |range, to: To<'_, { size_of::<Face>() }>| {
-        to.write_iter(range.map(|face| cast(Face::from(graph.face(face)))));
+    let mut words = Vec::new();
+    write(connection, faces, (0, rows - 1), E::AXES + 1, |range, mut to| {
+        words.clear();
+        range.for_each(|face| words.extend(E::of_face(graph.face(face))));
+        to.copy_from_slice(cast_slice(&words));
     })?;
     let offset = |face: usize| graph.neighbour_offsets[face] + rows as u32;
-    write(connection, neighbours, (0, rows), |range, to: To<'_, 4>| to.write_iter(range.map(offset).map(cast)))?;
-    write(connection, neighbours, (rows, graph.neighbours.len()), |range, mut to: To<'_, 4>| {
+    write(connection, neighbours, (0, rows), 1, |range, to| to.write_iter(range.map(offset).map(cast)))?;
+    write(connection, neighbours, (rows, graph.neighbours.len()), 1, |range, mut to| {
         to.copy_from_slice(cast_slice(&graph.neighbours[range]));
     })
 }
 
 /// Writes numbers to the beginning of a buffer, through [`Staging`].
 pub(super) fn upload_staged(connection: &Connection, target: &wgpu::Buffer, numbers: &[u32]) -> Result<()> {
-    write(connection, target, (0, numbers.len()), |range, mut to: To<'_, 4>| {
+    write(connection, target, (0, numbers.len()), 1, |range, mut to| {
         to.copy_from_slice(cast_slice(&numbers[range]));
     })
 }
 
-/// Mapped memory for items of `N` bytes.
-type To<'a, const N: usize> = wgpu::WriteOnly<'a, [[u8; N]]>;
+/// Mapped memory for words.
+type To<'a> = wgpu::WriteOnly<'a, [[u8; 4]]>;
 
 /// Bytes of a piece of staging memory.
 const PIECE: usize = 4 << 20;
@@ -99,24 +102,26 @@ impl Staging {
     }
 }
 
-/// Writes items to a buffer, from item `first` on, in chunks that `fill` provides.
-fn write<const N: usize>(
+/// Writes items of some words to a buffer, from item `first` on, in chunks that `fill` provides.
+fn write(
     connection: &Connection,
     target: &wgpu::Buffer,
     (first, items): (usize, usize),
-    mut fill: impl FnMut(Range<usize>, To<'_, N>),
+    words: usize,
+    mut fill: impl FnMut(Range<usize>, To<'_>),
 ) -> Result<()> {
+    let size = words * size_of::<u32>();
     let mut staging = lock(&connection.staging);
-    for at in (0..items).step_by(PIECE / N) {
-        let range = at..items.min(at + PIECE / N);
-        let bytes = (range.len() * N) as u64;
+    for at in (0..items).step_by(PIECE / size) {
+        let range = at..items.min(at + PIECE / size);
+        let bytes = (range.len() * size) as u64;
         let piece = staging.take(connection)?;
         {
             let unwritable = |_| connection.break_down("its memory could not be written");
             let mut view = piece.get_mapped_range_mut(..bytes).map_err(unwritable)?;
-            fill(range, view.slice(..).into_chunks::<N>().0);
+            fill(range, view.slice(..).into_chunks::<4>().0);
         }
-        staging.copy(connection, piece, (target, ((first + at) * N) as u64), bytes);
+        staging.copy(connection, piece, (target, ((first + at) * size) as u64), bytes);
     }
     Ok(())
 }

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use crate::device::FREE;
-use crate::energy::{ClusterSums, LatticeEnergy, Sums};
+use crate::energy::{Functional, LatticeEnergy, Sums};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -17,7 +17,12 @@ const FACES_A_CLUSTER: usize = 4;
 
 /// Fails with [`Kind::DeviceWrong`] where labels that a gpu gave do not have the energy that it gave. The graph comes
 /// with the component of each cluster.
-pub(super) fn verify(gpu: &str, graph: (&DualGraph, &[u32]), labels: &[u32], energy: LatticeEnergy) -> Result<()> {
+pub(super) fn verify<E: Functional>(
+    gpu: &str,
+    graph: (&DualGraph<E>, &[u32]),
+    labels: &[u32],
+    energy: LatticeEnergy,
+) -> Result<()> {
     let why = match energy_of(graph.0, graph.1, labels) {
         Ok(expected) if expected == energy => return Ok(()),
         Ok(expected) => {
@@ -29,18 +34,22 @@ pub(super) fn verify(gpu: &str, graph: (&DualGraph, &[u32]), labels: &[u32], ene
 }
 
 /// What labels explain of the energy; free faces count for none. An error is a label that names no cluster.
-fn energy_of(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Result<LatticeEnergy, u32> {
+fn energy_of<E: Functional>(
+    graph: &DualGraph<E>,
+    component_of_cluster: &[u32],
+    labels: &[u32],
+) -> Result<LatticeEnergy, u32> {
     let clusters = component_of_cluster.len();
     if let Some(&label) = labels.par_iter().find_any(|&&label| label as usize >= clusters && label != FREE) {
         return Err(label);
     }
     let threads = rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * clusters)).max(1);
     let chunk = labels.len().div_ceil(threads).max(1);
-    let parts: Vec<Vec<ClusterSums>> = labels
+    let parts: Vec<Vec<E::Sums>> = labels
         .par_chunks(chunk)
         .enumerate()
         .map(|(at, labels)| {
-            let mut sums = vec![ClusterSums::default(); clusters];
+            let mut sums = vec![E::Sums::default(); clusters];
             for (face, &label) in (at * chunk..).zip(labels).filter(|&(_, &label)| label != FREE) {
                 sums[label as usize].add_face(graph.face(face), 1);
             }
@@ -48,7 +57,7 @@ fn energy_of(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) ->
         })
         .collect();
     let explained = |(cluster, &component): (usize, &u32)| {
-        let mut sums = ClusterSums::default();
+        let mut sums = E::Sums::default();
         parts.iter().for_each(|part| sums.add(&part[cluster], 1));
         sums.fit().map_or(0, |(_, explained)| explained << graph.components[component as usize].energy_shift)
     };

@@ -1,49 +1,55 @@
 //! Which words a face, the sums of a cluster and a proxy take on a gpu. `shaders/energy/cvd.wgsl` computes with them.
 
-use super::{ClusterSums, Item};
-use crate::energy::shared::{Vec3, shared};
+use super::scatter::{Axes, Products};
+use super::{ClusterSums, Cvd, Item};
+use crate::energy::shared::{Words, wide};
 
 /// The energy in WGSL.
 pub const WGSL: &str = include_str!("../../../shaders/energy/cvd.wgsl");
 
-shared! {
+wide! {
     /// A face as the energy sees it.
-    Face {
-        /// g, |g| < 2²⁷ an axis.
-        centroid: Vec3,
+    FACE = Face(|axes| axes + 1) {
+        /// g.
+        point: Point,
         /// w, at least 1.
         weight: u32,
     }
 
     /// The proxy of a cluster.
-    Proxy {
+    PROXY = Proxy(|axes| axes + 1) {
         /// P.
-        position: Vec3,
+        position: Point,
         /// The cluster's energy is shifted left by this, at most 30, to the units of the finest component.
         energy_shift: u32,
     }
 }
 
 /// Numbers of 64 bits that the sums of a cluster are: S an axis each, and M.
-pub const SUMS: usize = 4;
-
-impl Proxy {
-    /// That of a cluster without faces.
-    pub fn unfitted(energy_shift: u32) -> Self {
-        Self { position: [0; 3], energy_shift }
-    }
+pub const fn sums(axes: usize) -> usize {
+    axes + 1
 }
 
-impl From<Item<3>> for Face {
-    fn from(Item { point, weight }: Item<3>) -> Self {
-        Self { centroid: point, weight }
-    }
-}
+impl<const D: usize> Words for Cvd<D>
+where
+    Axes<D>: Products,
+{
+    const AXES: usize = D;
 
-impl ClusterSums<3> {
-    /// The sums from their words, the low one of each number first.
-    pub fn of_words(words: [u32; 2 * SUMS], faces: u32) -> Self {
+    fn point(coordinate: impl FnMut(usize) -> i32) -> [i32; D] {
+        std::array::from_fn(coordinate)
+    }
+
+    fn of_face(Item { point, weight }: Item<D>) -> impl Iterator<Item = u32> {
+        point.map(i32::cast_unsigned).into_iter().chain([weight])
+    }
+
+    fn of_unfitted(energy_shift: u32) -> impl Iterator<Item = u32> {
+        [0; D].into_iter().chain([energy_shift])
+    }
+
+    fn sums(words: &[u32], faces: u32) -> ClusterSums<D> {
         let number = |at: usize| (u64::from(words[2 * at + 1]) << 32 | u64::from(words[2 * at])).cast_signed();
-        Self { centroid: std::array::from_fn(number), weight: number(3), faces }
+        ClusterSums { centroid: std::array::from_fn(number), weight: number(D), faces }
     }
 }
