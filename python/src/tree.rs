@@ -70,7 +70,7 @@ impl Tree {
     /// Labels, energy, rounds replayed, and merges on top, at a number of clusters.
     fn cut<'py>(&self, py: Python<'py>, clusters: u64) -> PyResult<(Bound<'py, PyArray1<u32>>, f64, u32, u32)> {
         let stored = Arc::clone(&self.stored);
-        let cut = run_quietly(py, move || stored.tree.labels_at(clusters))?;
+        let cut = run_quietly(py, move || stored.labels_at(clusters))?;
         Ok((PyArray1::from_vec(py, cut.labels), cut.energy, cut.rounds, cut.extra_merges))
     }
 

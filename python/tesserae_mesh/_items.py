@@ -17,12 +17,5 @@ class Items(NamedTuple):
     """Whether each takes part, in one dimension."""
 
     def placed(self, labels: NDArray[np.uint32]) -> NDArray[np.int32]:
-        """Return labels in the shape of the items, -1 where the mask leaves one out.
-
-        Labels are those of all items, 2**32 - 1 where they are masked, or of those that take part.
-        """
-        placed = labels.view(np.int32)
-        if self.mask is not None and placed.size < self.mask.size:
-            placed = np.full(self.mask.size, -1, dtype=np.int32)
-            placed[self.mask] = labels.view(np.int32)
-        return placed.reshape(self.shape)
+        """Return labels in the shape of the items: -1, which is 2**32 - 1, where the mask leaves one out."""
+        return labels.view(np.int32).reshape(self.shape)

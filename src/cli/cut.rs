@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 use tesserae_mesh::artifacts::{Content, Labels, Need};
+use tesserae_mesh::device::FREE;
 use tesserae_mesh::hierarchy::Cut;
 use tesserae_mesh::hierarchy::stored::{self, Header, Stored};
 use tesserae_mesh::job::labels_sha256;
@@ -61,13 +62,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         clusters => {
             let stored = Stored::read(file, length, arguments.max_faces).map_err(about_input())?;
-            let cut = clusters.map(|clusters| stored.tree.labels_at(clusters)).transpose().map_err(about_input())?;
+            let cut = clusters.map(|clusters| stored.labels_at(clusters)).transpose().map_err(about_input())?;
             let cut = cut.map(|cut| (stored.header.clone(), cut));
             (Some(stored), cut)
         }
     };
+    let shape = cut.as_ref().and_then(|(header, cut)| header.shape_of(cut.labels.len()));
     let content = Content {
         labels: cut.as_ref().map(|(_, cut)| Labels::from(cut)),
+        shape: shape.as_deref(),
         hierarchy: stored.as_ref(),
         limits: outputs.limits(),
         ..Content::default()
@@ -80,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             _ => file.write(&content, &input)?,
         }
     }
-    match cut.filter(|_| !arguments.quiet.quiet).map(|(_, cut)| summary(&cut)) {
+    match cut.filter(|_| !arguments.quiet.quiet).map(|(_, cut)| summary(&cut, shape.is_some())) {
         Some(line) if outputs.use_stdout() => {
             say(&line);
             Ok(())
@@ -122,18 +125,19 @@ fn write_report(out: &mut dyn std::io::Write, header: &Header, cut: &Cut) -> std
 }
 
 /// What came out, in one line.
-fn summary(cut: &Cut) -> String {
+fn summary(cut: &Cut, are_items: bool) -> String {
     let state = match (cut.rounds, cut.extra_merges) {
-        (0, 0) => "every face a cluster".to_owned(),
+        (0, 0) => format!("every {} a cluster", if are_items { "item" } else { "face" }),
         (round, 0) => format!("the state after round {round}"),
         (0, more) => format!("the {more} cheapest merges of round 1"),
         (round, more) => format!("the state after round {round} and the {more} cheapest merges of the next"),
     };
     let balance = Balance::of(&cut.labels, cut.clusters()).map(|balance| format!("{balance}, ")).unwrap_or_default();
     format!(
-        "{} clusters of {} faces, {balance}energy {}, {}: {state}",
+        "{} clusters of {} {}, {balance}energy {}, {}: {state}",
         count(cut.clusters()),
-        count(cut.labels.len() as u64),
+        count(cut.labels.iter().filter(|&&label| label != FREE).count() as u64),
+        if are_items { "items" } else { "faces" },
         number(cut.energy),
         cut.kind()
     )

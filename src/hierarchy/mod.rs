@@ -22,6 +22,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use self::replay::{CutPlan, Replay, check_range};
+use crate::device::FREE;
 use crate::energy::Merged;
 use crate::error::{Error, Kind, Result};
 
@@ -109,7 +110,7 @@ pub struct Cut {
 impl Cut {
     /// Number of clusters.
     pub fn clusters(&self) -> u64 {
-        self.labels.iter().max().map_or(0, |&most| u64::from(most) + 1)
+        self.labels.iter().filter(|&&label| label != FREE).max().map_or(0, |&most| u64::from(most) + 1)
     }
 
     /// `exact` for a state that the run had, `merged` for one with merges of the next round on top.

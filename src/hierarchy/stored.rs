@@ -5,14 +5,16 @@
 //! | at | size | |
 //! |---|---|---|
 //! | 0 | 8 | `89 54 53 52 0D 0A 1A 0A`: no text; a change of line ends changes it |
-//! | 8 | 4 | version of the format: 2 |
+//! | 8 | 4 | version of the format: 3 |
 //! | 12 | 4 | H, the length of the header |
 //! | 16 | 4 | F, the number of faces, 1 … 2³¹ |
 //! | 20 | 4 | M, the number of merges, less than F |
 //! | 24 | 4 | R, the number of rounds |
 //! | 28 | 4 | C, the number of checkpoints |
 //! | 32 | 8 | V, the number of moves |
-//! | 40 | H | header: a JSON object in UTF-8, see [`Header`] |
+//! | 40 | 4 | N, the number of items that were uploaded: F, and those that a mask leaves out |
+//! | 44 | H | header: a JSON object in UTF-8, see [`Header`] |
+//! | | ⌈N/8⌉ | if N > F: whether each item takes part, the first one in the lowest bit of the first byte |
 //! | | 32·R | rounds: clusters left u32, end of merges u32, end of moves u64, energy f64, has a checkpoint u32, 0 u32 |
 //! | | 16·M + 8·V + 4·F·C | records of each round, see below |
 //! | | 44·M | what each merge made: faces u32, energy f64, weight f64, proxy 3 × f64 |
@@ -30,9 +32,6 @@
 
 use std::io::{self, Write};
 
-use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
-
 use self::blocks::{BlockReader, BlockWriter, Unreadable};
 use self::records::{FIXED, LABEL, MOVE, NODE, PAIR, Pair, ROUND, Sizes, VERSION, u32_at};
 use super::replay::{CutPlan, Replay, check_range};
@@ -40,8 +39,12 @@ use super::{Cut, Round, Tree, contradiction};
 use crate::error::{Error, Kind, Result};
 
 pub use self::blocks::Input;
+pub use self::header::Header;
+pub use self::mask::Mask;
 
 mod blocks;
+mod header;
+mod mask;
 mod records;
 
 /// The first bytes of the file.
@@ -62,32 +65,10 @@ const BETWEEN_CHECKPOINTS: u64 = 8;
 pub struct Stored {
     /// Where it comes from.
     pub header: Header,
+    /// Which of the uploaded items take part, if a mask leaves some out. The tree is of those that do.
+    pub mask: Option<Mask>,
     /// The hierarchy.
     pub tree: Tree,
-}
-
-/// Where a hierarchy comes from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Header {
-    /// Version of the program that made it.
-    #[serde(rename = "tesserae")]
-    pub version: String,
-    /// The algorithm, as in parameters.
-    pub algorithm: String,
-    /// The parameters it ran with, defaults filled in.
-    pub parameters: Map<String, Value>,
-    /// The mesh: `format`, `vertices`, `faces`, `components`.
-    pub input: Value,
-}
-
-impl Header {
-    /// Connected components of what was clustered, where the header says.
-    pub fn components(&self) -> Option<u64> {
-        match self.parameters.get("bridge_components") {
-            Some(Value::Bool(true)) => Some(1),
-            _ => self.input.get("components").and_then(Value::as_u64),
-        }
-    }
 }
 
 impl Stored {
@@ -99,6 +80,9 @@ impl Stored {
         let mut out = BlockWriter::new(out);
         out.put(&self.sizes(header.len(), &has_checkpoint).bytes())?;
         out.put(&header)?;
+        if let Some(mask) = &self.mask {
+            out.put(&mask.bytes())?;
+        }
         for (round, &has_checkpoint) in rounds.iter().zip(&has_checkpoint) {
             out.put(&records::round_bytes(round, has_checkpoint))?;
         }
@@ -126,6 +110,7 @@ impl Stored {
         Sizes {
             header: header as u32,
             faces: self.tree.faces,
+            items: self.mask.as_ref().map_or(self.tree.faces, Mask::items),
             merges: self.tree.merges.len() as u32,
             rounds: self.tree.rounds.len() as u32,
             checkpoints: count(has_checkpoint),
@@ -147,6 +132,11 @@ impl Stored {
         (0..self.tree.rounds.len()).map(has_checkpoint).collect()
     }
 
+    /// The labels at exactly `clusters` clusters ([`Tree::labels_at`]), one an uploaded item.
+    pub fn labels_at(&self, clusters: u64) -> Result<Cut> {
+        Ok(mask::applied(self.mask.as_ref(), self.tree.labels_at(clusters)?))
+    }
+
     /// Reads a file of `length` bytes. Every size is checked against that before anything is allocated, and the tree is
     /// checked before it is returned. The number of faces, which a short file can state too, is checked against
     /// `max_faces`.
@@ -154,6 +144,7 @@ impl Stored {
         let (mut reader, header) = Reader::open(from, length, max_faces)?;
         let Sizes { faces, merges, moves, .. } = reader.sizes;
         let (merges, rounds) = (u64::from(merges), std::mem::take(&mut reader.rounds));
+        let mask = reader.mask.take();
         let mut tree = Tree { faces, merges: room(merges)?, moves: room(moves)?, rounds };
         let mut replay = Replay::new(faces);
         for round in 0..tree.rounds.len() {
@@ -178,12 +169,12 @@ impl Stored {
         })?;
         match tree.merges.iter().position(|merge| !(2..=faces).contains(&merge.made.faces)) {
             Some(merge) => contradiction("merge", merge),
-            None => Ok(Self { header, tree }),
+            None => Ok(Self { header, mask, tree }),
         }
     }
 }
 
-/// A cut of a hierarchy in a file, without the tree ever being in memory; see [`Tree::labels_at`] and [`Stored::read`].
+/// A cut of a hierarchy in a file, without the tree ever being in memory; see [`Stored::labels_at`] and [`Stored::read`].
 /// Only what the cut needs is read and compared with its checksums. Whether a checkpoint is what the merges and moves
 /// before it make, only [`Stored::read`] checks.
 pub fn cut(from: impl Input, length: u64, max_faces: u64, clusters: u64) -> Result<(Header, Cut)> {
@@ -212,7 +203,7 @@ pub fn cut(from: impl Input, length: u64, max_faces: u64, clusters: u64) -> Resu
         energy += pair.cost;
         replay.merge(pair.into, pair.from)
     })?;
-    Ok((header, plan.finish(replay, energy)?))
+    Ok((header, mask::applied(reader.mask.as_ref(), plan.finish(replay, energy)?)))
 }
 
 /// Merges and moves of a round.
@@ -245,6 +236,7 @@ fn room<T>(records: u64) -> Result<Vec<T>> {
 struct Reader<R> {
     blocks: BlockReader<R>,
     sizes: Sizes,
+    mask: Option<Mask>,
     rounds: Vec<Round>,
     has_checkpoint: Vec<bool>,
 }
@@ -273,18 +265,36 @@ impl<R: Input> Reader<R> {
         if sizes.header as usize > MAX_HEADER {
             return malformed("its first bytes are not those of a hierarchy");
         }
-        if u64::from(sizes.faces) > max_faces {
+        if u64::from(sizes.faces.max(sizes.items)) > max_faces {
             return Err(Error::too_large(format_args!(
                 "the hierarchy has more faces than the limit of {max_faces}: {}",
-                sizes.faces
+                sizes.faces.max(sizes.items)
             )));
         }
-        let mut reader = Self { blocks, sizes, rounds: Vec::new(), has_checkpoint: Vec::new() };
+        let mut reader = Self { blocks, sizes, mask: None, rounds: Vec::new(), has_checkpoint: Vec::new() };
         reader.skip(FIXED as u64)?;
         let json = reader.blocks.some(sizes.header as usize, sizes.header as usize).map_err(unreadable)?;
         let header = serde_json::from_slice(json).or_else(malformed)?;
+        reader.read_mask()?;
         reader.read_rounds()?;
         Ok((reader, header))
+    }
+
+    /// Reads the mask, if there is one, and checks that as many items take part as the hierarchy has.
+    fn read_mask(&mut self) -> Result<()> {
+        let Sizes { faces, items, .. } = self.sizes;
+        if items < faces {
+            return contradiction("number of items", items);
+        }
+        if items > faces {
+            let mut bytes = room(self.sizes.mask_bytes())?;
+            self.append::<1, _>(&mut bytes, self.sizes.mask_bytes(), |&[byte]| byte)?;
+            self.mask = Mask::of(&bytes, items).filter(|mask| mask.members() == u64::from(faces));
+            if self.mask.is_none() {
+                return contradiction("mask of items", items);
+            }
+        }
+        Ok(())
     }
 
     /// Reads the rounds, and checks that they cover all merges and moves, each some merges, and leave the clusters that

@@ -37,7 +37,7 @@ pub(super) fn small() -> Stored {
         parameters: Default::default(),
         input: json!({"format": "obj", "vertices": 9, "faces": 7, "components": 1}),
     };
-    Stored { header, tree }
+    Stored { header, mask: None, tree }
 }
 
 /// The same without the move.

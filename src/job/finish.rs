@@ -13,7 +13,7 @@ use super::subject::with_items;
 use super::{Clustered, Outcome, Points, Prepared, Shaped, Subject, finite, hierarchical, milliseconds};
 use crate::device::{FREE, pieces};
 use crate::error::{Error, Kind, Result};
-use crate::hierarchy::stored::Stored;
+use crate::hierarchy::stored::{Mask, Stored};
 use crate::report::{Energy, Report, Timings};
 use crate::surface::Surface;
 use crate::surface::figures::Figures;
@@ -73,7 +73,11 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         (None, None)
     };
     let hierarchy = match tree {
-        Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, spec.reported())?, tree }),
+        Some(tree) => {
+            let header = hierarchical::header(&prepared.input, spec.reported())?;
+            let mask = prepared.subject.points().and_then(|points| Mask::new(points.set.mask.as_deref()?));
+            Some(Stored { header, mask, tree })
+        }
         None => None,
     };
     let mut warnings = [prepared.warnings.clone(), clustered.warnings].concat();

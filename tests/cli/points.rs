@@ -1,6 +1,7 @@
 //! Points with neighbours: arrays, edges in files, images, and their outputs.
 
 use tesserae_mesh::artifacts::npy_header;
+use tesserae_mesh::export::npz::{Array, write};
 
 use crate::command::Folder;
 
@@ -63,6 +64,24 @@ fn a_grid_gives_labels_in_its_shape_and_tables_without_a_mesh() {
     assert!(csv.starts_with("cluster,items,weight,energy,neighbours,component,mean_0,mean_1,mean_2\n"), "{csv}");
     assert_eq!(csv.lines().count(), 4);
     assert!(String::from_utf8_lossy(&folder.read("c-6.npy")[..128]).contains("(12, 20)"));
+}
+
+#[test]
+fn cuts_of_masked_points_have_their_shape_and_no_label_where_the_mask_is() {
+    let folder = Folder::new();
+    let takes_part: Vec<u8> = (0..240).map(|item| u8::from(item % 20 != 7 || item < 60)).collect();
+    let values = Array::f64(&[12, 20, 3], &values(12, 20).into_iter().map(f64::from).collect::<Vec<_>>());
+    let mut bytes = Vec::new();
+    write(&mut bytes, &[("X", values), ("mask", Array::u8(&[12, 20], takes_part.clone()))]).expect("bytes");
+    folder.write("x.npz", bytes);
+    run(&folder, "cluster x.npz --algorithm pml -k 5 --graph grid -o of-run.npy --hierarchy t.tsr");
+    let said = run(&folder, "cut t.tsr --clusters 5 -o of-cut.npy");
+    assert!(said.starts_with("5 clusters of 231 items, "), "{said}");
+    let labels = folder.read("of-cut.npy");
+    assert_eq!(labels, folder.read("of-run.npy"));
+    assert!(String::from_utf8_lossy(&labels[..128]).contains("(12, 20)"));
+    let words = labels[labels.len() - 960..].as_chunks::<4>().0;
+    assert!(words.iter().zip(takes_part).all(|(&word, takes_part)| (word == [0xff; 4]) == (takes_part == 0)));
 }
 
 #[test]

@@ -300,7 +300,7 @@ pub fn hierarchy(bytes: usize, a_round: usize, merge: impl Fn(u32) -> (u32, u32)
         input: serde_json::Value::Null,
     };
     let mut file = Vec::new();
-    let stored = Stored { header, tree: Tree { faces, merges, moves: Vec::new(), rounds } };
+    let stored = Stored { header, mask: None, tree: Tree { faces, merges, moves: Vec::new(), rounds } };
     stored.write(&mut file).expect("a vector takes everything");
     file
 }

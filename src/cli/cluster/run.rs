@@ -221,11 +221,8 @@ impl Run<'_> {
     ) -> Result<(), Failure> {
         let Some(stored) = &outcome.hierarchy else { return Ok(()) };
         for (clusters, files) in &files.of_clusters {
-            let mut cut = stored.tree.labels_at(clusters.unwrap_or(1)).map_err(Failure::about(&mesh.source))?;
+            let cut = stored.labels_at(clusters.unwrap_or(1)).map_err(Failure::about(&mesh.source))?;
             let row = of_cut(SummaryRow::new(mesh.source.to_string(), &outcome.report, None), &cut);
-            if let Some(points) = points {
-                cut.labels = points.with_masked(cut.labels);
-            }
             let is_table = |file: &OutputFile| file.artifact.is_of_points && file.artifact.is_made_of_input();
             let points = points.filter(|_| files.iter().any(is_table));
             let table = points.map(|points| points.table(&cut.labels, cut.clusters()));

@@ -5,8 +5,8 @@ use super::MAGIC;
 use super::blocks::framed;
 use crate::energy::Merged;
 
-pub(super) const VERSION: u32 = 2;
-pub(super) const FIXED: usize = 40;
+pub(super) const VERSION: u32 = 3;
+pub(super) const FIXED: usize = 44;
 pub(super) const ROUND: usize = 32;
 pub(super) const PAIR: usize = 16;
 pub(super) const MOVE: usize = 8;
@@ -43,6 +43,8 @@ fn record<const N: usize>(parts: &[&[u8]]) -> [u8; N] {
 pub(super) struct Sizes {
     pub header: u32,
     pub faces: u32,
+    /// Faces and what a mask leaves out.
+    pub items: u32,
     pub merges: u32,
     pub rounds: u32,
     pub checkpoints: u32,
@@ -51,22 +53,28 @@ pub(super) struct Sizes {
 
 impl Sizes {
     pub fn bytes(&self) -> [u8; FIXED] {
-        let Self { header, faces, merges, rounds, checkpoints, moves } = *self;
+        let Self { header, faces, items, merges, rounds, checkpoints, moves } = *self;
         let numbers = [VERSION, header, faces, merges, rounds, checkpoints].map(u32::to_le_bytes);
-        record(&[&MAGIC, numbers.as_flattened(), &moves.to_le_bytes()])
+        record(&[&MAGIC, numbers.as_flattened(), &moves.to_le_bytes(), &items.to_le_bytes()])
     }
 
     pub fn of(first: &[u8; FIXED]) -> Self {
-        let [header, faces, merges, rounds, checkpoints] = [12, 16, 20, 24, 28].map(|at| u32_at(first, at));
-        Self { header, faces, merges, rounds, checkpoints, moves: u64_at(first, 32) }
+        let [header, faces, merges, rounds, checkpoints, items] = [12, 16, 20, 24, 28, 40].map(|at| u32_at(first, at));
+        Self { header, faces, items, merges, rounds, checkpoints, moves: u64_at(first, 32) }
+    }
+
+    /// Length of the mask in bytes.
+    pub fn mask_bytes(&self) -> u64 {
+        if self.items > self.faces { u64::from(self.items).div_ceil(8) } else { 0 }
     }
 
     /// Length of the file in bytes.
     pub fn file_bytes(&self) -> u128 {
-        let Self { header, faces, merges, rounds, checkpoints, moves } = *self;
+        let Self { header, faces, merges, rounds, checkpoints, moves, .. } = *self;
         let of = |count: u64, size: usize| u128::from(count) * size as u128;
         let records = of(rounds.into(), ROUND) + of(merges.into(), PAIR + NODE) + of(moves, MOVE);
-        framed(FIXED as u128 + u128::from(header) + records + u128::from(checkpoints) * of(faces.into(), LABEL))
+        let head = FIXED as u128 + u128::from(header) + u128::from(self.mask_bytes());
+        framed(head + records + u128::from(checkpoints) * of(faces.into(), LABEL))
     }
 }
 

@@ -5,14 +5,25 @@ use std::io::{Cursor, Read};
 
 use super::blocks::{BLOCK, SUM};
 use super::*;
+use crate::device::FREE;
 use crate::energy::Merged;
 use crate::hierarchy::tests::small;
 use crate::hierarchy::{FaceMove, Merge};
 
 fn file() -> Vec<u8> {
+    file_of(&small())
+}
+
+fn file_of(stored: &Stored) -> Vec<u8> {
     let mut bytes = Vec::new();
-    small().write(&mut bytes).expect("a vector takes everything");
+    stored.write(&mut bytes).expect("a vector takes everything");
     bytes
+}
+
+/// A hierarchy of 7 of 10 items.
+fn masked() -> Stored {
+    let takes_part = [true, false, true, true, true, true, false, true, true, false];
+    Stored { mask: Mask::new(&takes_part), ..small() }
 }
 
 fn read(bytes: &[u8], max_faces: u64) -> Result<Stored> {
@@ -21,7 +32,7 @@ fn read(bytes: &[u8], max_faces: u64) -> Result<Stored> {
     let cut = cut(bytes, bytes.len() as u64, max_faces, 1);
     match &stored {
         Ok(stored) => {
-            let of_tree = stored.tree.labels_at(1).map(|cut| cut.labels);
+            let of_tree = stored.labels_at(1).map(|cut| cut.labels);
             assert_eq!(cut.map(|(_, cut)| cut.labels), of_tree);
         }
         Err(error) if cut.is_ok() => assert!(error.message.contains("contradicts"), "{error}"),
@@ -67,7 +78,7 @@ fn long() -> Stored {
         let (merges_end, moves_end) = (merges.len() as u32, moves.len() as u64);
         rounds.push(Round { clusters, energy: f64::from(faces - clusters), merges_end, moves_end });
     }
-    Stored { header: small().header, tree: Tree { faces, merges, moves, rounds } }
+    Stored { header: small().header, mask: None, tree: Tree { faces, merges, moves, rounds } }
 }
 
 /// Counts what is read of a file.
@@ -104,15 +115,28 @@ impl Input for Stream<'_> {}
 #[test]
 fn what_was_written_is_read() {
     assert_eq!(read(&file(), 7), Ok(small()));
+    assert_eq!(read(&file_of(&masked()), 10), Ok(masked()));
+    assert_eq!(read(&file_of(&masked()), 9).expect_err("10 items").kind, Kind::TooLarge);
 }
 
 #[test]
 fn a_cut_of_the_file_is_the_cut_of_the_tree() {
-    let bytes = file();
-    for clusters in 0..9 {
-        let of_file = cut(bytes.as_slice(), bytes.len() as u64, 7, clusters);
-        assert_eq!(of_file.map(|(_, cut)| cut), small().tree.labels_at(clusters), "{clusters}");
+    for stored in [small(), masked()] {
+        let bytes = file_of(&stored);
+        for clusters in 0..9 {
+            let of_file = cut(bytes.as_slice(), bytes.len() as u64, 10, clusters);
+            assert_eq!(of_file.map(|(_, cut)| cut), stored.labels_at(clusters), "{clusters}");
+        }
     }
+}
+
+#[test]
+fn masked_items_belong_to_no_cluster() {
+    let Cut { labels, .. } = masked().labels_at(4).expect("a cut");
+    let of_members: Vec<u32> = labels.iter().copied().filter(|&label| label != FREE).collect();
+    assert_eq!(of_members, small().labels_at(4).expect("a cut").labels);
+    assert_eq!([1, 6, 9].map(|item| labels[item]), [FREE; 3]);
+    assert_eq!(masked().labels_at(4).expect("a cut").clusters(), 4);
 }
 
 #[test]
@@ -147,11 +171,9 @@ fn a_flipped_bit_is_noticed_wherever_it_is() {
 
 #[test]
 fn a_hostile_file_with_a_right_checksum_is_refused_or_harmless() {
-    let bytes = file();
     let (mut refused, mut harmless) = (0, 0);
-    let bytes = content(&bytes);
-    for at in 0..bytes.len() {
-        for value in [0, 1, 2, 6, 7, 0x7f, 0x80, 0xff] {
+    for bytes in [small(), masked()].map(|stored| content(&file_of(&stored))) {
+        for (at, value) in (0..bytes.len()).flat_map(|at| [0, 1, 2, 6, 7, 0x7f, 0x80, 0xff].map(|value| (at, value))) {
             let mut changed = bytes.clone();
             changed[at] = value;
             match read(&summed(&changed), 1000) {
@@ -159,11 +181,11 @@ fn a_hostile_file_with_a_right_checksum_is_refused_or_harmless() {
                 Ok(stored) => {
                     harmless += 1;
                     for clusters in 0..9 {
-                        let _ = stored.tree.labels_at(clusters);
+                        let _ = stored.labels_at(clusters);
                     }
                     let mut out = Vec::new();
                     stored.write_json(&mut out, Default::default()).expect("a vector takes everything");
-                    serde_json::from_slice::<Value>(&out).expect("JSON");
+                    serde_json::from_slice::<serde_json::Value>(&out).expect("JSON");
                     let _ = stored.linkage();
                 }
             }
@@ -180,7 +202,7 @@ fn more_faces_than_allowed_are_refused() {
 
 #[test]
 fn counts_beyond_the_file_allocate_nothing() {
-    for (at, size) in [(12, 4), (16, 4), (20, 4), (24, 4), (32, 8)] {
+    for (at, size) in [(12, 4), (16, 4), (20, 4), (24, 4), (32, 8), (40, 4)] {
         let mut bytes = content(&file());
         bytes[at..at + size].fill(0xff);
         let error = read(&summed(&bytes), 1000).expect_err("too much");

@@ -30,9 +30,7 @@ pub(crate) async fn cut(
     let (id, files) = (job.id, Arc::clone(&shared.files));
     let write = move |out: &mut dyn Write| {
         let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(|error| of_cut(&files, id, error))?;
-        // a hierarchy has no items that a mask leaves out
-        let is_whole = cut.labels.len() == shape.iter().product::<usize>();
-        let shape = Some(&shape[..]).filter(|shape| !shape.is_empty() && is_whole);
+        let shape = Some(&shape[..]).filter(|shape| !shape.is_empty());
         let content = Content { labels: Some(Labels::from(&cut)), shape, ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)?;
         Ok((cut.kind(), cut.energy))
