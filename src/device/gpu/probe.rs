@@ -11,6 +11,7 @@ use super::adapter::enumerate;
 use super::choice::choose;
 use super::connection::Connection;
 use super::upload::{upload, upload_staged};
+use crate::energy::{Energy, Words as _};
 use crate::error::Result;
 
 /// Dispatches of a chain, and on a software gpu, whose times say nothing.
@@ -53,6 +54,7 @@ pub fn probe(adapter: Option<&str>) -> Result<Vec<(&'static str, f64)>> {
     let found = enumerate();
     let started = Instant::now();
     let connection = Connection::open(choose(&found, adapter)?, Overrides::default())?;
+    connection.compile(Energy::AXES)?;
     let mut figures = vec![("open", started.elapsed().as_secs_f64() * 1e3)];
     for chain in &CHAINS {
         figures.push((chain.name, chain.microseconds(&connection)?));
