@@ -24,6 +24,9 @@ use crate::error::{Error, Kind, Result};
 /// How long a batch may take before the device counts as lost.
 pub(super) const PATIENCE: Duration = Duration::from_secs(120);
 
+/// The layout of a kernel's bind group, and its pipeline.
+type Compiled = (wgpu::BindGroupLayout, wgpu::ComputePipeline);
+
 /// An open device of wgpu.
 #[derive(Debug)]
 pub(super) struct Connection {
@@ -38,7 +41,7 @@ pub(super) struct Connection {
     /// Whether chains of kernels are used: they have more storage buffers than portable devices bind.
     pub(super) has_chains: bool,
     /// Compiled kernels, by name and number of axes.
-    pipelines: Mutex<HashMap<(&'static str, usize), (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
+    pipelines: Mutex<HashMap<(&'static str, usize), Compiled>>,
     /// Numbers of axes whose kernels passed the self-test.
     pub(super) tested: Mutex<Vec<usize>>,
     /// Name of the adapter.
@@ -150,8 +153,8 @@ impl Connection {
         self.check()
     }
 
-    /// The layout of a kernel's bind group, and its pipeline.
-    pub(super) fn pipeline(&self, kernel: &Kernel, axes: usize) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+    /// A kernel for points of so many axes.
+    pub(super) fn pipeline(&self, kernel: &Kernel, axes: usize) -> Compiled {
         let compiled = || compile(&self.device, kernel, &self.tuning, axes);
         lock(&self.pipelines).entry((kernel.name, axes)).or_insert_with(compiled).clone()
     }
@@ -325,12 +328,7 @@ fn one_line(message: &str) -> String {
 }
 
 /// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
-fn compile(
-    device: &wgpu::Device,
-    kernel: &Kernel,
-    tuning: &Tuning,
-    axes: usize,
-) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+fn compile(device: &wgpu::Device, kernel: &Kernel, tuning: &Tuning, axes: usize) -> Compiled {
     let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
     let types = kernel.bindings().into_iter().map(|binding| storage(binding.is_written));
     let entries: Vec<_> = (0..)

@@ -15,6 +15,7 @@ use crate::cluster::seeds;
 use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
+use crate::energy::Energy;
 use crate::surface::{Component, DualGraph, Moves, Surface};
 
 /// The best adapter, opened.
@@ -31,7 +32,7 @@ fn boundary(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
 }
 
 /// What is listed, sorted, once it was checked that all faces on boundaries are there, each once.
-fn listed(steps: &mut GpuSteps<'_>, graph: &DualGraph, context: &str) -> Vec<u32> {
+fn listed(steps: &mut GpuSteps<'_, Energy>, graph: &DualGraph, context: &str) -> Vec<u32> {
     let head = offset_of!(BoundaryList, entries) / size_of::<u32>();
     let words = head + 2 * graph.faces();
     let words: Vec<u32> = steps.download(steps.connection.encoder(), Buffer::BoundaryList, words).expect("the list");
