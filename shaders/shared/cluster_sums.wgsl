@@ -3,8 +3,8 @@
 // the low word returns the value before, which shows whether this addition carried, in whatever order threads add. So
 // at the end of the dispatch the two words hold the sum modulo 2⁶⁴. A kernel does not read sums that it adds to.
 //
-// The numbers of sums are written out here and in kernels: an index that is computed would put 64-bit arrays into memory
-// of the thread, which drivers seldom compile.
+// The numbers of sums are written out here and in kernels: an index that is computed would put 64-bit arrays into
+// memory of the thread, which drivers seldom compile.
 
 fn cluster_sum(cluster: u32, at: u32) -> i64 {
     let low = u64(atomicLoad(&clusters[cluster].sums[2u * at]));

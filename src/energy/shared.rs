@@ -4,7 +4,7 @@
 //!
 //! The energy has such structs, because it decides which words a face and a proxy take; a device has others.
 
-use super::Functional;
+use super::functional::Functional;
 
 /// An atomic number in WGSL.
 pub type Atomic = u32;

@@ -174,7 +174,7 @@ impl Stored {
     }
 }
 
-/// A cut of a hierarchy in a file, without the tree ever being in memory; see [`Stored::labels_at`] and [`Stored::read`].
+/// A cut of a hierarchy in a file, without the tree ever being in memory; see [`Stored::labels_at`], [`Stored::read`].
 /// Only what the cut needs is read and compared with its checksums. Whether a checkpoint is what the merges and moves
 /// before it make, only [`Stored::read`] checks.
 pub fn cut(from: impl Input, length: u64, max_faces: u64, clusters: u64) -> Result<(Header, Cut)> {

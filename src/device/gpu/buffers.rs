@@ -119,7 +119,9 @@ buffers! {
     /// A list of the host: pairs that merge, or clusters whose sums are copied.
     HostList = "host_list": "array<u32>", of::<u32>, |sizes| sizes.clusters.max(2);
     /// Sums for the host.
-    CopiedSums = "copied_sums": "array<CopiedSums>", |axes| COPIED_SUMS.bytes(axes), |sizes| sizes.clusters.min(MOST_COPIED);
+    CopiedSums = "copied_sums": "array<CopiedSums>", |axes| COPIED_SUMS.bytes(axes), |sizes| {
+        sizes.clusters.min(MOST_COPIED)
+    };
     /// Faces that moved since the last merge, for the host.
     Moves = "moves": "array<Move>", of::<Move>, |sizes| sizes.faces;
 }

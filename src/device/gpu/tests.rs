@@ -164,7 +164,7 @@ fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_do
     for (most, faces_a_cluster, is_merging) in [(largest.flat, 4, false), (largest.hierarchy, 1, true)] {
         let opens = |faces: u64| {
             let count = faces as u32;
-            let graph = DualGraph {
+            let graph: DualGraph = DualGraph {
                 moves: Moves::Free,
                 points: vec![[0; 3]; faces as usize],
                 weights: vec![1; faces as usize],
