@@ -1,5 +1,6 @@
-// How finely a frame is drawn. At rest it is as fine as the screen. Where frames take long, as with a software renderer,
-// a move of the camera draws a coarse mesh, and other labels are drawn in fewer pixels.
+// How finely a frame is drawn. At rest it is as fine as the screen; the first frame is drawn as one of a move. Where
+// frames take long, as with a software renderer, a move of the camera draws a coarse mesh, and other labels are drawn in
+// fewer pixels.
 
 /** Triangles up to which the picture at rest has four samples a pixel. */
 const MOST_SMOOTHED = 500_000;
@@ -52,6 +53,16 @@ export class Pace {
     if (this.isResting || this.isMoving) return shrink;
     while (shrink < MOST_SHRUNK && (this.relabelled ?? 0) > EASY * shrink * shrink) shrink *= 2;
     return shrink;
+  }
+
+  /** Samples of what is seen along a pixel of the canvas, of those there are. */
+  get samples(): number {
+    return this.isResting || this.isQuick ? this.finer : 1;
+  }
+
+  /** Differs between frames that are not equally fine. */
+  get quality(): string {
+    return [this.isCoarse, this.finer, this.shrink, this.samples].join();
   }
 
   /** Whether the time of the next frame is to be measured. */

@@ -13,15 +13,6 @@ import { Visit } from "./visit";
 /** Time between looks at the list of jobs, in milliseconds. */
 const LOOK_EVERY = 2000;
 
-/** When there is a picture of the page; what draws comes after it. */
-const painted = new Promise<void>((resolve) => {
-  const observer = new PerformanceObserver(() => {
-    observer.disconnect();
-    resolve();
-  });
-  observer.observe({ type: "paint", buffered: true });
-});
-
 /** What was sent from here, mesh first. */
 const sent = new Map<string, File[]>();
 let page: JobPage | null = null;
@@ -58,8 +49,6 @@ async function route(): Promise<void> {
   document.title = "Tesserae";
   try {
     if (job === null) {
-      await painted;
-      if (mine !== turn) return;
       visit = new Visit(byId("first-visit"));
       return await visit.run();
     }
@@ -134,6 +123,6 @@ new Form(async (job, files) => {
 }, fail);
 void describeService().catch(fail);
 void route();
-// what draws is there before it is needed, but after the first picture of the page
-void painted.then(scene).catch(() => {});
+// the rest of the page needs nothing more: what draws comes meanwhile
+void scene().catch(() => {});
 void look();

@@ -33,7 +33,11 @@ const NONE = 0xffffffff;
 
 const VERTEX = `
 in vec3 position;
+uniform mat4 toWorld;
+out vec4 near, far;
 void main() {
+  near = toWorld * vec4(position.xy, -1.0, 1.0);
+  far = toWorld * vec4(position.xy, 1.0, 1.0);
   gl_Position = vec4(position, 1.0);
 }`;
 
@@ -44,11 +48,11 @@ uniform highp usampler2D seen, labels;
 uniform sampler2D colours, shadow;
 uniform ivec2 size;
 uniform vec2 origin;
-uniform int finer, samples;
+uniform int finer;
 uniform uint selected, hovered;
 uniform vec3 background, faded, ink;
-uniform mat4 toWorld;
 uniform vec4 ground;
+in vec4 near, far;
 out vec4 colour_out;
 
 const uint BEHIND = 0xfffffffeu;
@@ -68,10 +72,7 @@ bool differs(uint label, ivec2 at) {
   return triangle != ${EDGE}u && label_of(triangle) != label;
 }
 
-vec3 behind(ivec2 at) {
-  vec2 place = 2.0 * (vec2(at) + 0.5) / vec2(size) - 1.0;
-  vec4 near = toWorld * vec4(place, -1.0, 1.0);
-  vec4 far = toWorld * vec4(place, 1.0, 1.0);
+vec3 behind() {
   vec3 from = near.xyz / near.w;
   vec3 along = far.xyz / far.w - from;
   if (from.y < ground.y || along.y >= 0.0) return background;
@@ -83,7 +84,7 @@ vec3 behind(ivec2 at) {
 
 vec3 colour_at(ivec2 at, int pace) {
   uvec2 here = texelFetch(seen, at, 0).rg;
-  if (here.r == 0u) return behind(at);
+  if (here.r == 0u) return behind();
   if (here.r == ${EDGE}u) return ink;
   uint label = label_of(here.r);
   vec3 base = label == ${NONE}u ? vec3(0.73, 0.73, 0.72)
@@ -95,18 +96,22 @@ vec3 colour_at(ivec2 at, int pace) {
   vec3 sky = mix(vec3(0.70, 0.66, 0.66), vec3(0.96, 0.98, 1.0), light.x);
   vec3 lit = base * (sky + 0.16 * light.y - 0.24 * (1.0 - light.z) * (1.0 - light.z));
   bool is_border = differs(label, at + ivec2(pace, 0)) || differs(label, at + ivec2(0, pace));
-  if (samples > 1 && !is_border) is_border = differs(label, at - ivec2(pace, 0)) || differs(label, at - ivec2(0, pace));
+#if SAMPLES > 1
+  if (!is_border) is_border = differs(label, at - ivec2(pace, 0)) || differs(label, at - ivec2(0, pace));
+#endif
   if (!is_border) return lit;
-  return stands_out ? ink : mix(lit, 0.34 * lit, samples > 1 ? 0.8 : 0.55);
+  return stands_out ? ink : mix(lit, 0.34 * lit, SAMPLES > 1 ? 0.8 : 0.55);
 }
 
 void main() {
   ivec2 first = ivec2(gl_FragCoord.xy - origin) * finer;
-  int pace = finer / samples;
-  vec3 sum = vec3(0.0);
-  for (int y = 0; y < samples; y++)
-    for (int x = 0; x < samples; x++) sum += colour_at(first + pace * ivec2(x, y), pace);
-  colour_out = vec4(sum / float(samples * samples), 1.0);
+  int pace = finer / SAMPLES;
+  vec3 colour = colour_at(first, pace);
+#if SAMPLES > 1
+  colour += colour_at(first + ivec2(pace, 0), pace) + colour_at(first + ivec2(0, pace), pace);
+  colour = 0.25 * (colour + colour_at(first + pace, pace));
+#endif
+  colour_out = vec4(colour, 1.0);
 }`;
 
 /** What is the same in all panes of a frame. */
@@ -129,7 +134,9 @@ export class Paint {
   private readonly labels: DataTexture;
   private readonly texels: Uint32Array;
   private colours: DataTexture;
-  private readonly material: RawShaderMaterial;
+  private readonly uniforms: Record<string, { value: unknown }>;
+  /** One for each number of samples: a software renderer computes both sides of a branch. */
+  private readonly materials: RawShaderMaterial[];
   private readonly screen: Mesh;
   private readonly camera = new OrthographicCamera();
 
@@ -144,25 +151,30 @@ export class Paint {
     this.labels.minFilter = this.labels.magFilter = NearestFilter;
     this.labels.needsUpdate = true;
     this.colours = coloursOf(new Uint8Array(4));
-    this.material = new RawShaderMaterial({
-      vertexShader: VERTEX,
-      fragmentShader: FRAGMENT,
-      glslVersion: GLSL3,
-      depthTest: false,
-      depthWrite: false,
-      uniforms: {
-        labels: { value: this.labels },
-        colours: { value: this.colours },
-        selected: { value: NONE },
-        hovered: { value: NONE },
-        size: { value: new Vector2() },
-        origin: { value: new Vector2() },
-      },
-    });
+    this.uniforms = {
+      labels: { value: this.labels },
+      colours: { value: this.colours },
+      selected: { value: NONE },
+      hovered: { value: NONE },
+      size: { value: new Vector2() },
+      origin: { value: new Vector2() },
+    };
+    this.materials = [1, 2].map(
+      (samples) =>
+        new RawShaderMaterial({
+          vertexShader: VERTEX,
+          fragmentShader: FRAGMENT,
+          glslVersion: GLSL3,
+          depthTest: false,
+          depthWrite: false,
+          defines: { SAMPLES: samples },
+          uniforms: this.uniforms,
+        }),
+    );
     const triangle = new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]);
     this.screen = new Mesh(
       new BufferGeometry().setAttribute("position", new BufferAttribute(triangle, 3)),
-      this.material,
+      this.materials[0],
     );
     this.screen.frustumCulled = false;
   }
@@ -188,22 +200,24 @@ export class Paint {
 
   /** Draws into the viewport that is set, whose lower left pixel is `origin`. */
   draw(renderer: WebGLRenderer, frame: Frame, x: number, y: number, width: number, height: number): void {
-    for (const [name, value] of Object.entries(frame)) this.give(name, value);
-    (this.material.uniforms["origin"]?.value as Vector2).set(x, y);
-    (this.material.uniforms["size"]?.value as Vector2).set(width, height);
+    const { samples, ...values } = frame;
+    for (const [name, value] of Object.entries(values)) this.give(name, value);
+    (this.uniforms["origin"]?.value as Vector2).set(x, y);
+    (this.uniforms["size"]?.value as Vector2).set(width, height);
+    this.screen.material = this.materials[samples - 1] as RawShaderMaterial;
     renderer.render(this.screen, this.camera);
   }
 
   dispose(): void {
     this.labels.dispose();
     this.colours.dispose();
-    this.material.dispose();
+    for (const material of this.materials) material.dispose();
     this.screen.geometry.dispose();
   }
 
   /** Sets a uniform; whether it changed. */
   private give(name: string, value: unknown): boolean {
-    const uniform = (this.material.uniforms[name] ??= { value: null });
+    const uniform = (this.uniforms[name] ??= { value: null });
     const changed = uniform.value !== value;
     uniform.value = value;
     return changed;

@@ -34,6 +34,7 @@ export class View {
   private readonly observer: ResizeObserver;
   private readonly scheme = matchMedia("(prefers-color-scheme: dark)");
   private readonly redraw = (): void => this.draw();
+  private up: Up;
   private ground: ReturnType<typeof groundOf>;
   private parting: Parting = "beside";
   private coarse: Uint32Array | null = null;
@@ -43,6 +44,8 @@ export class View {
   private then = 0;
   /** Samples along a pixel of what is seen; 0 where that is to be drawn anew. */
   private finer = 0;
+  /** That of the last frame. */
+  private quality = "";
   private readonly pace: Pace;
   /** Pixels of the canvas along one of the box, where it is not shrunk. */
   private readonly ratio = Math.min(devicePixelRatio, 2);
@@ -63,12 +66,13 @@ export class View {
     this.seen = new Seen(this.renderer, this.geometry);
     this.paints = [new Paint(this.items, mesh.faces)];
     this.guessedUp = guessUp(mesh.positions, format);
-    this.ground = groundOf(mesh.positions, up ?? this.guessedUp);
+    this.up = up ?? this.guessedUp;
+    this.ground = groundOf(mesh.positions, this.up);
     this.rig = new Rig(this.canvas);
     this.rig.onMove = () => this.move();
     box.replaceChildren(this.canvas);
     this.resize();
-    this.setUp(up ?? this.guessedUp);
+    this.setUp(this.up);
     listen(this.canvas, {
       click: (x, y, withShift) => this.onPick(this.at(x, y), withShift),
       hover: (x, y) => {
@@ -91,8 +95,11 @@ export class View {
 
   setUp(up: Up): void {
     this.canvas.dataset["up"] = up;
-    this.ground.shadow.dispose();
-    this.ground = groundOf(this.mesh.positions, up);
+    if (up !== this.up) {
+      this.up = up;
+      this.ground.shadow.dispose();
+      this.ground = groundOf(this.mesh.positions, up);
+    }
     this.seen.object.rotation.x = up === "z" ? -Math.PI / 2 : 0;
     this.seen.object.updateMatrixWorld();
     this.rig.fit(this.bounds(), true);
@@ -198,7 +205,8 @@ export class View {
     const { pace } = this;
     const isTimed = pace.isTimed && this.frames > 0;
     const began = performance.now();
-    const { isCoarse, finer, shrink } = pace;
+    const { isCoarse, finer, shrink, samples } = pace;
+    this.quality = pace.quality;
     if (isCoarse) this.coarse ??= this.seen.coarsen(this.mesh.positions);
     const ratio = this.ratio / shrink;
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
@@ -214,7 +222,7 @@ export class View {
       ...this.ground,
       toWorld: new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse).invert(),
       finer: along,
-      samples: pace.isResting || pace.isQuick ? finer : 1,
+      samples,
       ...themeOf(this.box),
     };
     for (const [i, paint] of this.paints.entries()) {
@@ -227,7 +235,8 @@ export class View {
     if (isTimed) pace.time(this.timeSince(began));
     this.frames++;
     const drawn = isCoarse ? (this.coarse?.length ?? 0) : this.items;
-    Object.assign(this.canvas.dataset, { frames: this.frames, drawn });
+    const settled = pace.isResting || this.rig.isTurning;
+    Object.assign(this.canvas.dataset, { frames: this.frames, drawn, settled });
   }
 
   /** Draws after a move of the camera, and again when it rests. */
@@ -240,16 +249,16 @@ export class View {
   /** Draws at full quality when nothing has changed for a while. */
   private rest(): void {
     const { pace } = this;
-    const isFirst = this.frames === 0;
-    pace.isResting = isFirst;
-    if (isFirst) pace.isMoving = false;
+    pace.isResting = false;
+    this.canvas.dataset["settled"] = "false";
     clearTimeout(this.resting);
     this.resting = window.setTimeout(() => {
       if (this.rig.isTurning) return;
-      const isDone = pace.isResting && !pace.isMoving;
-      if (pace.isMoving) this.finer = 0;
+      const wasMoving = pace.isMoving;
       [pace.isMoving, pace.isResting] = [false, true];
-      if (!isDone) this.draw();
+      if (pace.quality === this.quality) return void (this.canvas.dataset["settled"] = "true");
+      if (wasMoving) this.finer = 0;
+      this.draw();
     }, REST);
   }
 

@@ -15,7 +15,17 @@ export class Visit {
   private view: View | null = null;
   private readonly abort = new AbortController();
 
-  constructor(private readonly box: HTMLElement) {}
+  private readonly files: Promise<(ArrayBuffer | null)[]>;
+
+  constructor(private readonly box: HTMLElement) {
+    const { signal } = this.abort;
+    const get = async (name: string): Promise<ArrayBuffer | null> => {
+      const response = await fetch(name, { signal });
+      return response.ok ? await response.arrayBuffer() : null;
+    };
+    this.files = Promise.all([get("knot.glb"), get("knot.tsr")]);
+    this.files.catch(() => {});
+  }
 
   /** Shows the knot; where the service has none, the sentence alone. */
   async run(): Promise<void> {
@@ -31,11 +41,7 @@ export class Visit {
     const dock = make("div", { id: "dock" });
     this.box.replaceChildren(figure, head, dock);
     const { signal } = this.abort;
-    const get = async (name: string): Promise<ArrayBuffer | null> => {
-      const response = await fetch(name, { signal });
-      return response.ok ? await response.arrayBuffer() : null;
-    };
-    const [glb, tsr, drawing] = await Promise.all([get("knot.glb"), get("knot.tsr"), scene()]);
+    const [[glb, tsr], drawing] = await Promise.all([this.files, scene()]);
     if (!glb || !tsr || signal.aborted) return;
     const mesh = await drawing.triangles(glb);
     const hierarchy = await Hierarchy.read({ bytes: (length) => Promise.resolve(tsr.slice(0, length)) });
@@ -45,7 +51,7 @@ export class Visit {
     this.view = view;
     // so that the words are beside it
     view.rig.room = 1.24;
-    view.setUp("y");
+    view.setUp(view.guessedUp);
     view.canvas.setAttribute("role", "img");
     view.canvas.setAttribute("aria-label", "A knot in clusters. Arrow keys turn it.");
     let [wanted, pending] = [FIRST, 0];

@@ -3,6 +3,7 @@
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
+import { until } from "./service.mjs";
 
 const FLAGS = [
   "--no-sandbox",
@@ -72,12 +73,25 @@ export class Browser {
   }
 }
 
+/** Runs in a page: notes when the first frame of a view is there, as a pixel of it can be read. */
+export function noteFirstFrame() {
+  const look = () => {
+    const canvas = document.querySelector(".view canvas");
+    if (window.firstFrame || !canvas?.dataset.frames) return;
+    const gl = canvas.getContext("webgl2");
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    window.firstFrame = performance.now();
+  };
+  new MutationObserver(look).observe(document, { subtree: true, attributeFilter: ["data-frames"] });
+}
+
 /**
  * What an element, or the part of its width between `from` and `to`, looks like: `hues`, the number of 36 parts of the
  * circle of hues that at least a thousandth of its pixels have; `centre`, the colour of its middle; `digest`, which
- * differs with any pixel.
+ * differs with any pixel. A picture that gets finer is waited for.
  */
 export async function look(page, selector, from = 0, to = 1) {
+  await until("the picture is settled", async () => !(await page.$(`${selector} canvas[data-settled=false]`)));
   const png = (await page.locator(selector).screenshot()).toString("base64");
   const read = async ([text, from, to]) => {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));

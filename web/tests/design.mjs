@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { existsSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { look } from "./browser.mjs";
+import { look, noteFirstFrame } from "./browser.mjs";
 import { until } from "./service.mjs";
 import {
   accessible,
@@ -28,8 +28,8 @@ const middle = async (page, selector) => {
 /** Most time of processors that a frame of a moving slider takes: 60 where two of them give 30 frames a second. */
 const SLIDER_MS = 100;
 
-/** Most time of processors until clusters are seen: two of them take 1.5 s. */
-const FIRST_PICTURE_MS = 3000;
+/** Most time from the first byte until clusters are seen, of three visits the best, and of all processors until then. */
+const [FIRST_PICTURE_MS, FIRST_PICTURE_PROCESSORS_MS] = [1500, 1200];
 
 const canvasWidth = () => document.querySelector("#view canvas").width;
 
@@ -38,16 +38,26 @@ export const design = {
     // the service makes it at the first request
     for (const name of ["knot.glb", "knot.tsr"]) await fetch(`${service.url}/${name}`);
     let page = null;
-    const times = [];
+    const [times, processors] = [[], []];
     for (let load = 0; load < 3; load++) {
       await page?.close();
-      const spent = await browser.spent();
-      page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } });
-      await page.waitForSelector("#knot canvas[data-frames]");
-      times.push(Math.round((await browser.spent()) - spent));
+      let spent = 0;
+      page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } }, async (page) => {
+        await page.addInitScript(noteFirstFrame);
+        // the window is there before
+        await page.goto("about:blank");
+        await page.screenshot();
+        spent = await browser.spent();
+      });
+      const there = await until("the first picture is there", () => page.evaluate(() => window.firstFrame));
+      processors.push(Math.round((await browser.spent()) - spent));
+      const begin = await page.evaluate(() => performance.getEntriesByType("navigation")[0].responseStart);
+      times.push(Math.round(there - begin));
     }
-    console.log(`  the first picture takes ${times.join(", ")} ms of processors`);
-    assert.ok(Math.min(...times) < FIRST_PICTURE_MS, `${times} ms of processors until the first picture`);
+    const measured = `${times.join(", ")} ms after the first byte, and ${processors.join(", ")} ms of processors`;
+    console.log(`  the first picture takes ${measured}`);
+    assert.ok(Math.min(...times) < FIRST_PICTURE_MS, measured);
+    assert.ok(Math.min(...processors) < FIRST_PICTURE_PROCESSORS_MS, measured);
     assert.ok((await look(page, "#knot")).hues > 6, "it has the hues of clusters");
     const frames = async () => Number(await page.getAttribute("#knot canvas", "data-frames"));
     const before = await frames();
@@ -77,7 +87,7 @@ export const design = {
     await picture(page, "share.jpg");
     await page.close();
     const still = await browser.open(service.url, { reducedMotion: "reduce" });
-    await still.waitForSelector("#knot canvas[data-frames]");
+    await still.waitForSelector("#knot canvas[data-settled=true]");
     const framesThere = () => still.getAttribute("#knot canvas", "data-frames");
     const at = await framesThere();
     await still.waitForTimeout(1000);

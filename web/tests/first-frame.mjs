@@ -5,7 +5,7 @@ import { execFileSync } from "node:child_process";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { parseArgs } from "node:util";
-import { Browser } from "./browser.mjs";
+import { Browser, noteFirstFrame } from "./browser.mjs";
 import { Service, until } from "./service.mjs";
 
 const PATIENCE_MS = 600_000;
@@ -22,18 +22,6 @@ const { positionals, values } = parseArgs({
     picture: { type: "string" },
   },
 });
-
-/** Notes when the first frame is there: a pixel can be read only then. */
-function watch() {
-  const look = () => {
-    const canvas = document.querySelector("#view canvas");
-    if (window.firstFrame || !canvas?.dataset.frames) return;
-    const gl = canvas.getContext("webgl2");
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
-    window.firstFrame = performance.now();
-  };
-  new MutationObserver(look).observe(document, { subtree: true, attributeFilter: ["data-frames"] });
-}
 
 const [binary] = positionals;
 const service = await new Service(binary).start();
@@ -59,7 +47,7 @@ const { id } = await answer.json();
 const ended = async () => (await (await fetch(`${service.url}/v1/jobs/${id}`)).json()).state === "succeeded";
 await until("the job succeeds", ended, PATIENCE_MS);
 for (let run = 0; run < Number(values.runs); run++) {
-  const page = await browser.open(service.url, {}, (page) => page.addInitScript(watch));
+  const page = await browser.open(service.url, {}, (page) => page.addInitScript(noteFirstFrame));
   await page.waitForSelector("#jobs a");
   await until("what draws is loaded", () => page.evaluate(() => performance.getEntriesByName(`${origin}/scene.js`)[0]));
   const before = await spent();

@@ -42,10 +42,13 @@ export const results = {
     await plain.page.close();
     const { page, paint } = await painted("/");
     console.log(`  first paint after ${paint} ms, of a file of text after ${plain.paint} ms`);
-    const drawing = await until("what draws is loaded", () =>
-      page.evaluate(() => performance.getEntriesByName(`${origin}/scene.js`)[0]?.startTime),
-    );
-    assert.ok(drawing >= paint, `what draws is asked for after ${drawing} ms, after the first paint`);
+    const loaded = (name) =>
+      until(`${name} is loaded`, () =>
+        page.evaluate((name) => performance.getEntriesByName(`${origin}/${name}`)[0]?.toJSON(), name),
+      );
+    const drawing = (await loaded("scene.js")).startTime;
+    for (const name of ["page.js", "page.css"])
+      assert.ok(drawing >= (await loaded(name)).responseEnd, `what draws does not delay ${name}`);
     assert.ok(await page.locator("#drop").isVisible());
     assert.equal(await text(page, "#jobs"), "none yet");
     await accessible(page, "first visit");
