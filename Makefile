@@ -243,6 +243,11 @@ pages: debug-binary $(VENV)/ready  ## write settings and output of commands into
 	UPDATE_PAGES=1 cargo test --locked $(FEATURES) --test guide
 	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae --update
 
+# Draws the shapes of a mesh in some clusters, by a name and angles.
+shapes = $(TARGET)/debug/tesserae cluster $(1) --clusters $(2) --energy shapes --labels $(TARGET)/$(3).npy \
+	--shapes-out $(TARGET)/$(3).json && \
+	$(VENV)/bin/python docs/render.py $(1) $(TARGET)/$(3).npy docs/shapes-$(3).png shapes=$(TARGET)/$(3).json $(4)
+
 .PHONY: picture
 picture: debug-binary $(VENV)/ready  ## draw the pictures of the guide anew, and take those of the page (after `make python`)
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures docs
@@ -254,6 +259,10 @@ picture: debug-binary $(VENV)/ready  ## draw the pictures of the guide anew, and
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/remesh.png $(TARGET)/remesh.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 40 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/chunks.png apart=0.35
+	$(TARGET)/debug/tesserae sample part --faces 12528 $(TARGET)/part.obj
+	$(call shapes,$(TARGET)/part.obj,13,part,tilt=-2.2 turn=5.2)
+	test -z "$(TESSERAE_TEST_MESHES)" || { $(call shapes,$(TESSERAE_TEST_MESHES)/fandisk.obj,22 --resolution 1e-4,fandisk,\
+		tilt=-2.3 turn=0.2); }
 	MPLBACKEND=agg $(PYTHON_VENV)/bin/python -W ignore docs/render_guides.py
 
 # The program that is tried from outside: with checks and named faults.

@@ -2,9 +2,11 @@
 
 Neighbouring clusters have different hues, outlines are dark, and light comes from the upper left. A remesh is drawn to the
 right of the mesh, with the outlines of its triangles. With `apart=0.3` in place of a remesh, clusters move away from the
-middle of the mesh by that part of their distance to it.
+middle of the mesh by that part of their distance to it. With `shapes=SHAPES.json`, what `--shapes-out` wrote, planes are
+blue, spheres orange and cylinders green. `tilt=` and `turn=` are angles in radians.
 """
 
+import json
 import pathlib
 import struct
 import sys
@@ -116,7 +118,13 @@ def png(picture):
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(data, 9)) + chunk(b"IEND", b""))
 
 
-def drawn(mesh, labels=None, apart=0.0):
+def of_types(path):
+    """A colour a cluster, of the type of its shape."""
+    rows = json.loads(pathlib.Path(path).read_text())
+    return np.array([colours.TYPES[row["type"]] for row in rows]) / 255
+
+
+def drawn(mesh, labels=None, shapes=None, apart=0.0, **angles):
     """The picture of a mesh; without labels that of its triangles in one colour."""
     vertices, corners, first = score.load(mesh)
     triangles, face = score.fans(corners, first)
@@ -125,16 +133,17 @@ def drawn(mesh, labels=None, apart=0.0):
         colours = np.full((len(labels), 3), [0.93, 0.87, 0.76])
     else:
         _, welded = np.unique(vertices, axis=0, return_inverse=True)
-        colours = palette(welded.ravel()[triangles], labels[face])
+        colours = of_types(shapes) if shapes else palette(welded.ravel()[triangles], labels[face])
     if apart:
         vertices, triangles = pulled_apart(vertices, triangles, labels[face], apart)
-    large = draw(look(vertices), triangles, face, labels, colours)
+    large = draw(look(vertices, **angles), triangles, face, labels, colours)
     return large.reshape(HEIGHT, FINER, WIDTH, FINER, 3).mean((1, 3))
 
 
 if __name__ == "__main__":
     mesh, labels, out, *more = sys.argv[1:]
-    apart = sum(float(word[6:]) for word in more if word.startswith("apart="))
-    remesh = [path for path in more if not path.startswith("apart=")]
-    pictures = [drawn(mesh, np.load(labels).astype(np.int64), apart), *(drawn(path) for path in remesh)]
+    options = dict(word.split("=", 1) for word in more if "=" in word)
+    numbers = {name: float(value) for name, value in options.items() if name != "shapes"}
+    first = drawn(mesh, np.load(labels).astype(np.int64), options.get("shapes"), **numbers)
+    pictures = [first, *(drawn(path) for path in more if "=" not in path)]
     pathlib.Path(out).write_bytes(png(np.concatenate(pictures, axis=1)))

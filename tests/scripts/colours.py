@@ -11,6 +11,9 @@ HUES = [
     (100, 195, 178),
 ]
 
+# Types of shapes, as in the page (web/src/shapes.ts).
+TYPES = {"plane": HUES[5], "sphere": HUES[6], "cylinder": HUES[4]}
+
 
 def of_cluster(cluster):
     """Red, green and blue of a cluster, 0 to 255."""
