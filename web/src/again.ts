@@ -49,15 +49,14 @@ export function explain(job: Job): { words: string; repairs: Repair[] } {
   return { words: detail, repairs: [] };
 }
 
-/** Buttons that send the mesh or the image of a failed job again. */
+/** Buttons that send the mesh or the image of a failed job again; files that are missing are chosen first. */
 export function repairs(job: Job, files: File[], onSent: (job: Job, files: File[]) => void): HTMLElement[] {
-  if (files.length === 0) return [];
   return explain(job).repairs.map(({ text, change }) => {
-    const once = (changed: Parameters, all: File[]): void => void again(job, changed, all, onSent);
-    if (typeof change !== "string")
-      return make("button", { type: "button", class: "mend", onclick: () => once(change, files) }, text);
+    const once = (all: File[]): void => void again(job, typeof change === "string" ? {} : change, all, onSent);
+    if (typeof change !== "string" && files.length > 0)
+      return make("button", { type: "button", class: "mend", onclick: () => once(files) }, text);
     const input = make("input", { type: "file", multiple: true, class: "hidden-text" });
-    input.addEventListener("change", () => once({}, [...files, ...(input.files ?? [])]));
+    input.addEventListener("change", () => once([...files, ...(input.files ?? [])]));
     return make("label", { class: "mend button" }, text, input);
   });
 }

@@ -1,6 +1,7 @@
 // The service's interface. The token lives in sessionStorage and travels in a header, never in an address.
 
 import { notice } from "./dom";
+import { kindOf } from "./kinds";
 import type { Shape } from "./shapes";
 
 export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled";
@@ -99,7 +100,7 @@ export const token = {
 
 export const isLive = (job: Job): boolean => job.state === "queued" || job.state === "running";
 export const isHierarchical = (algorithm: string): boolean => ["pml", "ml", "hr"].includes(algorithm);
-export const nameOf = (job: Job): string => job.mesh.file_name ?? `${job.mesh.format} mesh`;
+export const nameOf = (job: Job): string => job.mesh.file_name ?? `${kindOf(job)}.${job.mesh.format}`;
 
 /** Waits; an abort ends it with an error. */
 export const pause = (ms: number, signal?: AbortSignal | null): Promise<void> =>

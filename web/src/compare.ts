@@ -4,6 +4,7 @@
 import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, labels, nameOf, output } from "./api";
 import { count, digits, make, option } from "./dom";
+import { energyOf, manner } from "./words";
 
 /** What is compared. */
 export interface Measured {
@@ -98,9 +99,10 @@ export class Comparison {
     const shown = await labels(job, cut, signal);
     const { energy } = await json<Report>(output(job, "report"), { signal });
     this.labels = shown;
+    const isAlike = energyOf(job) === energyOf(this.job);
     this.measured = {
       clusters: cut ?? job.result?.clusters ?? 0,
-      energy: cut === null ? energy.final : shown.energy,
+      energy: !isAlike ? null : cut === null ? energy.final : shown.energy,
       compactness: cut === null ? (energy.hexagon_ratio ?? null) : null,
     };
     this.captions.replaceChildren(make("span", {}, brief(this.job)), make("span", {}, brief(job)), this.line);
@@ -130,10 +132,8 @@ function compared(mine: Measured, other: Measured): string {
   return `Compactness: ${percent(other.compactness)} of a honeycomb against ${percent(mine.compactness)} here.`;
 }
 
-const brief = ({ parameters: p, result }: Job): string =>
-  isHierarchical(p.algorithm)
-    ? `any number (${p.algorithm.toUpperCase()})`
-    : `${count(result?.clusters ?? 0)} clusters, ${p.algorithm.toUpperCase()}${p.quality ? ` ${p.quality}` : ""}`;
+const brief = (job: Job): string =>
+  isHierarchical(job.parameters.algorithm) ? manner(job) : manner(job, `${count(job.result?.clusters ?? 0)} clusters`);
 
 /** The cluster of other labels that has most faces in common with a cluster; of equal ones that with the first face. */
 export function counterpart(labels: Uint32Array, others: Uint32Array, cluster: number): number | null {

@@ -4,7 +4,7 @@
 import uPlot from "uplot";
 
 import type { IterationRow, RoundRow } from "./api";
-import { digits } from "./dom";
+import { digits, make } from "./dom";
 
 /** Phases that move faces, and at the end all that move or replace whole clusters. */
 const SERIES = ["boundary", "refine", "repair", "regrow", "clusters"];
@@ -12,7 +12,21 @@ const STROKES = ["#2f7ed8", "#1a9850", "#d95f02", "#8e5bd0", "#0b8a8f"];
 const seriesOf = (phase: string): number => (SERIES.includes(phase) ? SERIES.indexOf(phase) : SERIES.length - 1);
 const HEIGHT = 150;
 
+/** Logarithms of energies with marks: round ones, or powers of ten where they are more than a hundredfold. */
+function marks(low: number, high: number): number[] {
+  const isWide = high - low > 2;
+  const [from, to] = isWide ? [low, high] : [10 ** low, 10 ** high];
+  const least = (to - from) / 4;
+  const power = 10 ** Math.floor(Math.log10(least));
+  const step = Math.max(isWide ? 1 : 0, [1, 2, 5, 10].map((by) => by * power).find((by) => by >= least) ?? power);
+  const places: number[] = [];
+  for (let i = Math.ceil(from / step); i * step <= to; i++) places.push(isWide ? i * step : Math.log10(i * step));
+  return places;
+}
+
 export class Curve {
+  /** What each colour stands for, of the phases that there are. */
+  readonly key = make("p", { class: "key" });
   private x: number[] = [];
   private readonly y: (number | null)[][] = SERIES.map(() => []);
   private previous: string | null = null;
@@ -43,6 +57,7 @@ export class Curve {
     this.x = [];
     for (const series of this.y) series.length = 0;
     this.previous = null;
+    this.key.replaceChildren(...(this.isOfClusters ? ["against the number of clusters, both logarithmic"] : []));
     this.box.setAttribute("aria-label", "No energies yet");
     delete this.box.dataset["points"];
     this.reset();
@@ -51,6 +66,7 @@ export class Curve {
   iteration(row: IterationRow): void {
     if (this.isOfClusters) return;
     this.add(this.x.length, row.energy, row.phase);
+    this.name(seriesOf(row.phase));
     // the curve of a phase begins where that of the one before ends
     if (this.previous !== null && seriesOf(this.previous) !== seriesOf(row.phase)) {
       const at = this.x.length - 2;
@@ -84,6 +100,14 @@ export class Curve {
       this.pending = 0;
       this.plot?.setData(this.data());
     });
+  }
+
+  private name(series: number): void {
+    const name = SERIES[series] ?? "";
+    if ([...this.key.children].some((phase) => phase.textContent === name)) return;
+    const line = make("span", { class: "stroke" });
+    line.style.background = STROKES[series] ?? "";
+    this.key.append(make("span", {}, line, name));
   }
 
   private tell(text: string): void {
@@ -121,7 +145,12 @@ export class Curve {
             incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000],
             values: (_, splits) => splits.map((x) => (this.isOfClusters ? digits(10 ** x) : String(x))),
           },
-          { ...axis, size: 80, values: (_, splits) => splits.map((y) => digits(10 ** y)) },
+          {
+            ...axis,
+            size: 80,
+            splits: (_, __, low, high) => marks(low, high),
+            values: (_, splits) => splits.map((y) => digits(10 ** y)),
+          },
         ],
         series: [
           {},

@@ -71,8 +71,8 @@ export class JobPage {
       inspector,
     );
     const { algorithm } = job.parameters;
-    this.history.append(make("h3", {}, "Energy"), this.energies, make("p", { class: "key" }, ...keyOf(algorithm)));
     this.curve = new scene.Curve(this.energies, isHierarchical(algorithm));
+    this.history.append(make("h3", {}, "Energy"), this.energies, this.curve.key);
     this.show();
   }
 
@@ -246,7 +246,7 @@ export class JobPage {
     if (this.job.state === "failed") {
       this.inspector.replaceChildren(...repairs(this.job, this.files, this.around.onSent));
       this.inspector.classList.add("tools");
-      const hint = `Nothing was kept of this job. Choose the ${kindOf(this.job)} again.`;
+      const hint = `The ${kindOf(this.job)} was not kept. Choose it again.`;
       if (!this.before && this.files.length === 0) this.stage.replaceChildren(make("div", { class: "view" }, hint));
     }
     this.showState();
@@ -274,12 +274,6 @@ export class JobPage {
       notice(error instanceof Error ? error.message : String(error));
     }
   }
-}
-
-function keyOf(algorithm: string): HTMLElement[] {
-  if (isHierarchical(algorithm)) return [make("span", {}, "against the number of clusters, both logarithmic")];
-  const phases = ["boundary", "refine", "repair", "regrow", "clusters"];
-  return phases.map((phase) => make("span", { class: `phase ${phase}` }, phase));
 }
 
 /** Opens the job that the address names; a job that is not there is an error. */

@@ -70,7 +70,10 @@ export class Pace {
     return !this.isResting && (this.isMoving ? this.moved : this.relabelled) === null;
   }
 
-  time(milliseconds: number): void {
+  /** Takes the time until what was drawn since is there: a pixel can be read only then. */
+  time(gl: WebGLRenderingContext | WebGL2RenderingContext, began: number): void {
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    const milliseconds = performance.now() - began;
     if (this.isMoving) this.moved = milliseconds;
     else this.relabelled = milliseconds;
   }

@@ -33,7 +33,7 @@ export function scale(place: number): Colour {
   return [mix(0), mix(1), mix(2)];
 }
 
-export const css = (colour: Colour): string => `rgb(${colour.join(" ")})`;
+export const css = (colour: Colour | Uint8Array): string => `rgb(${colour.join(" ")})`;
 
 /** Four bytes a cluster, of its hue. */
 export function ofHues(hues: Uint8Array): Uint8Array {

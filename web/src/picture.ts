@@ -86,6 +86,11 @@ export class Picture {
     this.view?.select(cluster, other);
   }
 
+  /** Turns a cluster to the viewer. */
+  face(cluster: number): void {
+    this.view?.face(this.mine.clusters.normals.subarray(3 * cluster, 3 * cluster + 3));
+  }
+
   async showRemesh(clusters: number | null): Promise<void> {
     const path = output(this.job, "remesh", { format: "glb", clusters });
     const { segments, centre } = await this.scene.edges(await this.bytes(path));

@@ -12,7 +12,7 @@ import type { Scene } from "./load";
 import { Picture } from "./picture";
 import type { Places } from "./places";
 import { Selection, factsOf } from "./selection";
-import { factsOfShape, hasShapes } from "./shapes";
+import { factsOfShape } from "./shapes";
 import { type ClusterRow, Cuts, rowsOf } from "./shown";
 import { ClusterTable } from "./table";
 import { take } from "./take";
@@ -74,7 +74,7 @@ export class Result {
       signal,
     );
     this.selection = new Selection([...(this.level ? [this.up, this.down] : []), this.only]);
-    this.tools = new Tools(Boolean(job.urls["remesh"]), Boolean(job.urls["clusters"]), hasShapes(job));
+    this.tools = new Tools(job);
     this.picture = new Picture(job, scene, this.tools, this.selection, signal);
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
     this.table = new ClusterTable(list, (cluster) => this.picture.mine.css(cluster), ["faces", "area"]);
@@ -106,7 +106,7 @@ export class Result {
     if (mesh) await this.draw(mesh);
     else if (this.job.keep_mesh) this.picture.offer(triangles, () => this.try(this.draw(this.picture.fetch(this.cut))));
     else this.picture.element.textContent = "The mesh was not kept with this job, so there is nothing to draw.";
-    if (cluster !== null) this.select(cluster);
+    if (cluster !== null) this.find(cluster);
     await this.cuts.load();
   }
 
@@ -119,13 +119,11 @@ export class Result {
   }
 
   private listen(): void {
-    this.up.addEventListener("click", () => this.try(this.walk.step(true)));
-    this.down.addEventListener("click", () => this.try(this.walk.step(false)));
-    this.only.addEventListener("click", () => {
-      if (this.selected !== null) this.picture.saveOne(this.selected);
-    });
-    this.table.onSelect = (cluster) => this.select(cluster === this.selected ? null : cluster);
-    this.tools.onColours = () => this.try(this.paint());
+    this.up.onclick = () => this.try(this.walk.step(true));
+    this.down.onclick = () => this.try(this.walk.step(false));
+    this.only.onclick = () => this.selected !== null && this.picture.saveOne(this.selected);
+    this.table.onSelect = (cluster) => (cluster === this.selected ? this.select(null) : this.find(cluster));
+    this.tools.onColours = () => this.try(this.paint().then(() => this.tell()));
     this.tools.onRemesh = (isOn) => (isOn ? this.try(this.picture.showRemesh(this.cut)) : this.picture.hideRemesh());
     this.tools.onPicture = () => this.try(this.picture.save());
     this.picture.onPick = (cluster, isOther, withShift) => this.pick(cluster, isOther, withShift);
@@ -166,7 +164,7 @@ export class Result {
       cancelAnimationFrame(this.frame);
       this.frame = requestAnimationFrame(() => {
         const labels = this.cuts.now(clusters);
-        if (labels) this.take(labels);
+        if (labels) this.try(this.take(labels));
       });
     });
     const asked = address.read().clusters ?? this.job.parameters.clusters;
@@ -201,20 +199,20 @@ export class Result {
       throw error;
     }
     if (this.comparison.labels) this.picture.other.set(this.comparison.labels.numbers);
-    this.take(labels);
+    await this.take(labels);
     this.tell();
     if (this.tools.isRemeshed) await this.picture.showRemesh(this.cut);
   }
 
   /** Shows labels, and no more than that. */
-  private take(labels: Labels): void {
+  private async take(labels: Labels): Promise<void> {
     this.rows = null;
     this.energy = labels.energy ?? this.report?.energy.final ?? null;
     this.picture.mine.set(labels.numbers);
     this.selection.pointAway();
-    this.try(this.paint());
     this.facts?.tell(this.energy);
     this.places.words.textContent = brief(this.job, this.picture.mine.hues.length);
+    await this.paint();
   }
 
   private async paint(): Promise<void> {
@@ -256,8 +254,7 @@ export class Result {
     const has = cluster !== null && cluster < mine.clusters.faces.length;
     this.selected = has ? cluster : null;
     const others = this.comparison.labels?.numbers;
-    this.beside = null;
-    if (this.selected !== null && others) this.beside = beside ?? counterpart(mine.labels, others, this.selected);
+    this.beside = this.selected !== null && others ? (beside ?? counterpart(mine.labels, others, this.selected)) : null;
     this.picture.select(this.selected, this.beside);
     this.table.select(this.selected);
     address.amend({ cluster: this.selected });
@@ -267,6 +264,12 @@ export class Result {
     if (this.selected === null) return;
     announce(`cluster ${this.selected} is selected`);
     if (this.job.urls["clusters"]) this.try(this.tellMore(this.selected));
+  }
+
+  /** Selects a cluster that may be on the other side. */
+  private find(cluster: number): void {
+    this.select(cluster);
+    if (this.selected !== null) this.picture.face(this.selected);
   }
 
   /** Adds what the service's table of clusters has beyond the page's own numbers. */

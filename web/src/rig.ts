@@ -9,6 +9,9 @@ const TURN = Math.PI / 24;
 /** Turns a minute, of a mesh that turns by itself. */
 const TURNS = 1.2;
 
+/** Cosine of the angle between a normal and the camera up to which a cluster is seen well. */
+const SEEN = 0.4;
+
 const FIRST = new Vector3(0.5, 0.34, 1);
 
 export class Rig {
@@ -60,6 +63,15 @@ export class Rig {
     this.camera.updateProjectionMatrix();
     this.controls.target.copy(center);
     this.controls.update();
+  }
+
+  /** Looks from a direction, as far as it is not seen already; from none, which is 0, not. */
+  face(direction: Vector3): void {
+    const { camera, controls } = this;
+    const offset = camera.position.clone().sub(controls.target);
+    if (direction.lengthSq() === 0 || direction.dot(offset) > SEEN * offset.length()) return;
+    camera.position.copy(controls.target).addScaledVector(direction, offset.length());
+    controls.update();
   }
 
   /** Sees as much of the mesh as before. */

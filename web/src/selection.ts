@@ -68,7 +68,8 @@ export function factsOf(
   if (hasMesh) facts.push(["Area", digits(area[cluster] ?? 0)]);
   if (row) {
     facts.push(["Neighbours", count(row.neighbours)], ["Roundness", digits(row.roundness ?? NaN, 3)]);
-    facts.push(["Perimeter", digits(row.perimeter ?? NaN)], ["Energy", digits(row.energy ?? NaN)]);
+    facts.push(["Perimeter", digits(row.perimeter ?? NaN)]);
+    if (row.energy !== null) facts.push(["Energy", digits(row.energy)]);
   }
   const centre = Array.from(centres.slice(3 * cluster, 3 * cluster + 3), (x) => digits(x, 3)).join(", ");
   if (hasMesh) facts.push(["Centre", centre]);

@@ -7,6 +7,7 @@ import { Hierarchy, ofJob } from "./hierarchy";
 import { HUES, css, ofHues } from "./palette";
 import { type Clusters, measure } from "./table";
 import type { Shown, Triangles } from "./drawable";
+import { energyOf } from "./words";
 
 /** Faces up to which cuts are made here. */
 const MOST_FACES = 600_000;
@@ -48,7 +49,8 @@ export class Cuts {
 export class Coloured {
   labels: Uint32Array = new Uint32Array();
   hues: Uint8Array = new Uint8Array();
-  clusters: Clusters = { faces: new Uint32Array(), area: new Float64Array(), centres: new Float64Array() };
+  clusters: Clusters = measure(this.labels, null);
+  private colours: Uint8Array | null = null;
   private colouring = new Colouring();
   private mesh: Triangles | null = null;
 
@@ -60,6 +62,7 @@ export class Coloured {
 
   set(labels: Uint32Array): void {
     this.labels = labels;
+    this.colours = null;
     let clusters = 0;
     for (const label of labels) if (label >= clusters) clusters = label + 1;
     this.hues = this.colouring.hues(labels, clusters);
@@ -70,15 +73,22 @@ export class Coloured {
     this.clusters = measure(this.labels, this.mesh);
   }
 
+  /** The colour that a cluster is shown in. */
   css(cluster: number): string {
-    return css(HUES[this.hues[cluster] ?? 0] ?? [0, 0, 0]);
+    const at = 4 * cluster;
+    return css(this.colours?.subarray(at, at + 3) ?? HUES[this.hues[cluster] ?? 0] ?? [0, 0, 0]);
   }
 
   /** Labels with the given colours, or with hues. */
   shown(colours: Uint8Array | null): Shown {
+    this.colours = colours;
     return { labels: this.labels, colours: colours ?? ofHues(this.hues) };
   }
 }
 
-export const rowsOf = async (job: Job, clusters: number | null, signal: AbortSignal): Promise<ClusterRow[]> =>
-  (await json<{ clusters: ClusterRow[] }>(output(job, "clusters", { format: "json", clusters }), { signal })).clusters;
+/** The rows of the table, without the energies where those of the job are others. */
+export async function rowsOf(job: Job, clusters: number | null, signal: AbortSignal): Promise<ClusterRow[]> {
+  const path = output(job, "clusters", { format: "json", clusters });
+  const { clusters: rows } = await json<{ clusters: ClusterRow[] }>(path, { signal });
+  return energyOf(job) ? rows.map((row) => ({ ...row, energy: null })) : rows;
+}

@@ -13,6 +13,8 @@ export interface Clusters {
   area: Float64Array;
   /** Mean of the centres of its triangles, weighted by area; three numbers each. */
   centres: Float64Array;
+  /** Sum of the normals of its triangles, as long as twice their areas; three numbers each. */
+  normals: Float64Array;
 }
 
 /** Adds up what each cluster has. */
@@ -20,11 +22,12 @@ export function measure(labels: Uint32Array, mesh: Triangles | null): Clusters {
   const clusters = labels.reduce((most, label) => Math.max(most, label + 1), 0);
   const faces = new Uint32Array(clusters);
   for (const label of labels) faces[label] = (faces[label] ?? 0) + 1;
-  const [area, centres] = [new Float64Array(clusters), new Float64Array(3 * clusters)];
-  if (!mesh) return { faces, area, centres };
+  const area = new Float64Array(clusters);
+  const [centres, normals] = [new Float64Array(3 * clusters), new Float64Array(3 * clusters)];
+  if (!mesh) return { faces, area, centres, normals };
   const p = mesh.positions;
   const at = (i: number): number => p[i] ?? 0;
-  // plain variables, as in `pick.ts`
+  // plain variables: millions of triangles
   for (let t = 0, i = 0; i < p.length; t++, i += 9) {
     const label = labels[mesh.faces ? (mesh.faces[t] ?? 0) : t] ?? 0;
     const ux = at(i + 3) - at(i);
@@ -38,6 +41,9 @@ export function measure(labels: Uint32Array, mesh: Triangles | null): Clusters {
     const z = ux * vy - uy * vx;
     const size = Math.sqrt(x * x + y * y + z * z) / 2;
     area[label] = (area[label] ?? 0) + size;
+    normals[3 * label] = (normals[3 * label] ?? 0) + x;
+    normals[3 * label + 1] = (normals[3 * label + 1] ?? 0) + y;
+    normals[3 * label + 2] = (normals[3 * label + 2] ?? 0) + z;
     for (let axis = 0; axis < 3; axis++) {
       const centre = (at(i + axis) + at(i + 3 + axis) + at(i + 6 + axis)) / 3;
       centres[3 * label + axis] = (centres[3 * label + axis] ?? 0) + size * centre;
@@ -47,7 +53,7 @@ export function measure(labels: Uint32Array, mesh: Triangles | null): Clusters {
   for (let i = 0; i < centres.length; i++) {
     centres[i] = (centres[i] ?? 0) / (area[Math.floor(i / 3)] || 1) + (offset[i % 3] ?? 0);
   }
-  return { faces, area, centres };
+  return { faces, area, centres, normals };
 }
 
 export class ClusterTable {

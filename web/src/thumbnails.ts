@@ -1,14 +1,16 @@
-// Small pictures of jobs for the list, of those that were shown and of images; they are gone with the page.
+// Small pictures of jobs for the list, of those that were shown and of images; they are gone with the session.
 
 import { type Job, length, request } from "./api";
 import { pixelsOf } from "./photo";
 
 const SIDE = 88;
 
+/** Names of pictures in the session begin with it. */
+const PREFIX = "picture-";
+
 /** Bytes above which the means of an image are not fetched for the list. */
 const MOST_BYTES = 2e6;
 
-const pictures = new Map<string, string>();
 /** Jobs whose picture was fetched, or cannot be. */
 const asked = new Set<string>();
 let fetching: Promise<void> = Promise.resolve();
@@ -22,16 +24,23 @@ export function keepThumbnail(job: string, picture: HTMLCanvasElement | ImageBit
   const context = small.getContext("2d");
   if (context) context.imageSmoothingQuality = "high";
   context?.drawImage(picture, x, y, side, side, 0, 0, SIDE, SIDE);
-  pictures.set(job, small.toDataURL());
+  const keep = (): void => sessionStorage.setItem(PREFIX + job, small.toDataURL("image/webp"));
+  try {
+    keep();
+  } catch {
+    // there is no room
+    for (const key of Object.keys(sessionStorage)) if (key.startsWith(PREFIX)) sessionStorage.removeItem(key);
+    keep();
+  }
 }
 
-export const thumbnail = (job: string): string | undefined => pictures.get(job);
+export const thumbnail = (job: string): string | null => sessionStorage.getItem(PREFIX + job);
 
 /** Fetches the mean colours of images that have no picture yet, one after the other. */
 export function fetchThumbnails(jobs: Job[]): void {
   for (const { id, state, urls } of jobs) {
     const path = urls["means"];
-    if (state !== "succeeded" || !path || asked.has(id) || pictures.has(id)) continue;
+    if (state !== "succeeded" || !path || asked.has(id) || thumbnail(id)) continue;
     asked.add(id);
     fetching = fetching.then(() => fetchOne(id, path)).catch(() => {});
   }
@@ -40,7 +49,7 @@ export function fetchThumbnails(jobs: Job[]): void {
 async function fetchOne(id: string, path: string): Promise<void> {
   const { signal } = new AbortController();
   const bytes = await length(path, signal);
-  if (pictures.has(id) || bytes === null || bytes > MOST_BYTES) return;
+  if (thumbnail(id) || bytes === null || bytes > MOST_BYTES) return;
   const means = await pixelsOf(await (await request(path, { signal })).blob());
   keepThumbnail(id, means);
   means.close();

@@ -1,11 +1,13 @@
 // The tools over the view: what colours stand for, which way is up, edges of the remesh, a picture.
 
 import * as address from "./address";
+import type { Job } from "./api";
 import { make, option } from "./dom";
 import { scale, css } from "./palette";
 import type { Up } from "./ground";
 import { swatch } from "./selection";
-import { type Shape, legend } from "./shapes";
+import { type Shape, hasShapes, legend } from "./shapes";
+import { energyOf } from "./words";
 
 const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy", shape: "Shape" };
 
@@ -27,9 +29,11 @@ export class Tools {
 
   private shapes: Shape[] = [];
 
-  constructor(hasRemesh: boolean, hasRows: boolean, hasShapes: boolean) {
+  constructor(job: Job) {
+    const hasRows = Boolean(job.urls["clusters"]);
+    const isOther = energyOf(job) !== undefined;
     for (const item of [...this.colours.options]) {
-      if (item.value === "shape" && !hasShapes) item.remove();
+      if ((item.value === "shape" && !hasShapes(job)) || (item.value === "energy" && isOther)) item.remove();
       item.disabled = ["roundness", "energy"].includes(item.value) && !hasRows;
     }
     this.colours.value = address.read().colours ?? "";
@@ -51,7 +55,7 @@ export class Tools {
     });
     const picture = make("button", { type: "button", id: "picture", onclick: () => this.onPicture() }, "PNG");
     picture.setAttribute("aria-label", "Save a picture of this view as PNG");
-    this.element.append(this.colours, this.up, ...(hasRemesh ? [this.remesh] : []), picture);
+    this.element.append(this.colours, this.up, ...(job.urls["remesh"] ? [this.remesh] : []), picture);
     this.tellLegend();
   }
 

@@ -153,6 +153,11 @@ export class View {
     this.draw();
   }
 
+  /** Turns the mesh to where a normal of it is seen. */
+  face(normal: ArrayLike<number>): void {
+    this.rig.face(new Vector3().fromArray(normal).transformDirection(this.seen.object.matrixWorld));
+  }
+
   /** The canvas with everything drawn, until the browser's next frame. */
   drawn(): HTMLCanvasElement {
     [this.pace.isMoving, this.pace.isResting] = [false, true];
@@ -232,7 +237,7 @@ export class View {
       this.renderer.setScissor(x + pane.cut / ratio, y, w - pane.cut / ratio, h);
       paint.draw(this.renderer, frame, pane.x, pane.y, along * pane.width, along * pane.height);
     }
-    if (isTimed) pace.time(this.timeSince(began));
+    if (isTimed) pace.time(this.renderer.getContext(), began);
     this.frames++;
     const drawn = isCoarse ? (this.coarse?.length ?? 0) : this.items;
     const settled = pace.isResting || this.rig.isTurning;
@@ -260,13 +265,6 @@ export class View {
       if (wasMoving) this.finer = 0;
       this.draw();
     }, REST);
-  }
-
-  /** Milliseconds until everything that was drawn since is there: a pixel can be read only then. */
-  private timeSince(began: number): number {
-    const gl = this.renderer.getContext();
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
-    return performance.now() - began;
   }
 
   private place(pane: number, ratio = this.renderer.getPixelRatio()): Rectangle {

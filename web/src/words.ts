@@ -38,20 +38,24 @@ export function brief(job: Job, clusters: number | null = null): string {
   return `${isWhole ? "any number of clusters" : many} of ${all}`;
 }
 
+/** Algorithms to compare with. */
+const METHODS = ["ml", "hr", "acvd", "vc"];
+
+const ENERGIES: Record<string, string> = { l21: "flat", planes: "planes", shapes: "planes, spheres, cylinders" };
+
+/** What clusters are close to, where that is not their middle. */
+export const energyOf = (job: Job): string | undefined => ENERGIES[String(job.parameters["energy"])];
+
 /** How a job was made: "Given number · best". */
-export function manner(job: Job): string {
-  const { algorithm, quality, compactness, energy } = job.parameters;
-  const names: Record<string, string> = {
-    bb: "Given number",
-    pml: "Any number",
-    ml: "Any number, ML",
-    hr: "Any number, HR",
-    acvd: "Given number, ACVD",
-    vc: "Given number, VC",
-  };
-  const parts = [kindOf(job) === "image" ? "Superpixels" : (names[algorithm] ?? algorithm)];
-  const energies: Record<string, string> = { l21: "flat", planes: "planes", shapes: "planes, spheres, cylinders" };
-  if (typeof energy === "string" && energy in energies) parts.push(energies[energy] ?? energy);
+export function manner(
+  job: Job,
+  number = isHierarchical(job.parameters.algorithm) ? "Any number" : "Given number",
+): string {
+  const { algorithm, quality, compactness } = job.parameters;
+  const method = METHODS.includes(algorithm) ? `, ${algorithm.toUpperCase()}` : "";
+  const parts = [kindOf(job) === "image" ? "Superpixels" : `${number}${method}`];
+  const energy = energyOf(job);
+  if (energy) parts.push(energy);
   if (quality && quality !== "default") parts.push(quality);
   if (typeof compactness === "number") parts.push(`compactness ${compactness}`);
   return parts.join(" · ");

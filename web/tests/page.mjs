@@ -10,8 +10,9 @@ import { sending } from "./sending.mjs";
 import { Service, until } from "./service.mjs";
 import { states } from "./states.mjs";
 import { binary, values } from "./steps.mjs";
+import { words } from "./words.mjs";
 
-const tests = { ...results, ...images, ...design, ...reach, ...sending, ...states };
+const tests = { ...results, ...images, ...design, ...reach, ...sending, ...states, ...words };
 
 const browser = await new Browser(values.files).launch();
 const service = await new Service(binary).start();
