@@ -1,6 +1,6 @@
-// GLB files of the service as triangles and edges.
+// GLB files of the service as triangles and edges, and the sharp edges of triangles.
 
-import { type BufferGeometry, type Mesh, Vector3, WireframeGeometry } from "three";
+import { BufferAttribute, BufferGeometry, EdgesGeometry, type Mesh, Vector3, WireframeGeometry } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
 import type { Triangles } from "./drawable";
@@ -21,9 +21,25 @@ export async function triangles(bytes: ArrayBuffer): Promise<Triangles> {
 }
 
 /** The edges of a remesh as segments. */
-export async function edges(bytes: ArrayBuffer): Promise<{ segments: Float32Array; centre: Vector3 }> {
+export async function edges(bytes: ArrayBuffer): Promise<Edges> {
   const { geometry, centre } = await load(bytes);
   return { segments: new WireframeGeometry(geometry).getAttribute("position").array as Float32Array, centre };
+}
+
+/** Edges at which the surface bends by more than an angle in degrees, or ends. */
+export function sharpEdges({ positions, centre }: Triangles, angle: number): Edges {
+  const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(positions.slice(), 3));
+  geometry.computeBoundingSphere();
+  // vertices with four digits in common are one
+  const scale = 1000 / (geometry.boundingSphere?.radius || 1);
+  const sharp = new EdgesGeometry(geometry.scale(scale, scale, scale), angle);
+  const segments = sharp.scale(1 / scale, 1 / scale, 1 / scale).getAttribute("position").array as Float32Array;
+  return { segments, centre };
+}
+
+interface Edges {
+  segments: Float32Array;
+  centre: Vector3;
 }
 
 interface Loaded {

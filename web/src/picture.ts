@@ -3,17 +3,20 @@
 import * as address from "./address";
 import { type Job, output, request } from "./api";
 import type { Place, Triangles } from "./drawable";
-import { count, make, save } from "./dom";
+import { count, digits, make, save } from "./dom";
 import { stem } from "./downloads";
 import type { Scene } from "./load";
 import type { Parting } from "./panes";
 import { part } from "./part";
 import type { Selection } from "./selection";
-import { type Shape, titleOf } from "./shapes";
-import { Coloured } from "./shown";
+import { type Shape, angleOf, titleOf } from "./shapes";
+import { Coloured, type Rows } from "./shown";
 import { keepThumbnail } from "./thumbnails";
 import type { Tools } from "./tools";
 import type { View } from "./view";
+
+/** Clusters up to which the service's table is fetched for the pointer. */
+const MOST_ROWS = 5000;
 
 export class Picture {
   readonly element = make("div", { id: "view", class: "view" });
@@ -31,6 +34,7 @@ export class Picture {
     private readonly scene: Scene,
     private readonly tools: Tools,
     private readonly selection: Selection,
+    private readonly rows: Rows,
     private readonly signal: AbortSignal,
   ) {
     tools.onUp = (up) => this.view?.setUp(up);
@@ -91,15 +95,16 @@ export class Picture {
     this.view?.face(this.mine.clusters.normals.subarray(3 * cluster, 3 * cluster + 3));
   }
 
-  async showRemesh(clusters: number | null): Promise<void> {
-    const path = output(this.job, "remesh", { format: "glb", clusters });
-    const { segments, centre } = await this.scene.edges(await this.bytes(path));
-    this.view?.setEdges(segments, centre);
-    this.element.dataset["edges"] = String(segments.length / 6);
-  }
-
-  hideRemesh(): void {
-    this.view?.setEdges(null);
+  /** Draws over the mesh what the tools say: edges of the remesh, sharp edges, or nothing. */
+  async showOver(clusters: number | null): Promise<void> {
+    const { over } = this.tools;
+    if (over === null || !this.mesh) return this.view?.setEdges(null);
+    const edges =
+      over === "remesh"
+        ? await this.scene.edges(await this.bytes(output(this.job, "remesh", { format: "glb", clusters })))
+        : this.scene.sharpEdges(this.mesh, angleOf(this.job) ?? 0);
+    this.view?.setEdges(edges.segments, edges.centre);
+    this.element.dataset["edges"] = String(edges.segments.length / 6);
   }
 
   /** Hands over one cluster as a file. */
@@ -132,10 +137,15 @@ export class Picture {
     this.element.style.cursor = cluster === null ? "" : "pointer";
     if (!place || cluster === null) return this.selection.pointAway();
     const coloured = isOther ? this.other : this.mine;
-    const faces = `${count(coloured.clusters.faces[cluster] ?? 0)} faces`;
-    const shape = isOther ? undefined : this.shapes[cluster];
-    const text = shape ? `${titleOf(shape)} · ${faces}` : faces;
-    this.selection.pointAt(place.x, place.y, coloured.css(cluster), `Cluster ${cluster}`, text);
+    const { faces, area } = coloured.clusters;
+    const facts = [`${count(faces[cluster] ?? 0)} faces`, `area ${digits(area[cluster] ?? 0, 3)}`];
+    if (!isOther) {
+      const [shape, row] = [this.shapes[cluster], this.rows.now?.[cluster]];
+      if (shape) facts.unshift(titleOf(shape));
+      if (row) facts.push(`${count(row.neighbours)} neighbours`);
+      else if (faces.length <= MOST_ROWS) this.rows.fetch().catch(() => {});
+    }
+    this.selection.pointAt(place.x, place.y, coloured.css(cluster), `Cluster ${cluster}`, facts.join(" · "));
   }
 
   private async bytes(path: string): Promise<ArrayBuffer> {

@@ -13,7 +13,7 @@ import { Picture } from "./picture";
 import type { Places } from "./places";
 import { Selection, factsOf } from "./selection";
 import { factsOfShape } from "./shapes";
-import { type ClusterRow, Cuts, rowsOf } from "./shown";
+import { type ClusterRow, Cuts, Rows } from "./shown";
 import { ClusterTable } from "./table";
 import { take } from "./take";
 import { Tools } from "./tools";
@@ -50,7 +50,7 @@ export class Result {
   private selected: number | null = null;
   /** The selected cluster of the job that is beside this one. */
   private beside: number | null = null;
-  private rows: Promise<ClusterRow[]> | null = null;
+  private readonly rows: Rows;
   private timer = 0;
   private frame = 0;
 
@@ -61,6 +61,7 @@ export class Result {
   ) {
     const { signal } = this.abort;
     this.cuts = new Cuts(job, signal);
+    this.rows = new Rows(job, signal);
     this.level = isHierarchical(job.parameters.algorithm) ? this.slider() : null;
     this.comparison = new Comparison(job);
     this.comparison.onChoose = () => this.try(this.fetchLabels());
@@ -75,7 +76,7 @@ export class Result {
     );
     this.selection = new Selection([...(this.level ? [this.up, this.down] : []), this.only]);
     this.tools = new Tools(job);
-    this.picture = new Picture(job, scene, this.tools, this.selection, signal);
+    this.picture = new Picture(job, scene, this.tools, this.selection, this.rows, signal);
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
     this.table = new ClusterTable(list, (cluster) => this.picture.mine.css(cluster), ["faces", "area"]);
     this.listen();
@@ -124,7 +125,7 @@ export class Result {
     this.only.onclick = () => this.selected !== null && this.picture.saveOne(this.selected);
     this.table.onSelect = (cluster) => (cluster === this.selected ? this.select(null) : this.find(cluster));
     this.tools.onColours = () => this.try(this.paint().then(() => this.tell()));
-    this.tools.onRemesh = (isOn) => (isOn ? this.try(this.picture.showRemesh(this.cut)) : this.picture.hideRemesh());
+    this.tools.onOver = () => this.try(this.picture.showOver(this.cut));
     this.tools.onPicture = () => this.try(this.picture.save());
     this.picture.onPick = (cluster, isOther, withShift) => this.pick(cluster, isOther, withShift);
     const letGo = ({ key }: KeyboardEvent): void => void (key === "Escape" && this.select(null));
@@ -201,12 +202,12 @@ export class Result {
     if (this.comparison.labels) this.picture.other.set(this.comparison.labels.numbers);
     await this.take(labels);
     this.tell();
-    if (this.tools.isRemeshed) await this.picture.showRemesh(this.cut);
+    if (this.tools.over === "remesh") await this.picture.showOver(this.cut);
   }
 
   /** Shows labels, and no more than that. */
   private async take(labels: Labels): Promise<void> {
-    this.rows = null;
+    this.rows.cutAt(this.cut);
     this.energy = labels.energy ?? this.report?.energy.final ?? null;
     this.picture.mine.set(labels.numbers);
     this.selection.pointAway();
@@ -217,7 +218,7 @@ export class Result {
 
   private async paint(): Promise<void> {
     const { mine, shapes } = this.picture;
-    const colours = await coloursOf(mine, shapes, () => this.fetchRows());
+    const colours = await coloursOf(mine, shapes, () => this.rows.fetch());
     if (colours === undefined) return;
     this.picture.show(colours, this.comparison.labels !== null, this.comparison.parting);
   }
@@ -227,10 +228,6 @@ export class Result {
     if (parting !== "beside" && this.comparison.isParted) this.picture.part(parting);
     else this.try(this.paint());
     this.tellComparison();
-  }
-
-  private fetchRows(): Promise<ClusterRow[]> {
-    return (this.rows ??= rowsOf(this.job, this.cut, this.abort.signal));
   }
 
   /** Everything but the picture. */
@@ -274,7 +271,7 @@ export class Result {
 
   /** Adds what the service's table of clusters has beyond the page's own numbers. */
   private async tellMore(cluster: number): Promise<void> {
-    const row = (await this.fetchRows())[cluster];
+    const row = (await this.rows.fetch())[cluster];
     if (row && this.selected === cluster) this.tellSelected(row);
   }
 

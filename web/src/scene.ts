@@ -2,7 +2,7 @@
 
 export { Colouring } from "./colouring";
 export { Curve } from "./curve";
-export { edges, triangles } from "./mesh";
+export { edges, sharpEdges, triangles } from "./mesh";
 export { Plane } from "./plane";
 export { preview } from "./preview";
 export { sample } from "./samples";

@@ -17,6 +17,16 @@ const TYPES = { plane: HUES[5], sphere: HUES[6], cylinder: HUES[4] };
 
 export const hasShapes = (job: Job): boolean => ["planes", "shapes"].includes(String(job.parameters["energy"]));
 
+/** The angle of edges that are sharp where the job names none, in degrees. */
+const SHARP = 40;
+
+/** The angle in degrees of the edges that say something of clusters; null where there are none that the page can find. */
+export function angleOf(job: Job): number | null {
+  const features = job.parameters["features"] ?? (hasShapes(job) ? SHARP : null);
+  const angle = /[\d.]+/.exec(String(features));
+  return angle && Number(angle[0]);
+}
+
 /** Four bytes a cluster, of its type. */
 export function ofTypes(shapes: Shape[]): Uint8Array {
   const colours = new Uint8Array(4 * shapes.length);

@@ -86,9 +86,40 @@ export class Coloured {
   }
 }
 
-/** The rows of the table, without the energies where those of the job are others. */
-export async function rowsOf(job: Job, clusters: number | null, signal: AbortSignal): Promise<ClusterRow[]> {
-  const path = output(job, "clusters", { format: "json", clusters });
-  const { clusters: rows } = await json<{ clusters: ClusterRow[] }>(path, { signal });
-  return energyOf(job) ? rows.map((row) => ({ ...row, energy: null })) : rows;
+/** The service's table of the clusters of a cut, fetched once. */
+export class Rows {
+  /** Those that were fetched. */
+  now: ClusterRow[] | null = null;
+  private cut: number | null = null;
+  private coming: Promise<ClusterRow[]> | null = null;
+
+  constructor(
+    private readonly job: Job,
+    private readonly signal: AbortSignal,
+  ) {}
+
+  /** Forgets the rows; the next ones are those of a cut. */
+  cutAt(clusters: number | null): void {
+    this.cut = clusters;
+    this.now = this.coming = null;
+  }
+
+  fetch(): Promise<ClusterRow[]> {
+    if (this.coming) return this.coming;
+    const coming = this.get();
+    this.coming = coming;
+    coming.then(
+      (rows) => this.coming === coming && (this.now = rows),
+      () => {},
+    );
+    return coming;
+  }
+
+  /** Without energies where those of the job are others. */
+  private async get(): Promise<ClusterRow[]> {
+    const { job, signal, cut: clusters } = this;
+    const path = output(job, "clusters", { format: "json", clusters });
+    const { clusters: rows } = await json<{ clusters: ClusterRow[] }>(path, { signal });
+    return energyOf(job) ? rows.map((row) => ({ ...row, energy: null })) : rows;
+  }
 }

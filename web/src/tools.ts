@@ -6,8 +6,10 @@ import { make, option } from "./dom";
 import { scale, css } from "./palette";
 import type { Up } from "./ground";
 import { swatch } from "./selection";
-import { type Shape, hasShapes, legend } from "./shapes";
+import { type Shape, angleOf, hasShapes, legend } from "./shapes";
 import { energyOf } from "./words";
+
+const isPressed = (button: HTMLElement): boolean => button.getAttribute("aria-pressed") === "true";
 
 const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy", shape: "Shape" };
 
@@ -16,9 +18,13 @@ export class Tools {
   readonly legend = make("p", { id: "legend", hidden: true });
   onColours: () => void = () => {};
   onUp: (up: Up) => void = () => {};
-  onRemesh: (isOn: boolean) => void = () => {};
+  onOver: () => void = () => {};
   onPicture: () => void = () => {};
-  readonly remesh = make("button", { type: "button", id: "remesh", "aria-pressed": "false" }, "Remesh");
+  /** Buttons of what is drawn over the mesh, of which one is pressed at most. */
+  private readonly overlays = {
+    remesh: make("button", { type: "button", id: "remesh", "aria-pressed": "false" }, "Remesh"),
+    edges: make("button", { type: "button", id: "sharp", "aria-pressed": "false" }, "Edges"),
+  };
   private readonly colours = make(
     "select",
     { id: "colours", "aria-label": "Colour by" },
@@ -48,19 +54,27 @@ export class Tools {
       this.setUp(up);
       this.onUp(up);
     });
-    this.remesh.addEventListener("click", () => {
-      const isOn = this.remesh.getAttribute("aria-pressed") !== "true";
-      this.remesh.setAttribute("aria-pressed", String(isOn));
-      this.onRemesh(isOn);
-    });
+    for (const button of Object.values(this.overlays)) {
+      button.addEventListener("click", () => {
+        const isOn = isPressed(button);
+        for (const other of Object.values(this.overlays))
+          other.setAttribute("aria-pressed", String(other === button && !isOn));
+        this.onOver();
+      });
+    }
     const picture = make("button", { type: "button", id: "picture", onclick: () => this.onPicture() }, "PNG");
     picture.setAttribute("aria-label", "Save a picture of this view as PNG");
-    this.element.append(this.colours, this.up, ...(job.urls["remesh"] ? [this.remesh] : []), picture);
+    const { remesh, edges } = this.overlays;
+    edges.setAttribute("aria-label", `Edges at which the surface bends by more than ${angleOf(job)}°`);
+    remesh.hidden = !job.urls["remesh"];
+    edges.hidden = angleOf(job) === null;
+    this.element.append(this.colours, this.up, remesh, edges, picture);
     this.tellLegend();
   }
 
-  get isRemeshed(): boolean {
-    return this.remesh.getAttribute("aria-pressed") === "true";
+  get over(): "remesh" | "edges" | null {
+    const { remesh, edges } = this.overlays;
+    return isPressed(remesh) ? "remesh" : isPressed(edges) ? "edges" : null;
   }
 
   /** Says which way is up; before there is a mesh, there are no tools. */

@@ -214,6 +214,11 @@ export const design = {
     await page.hover("#view canvas", { position });
     await until("a card is at the pointer", () => page.isVisible("#card"));
     const named = await text(page, "#card strong");
+    await until("it says what the cluster has", async () => {
+      await page.mouse.move(0, 0);
+      await page.hover("#view canvas", { position });
+      return /^\d+ faces · area [\d.]+ · \d neighbours$/.test(await text(page, "#card > span"));
+    });
     await page.mouse.move(0, 0);
     await until("the card is gone", () => page.isHidden("#card"));
     await page.click("#view canvas", { position });

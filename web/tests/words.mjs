@@ -1,9 +1,34 @@
 // What colours, words and small pictures say: that they are those of what is shown.
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { until } from "./service.mjs";
 import { drawn, fact, idOf, sample, submit, succeeded, text } from "./steps.mjs";
 
 const colourOf = (locator) => locator.evaluate((element) => getComputedStyle(element).backgroundColor);
+
+/** Edges of an OBJ file at which two triangles bend by more than some degrees. */
+function sharpEdges(obj, angle) {
+  const rows = (kind) => [...obj.matchAll(new RegExp(`^${kind} (.*)$`, "gm"))].map(([, row]) => row.split(" "));
+  const vertices = rows("v").map((row) => row.map(Number));
+  const normals = new Map();
+  let count = 0;
+  for (const row of rows("f")) {
+    const corners = row.map((corner) => parseInt(corner) - 1);
+    const [a, b, c] = corners.map((corner) => vertices[corner]);
+    const [u, v] = [b, c].map((to) => to.map((x, axis) => x - a[axis]));
+    const normal = [0, 1, 2].map((i) => u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3]);
+    for (let i = 0; i < 3; i++) {
+      const edge = [corners[i], corners[(i + 1) % 3]].sort().join();
+      const other = normals.get(edge);
+      normals.set(edge, normal);
+      if (!other) continue;
+      const cosine =
+        normal.reduce((sum, x, axis) => sum + x * other[axis], 0) / Math.hypot(...normal) / Math.hypot(...other);
+      if (cosine < Math.cos((angle * Math.PI) / 180)) count += 1;
+    }
+  }
+  return count;
+}
 
 export const words = {
   async "a cluster that the address names faces the viewer"({ service, browser }) {
@@ -34,7 +59,8 @@ export const words = {
 
   async "a shape has the colour of its type, and no energy of another kind"({ service, browser }) {
     const page = await browser.open(service.url);
-    await submit(page, sample(service, "part", 3000), { name: "typed.obj", clusters: 13, algorithm: "shapes" });
+    const path = sample(service, "part", 3000);
+    await submit(page, path, { name: "typed.obj", clusters: 13, algorithm: "shapes" });
     await succeeded(page);
     await drawn(page, 13);
     await page.waitForSelector("#curve[data-points]");
@@ -53,6 +79,16 @@ export const words = {
     await fact(page, "perimeter");
     assert.equal(await page.locator("#picked [data-fact=energy]").count(), 0);
     assert.equal(await page.locator("#colours option[value=energy]").count(), 0);
+    await page.click("#sharp");
+    const edges = async () => Number(await page.getAttribute("#view", "data-edges"));
+    await until("edges are drawn", async () => (await edges()) > 0);
+    assert.equal(await edges(), sharpEdges(readFileSync(path, "utf8"), 40));
+    await page.click("#remesh");
+    await until(
+      "edges of the remesh are drawn",
+      async () => (await edges()) !== sharpEdges(readFileSync(path, "utf8"), 40),
+    );
+    assert.equal(await page.getAttribute("#sharp", "aria-pressed"), "false");
     await page.close();
   },
 
