@@ -244,10 +244,10 @@ export class JobPage {
     const menu = make("details", { class: "menu" }, make("summary", { "aria-label": "More" }, "⋯"), button);
     this.actions.replaceChildren(isRunning ? button : menu);
     if (this.job.state === "failed") {
-      this.inspector.replaceChildren(...repairs(this.job, this.files, this.around.onSent));
-      this.inspector.classList.add("tools");
-      const hint = `The ${kindOf(this.job)} was not kept. Choose it again.`;
-      if (!this.before && this.files.length === 0) this.stage.replaceChildren(make("div", { class: "view" }, hint));
+      const buttons = make("div", { class: "tools" }, ...repairs(this.job, this.files, this.around.onSent));
+      const hint = make("p", {}, `The ${kindOf(this.job)} was not kept. Choose it again.`);
+      if (this.before || this.files.length > 0) this.inspector.replaceChildren(buttons);
+      else this.stage.replaceChildren(make("div", { class: "view" }, make("div", {}, hint, buttons)));
     }
     this.showState();
   }

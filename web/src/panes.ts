@@ -12,18 +12,21 @@ export interface Rectangle {
   cut: number;
 }
 
-/** Width, in heights, below which two panes are one above the other. */
-const NARROW = 0.8;
-
 /** Pixels between two panes. */
 const GAP = 2;
 
-/** A pane in pixels of the canvas, from the lower left. */
-export function place(pane: number, panes: number, parting: Parting, width: number, height: number): Rectangle {
+/** A pane in pixels of the canvas, from the lower left; `isAbove`: the first of two is above the other. */
+export function place(
+  pane: number,
+  panes: number,
+  parting: Parting,
+  { x: width, y: height }: { x: number; y: number },
+  isAbove: boolean,
+): Rectangle {
   if (panes === 1) return { x: 0, y: 0, width, height, cut: 0 };
   if (parting !== "beside") return { x: 0, y: 0, width, height, cut: pane * Math.round(width * parting) };
   const half = (length: number): number => Math.floor((length - GAP) / 2);
-  if (width >= NARROW * height) return { x: pane * (width - half(width)), y: 0, width: half(width), height, cut: 0 };
+  if (!isAbove) return { x: pane * (width - half(width)), y: 0, width: half(width), height, cut: 0 };
   return { x: 0, y: (1 - pane) * (height - half(height)), width, height: half(height), cut: 0 };
 }
 

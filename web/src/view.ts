@@ -37,6 +37,7 @@ export class View {
   private up: Up;
   private ground: ReturnType<typeof groundOf>;
   private parting: Parting = "beside";
+  private isAbove = false;
   private coarse: Uint32Array | null = null;
   private pending = 0;
   private resting = 0;
@@ -268,14 +269,15 @@ export class View {
   }
 
   private place(pane: number, ratio = this.renderer.getPixelRatio()): Rectangle {
-    const { x, y } = this.renderer.getSize(new Vector2()).multiplyScalar(ratio).floor();
-    return place(pane, this.paints.length, this.parting, x, y);
+    const size = this.renderer.getSize(new Vector2()).multiplyScalar(ratio).floor();
+    return place(pane, this.paints.length, this.parting, size, this.isAbove);
   }
 
   private resize(): void {
     const [width, height] = [this.box.clientWidth, this.box.clientHeight];
     if (width === 0 || height === 0) return;
     this.renderer.setSize(width, height);
+    this.isAbove = getComputedStyle(this.box).getPropertyValue("--above") === "1";
     const pane = this.place(0);
     this.rig.setAspect(pane.width / pane.height);
     this.finer = 0;
