@@ -1,10 +1,14 @@
 // What the page shows is its address:
-// `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&colours=area`, of an image `?cluster=C&layer=means`. It
-// is the whole state of the page that is not the service's, so a reload, a bookmark and a copied link show the same.
+// `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&over=edges&colours=area`, of an image
+// `?cluster=C&layer=means`. It is the whole state of the page that is not the service's, so a reload, a bookmark and a
+// copied link show the same.
 
 import { LAYERS, type Layer } from "./layers";
 
 export const COLOURS = ["area", "roundness", "energy", "shape"] as const;
+
+export const OVERLAYS = ["remesh", "edges"] as const;
+export type Overlay = (typeof OVERLAYS)[number];
 
 export interface Address {
   job: string | null;
@@ -18,6 +22,8 @@ export interface Address {
   up: "y" | "z" | null;
   /** What is shown of an image; the first that there is where it is null. */
   layer: Layer | null;
+  /** What is drawn over the mesh. */
+  over: Overlay | null;
   /** What colours stand for; for clusters where it is null. */
   colours: (typeof COLOURS)[number] | null;
 }
@@ -38,6 +44,7 @@ export function read(): Address {
     parting: one("parting", ["wipe"]),
     up: one("up", ["y", "z"]),
     layer: one("layer", LAYERS),
+    over: one("over", OVERLAYS),
     colours: one("colours", COLOURS),
   };
 }

@@ -140,6 +140,7 @@ export class Result {
     if (this.abort.signal.aborted) return;
     this.tell();
     this.picture.keepThumbnail();
+    if (this.tools.over) await this.picture.showOver(this.cut);
   }
 
   /** The first click on a cluster selects it; the next one goes down the tree, or with Shift up. */

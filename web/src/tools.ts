@@ -9,8 +9,6 @@ import { swatch } from "./selection";
 import { type Shape, angleOf, hasShapes, legend } from "./shapes";
 import { energyOf } from "./words";
 
-const isPressed = (button: HTMLElement): boolean => button.getAttribute("aria-pressed") === "true";
-
 const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy", shape: "Shape" };
 
 export class Tools {
@@ -22,8 +20,8 @@ export class Tools {
   onPicture: () => void = () => {};
   /** Buttons of what is drawn over the mesh, of which one is pressed at most. */
   private readonly overlays = {
-    remesh: make("button", { type: "button", id: "remesh", "aria-pressed": "false" }, "Remesh"),
-    edges: make("button", { type: "button", id: "sharp", "aria-pressed": "false" }, "Edges"),
+    remesh: make("button", { type: "button", id: "remesh" }, "Remesh"),
+    edges: make("button", { type: "button", id: "sharp" }, "Edges"),
   };
   private readonly colours = make(
     "select",
@@ -54,11 +52,10 @@ export class Tools {
       this.setUp(up);
       this.onUp(up);
     });
-    for (const button of Object.values(this.overlays)) {
-      button.addEventListener("click", () => {
-        const isOn = isPressed(button);
-        for (const other of Object.values(this.overlays))
-          other.setAttribute("aria-pressed", String(other === button && !isOn));
+    for (const name of address.OVERLAYS) {
+      this.overlays[name].addEventListener("click", () => {
+        address.amend({ over: this.over === name ? null : name });
+        this.press();
         this.onOver();
       });
     }
@@ -68,13 +65,15 @@ export class Tools {
     edges.setAttribute("aria-label", `Edges at which the surface bends by more than ${angleOf(job)}°`);
     remesh.hidden = !job.urls["remesh"];
     edges.hidden = angleOf(job) === null;
+    this.press();
     this.element.append(this.colours, this.up, remesh, edges, picture);
     this.tellLegend();
   }
 
-  get over(): "remesh" | "edges" | null {
-    const { remesh, edges } = this.overlays;
-    return isPressed(remesh) ? "remesh" : isPressed(edges) ? "edges" : null;
+  /** What is drawn over the mesh, of what there is. */
+  get over(): address.Overlay | null {
+    const { over } = address.read();
+    return over && !this.overlays[over].hidden ? over : null;
   }
 
   /** Says which way is up; before there is a mesh, there are no tools. */
@@ -89,6 +88,10 @@ export class Tools {
   setShapes(shapes: Shape[]): void {
     this.shapes = shapes;
     this.tellLegend();
+  }
+
+  private press(): void {
+    for (const name of address.OVERLAYS) this.overlays[name].setAttribute("aria-pressed", String(this.over === name));
   }
 
   private tellLegend(): void {

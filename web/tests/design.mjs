@@ -190,6 +190,7 @@ export const design = {
     await page.selectOption("#colours", "shape");
     await until("colours are of types", async () => (await look(page, "#view")).digest !== before);
     assert.equal(await text(page, "#legend"), "7 planes1 sphere5 cylinders");
+    await page.waitForSelector("#curve[data-points]");
     await accessible(page, "shapes");
     await picture(page, "page-shapes.png");
     await page.goto(`${page.url()}&cluster=${sphere.label}`);

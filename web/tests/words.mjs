@@ -89,6 +89,9 @@ export const words = {
       async () => (await edges()) !== sharpEdges(readFileSync(path, "utf8"), 40),
     );
     assert.equal(await page.getAttribute("#sharp", "aria-pressed"), "false");
+    const before = await edges();
+    await page.reload();
+    await until("they are drawn after a reload, too", async () => (await edges()) === before);
     await page.close();
   },
 
