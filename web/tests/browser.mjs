@@ -73,10 +73,10 @@ export class Browser {
   }
 }
 
-/** Runs in a page: notes when the first frame of a view is there, as a pixel of it can be read. */
-export function noteFirstFrame() {
+/** Runs in a page: notes when the first frame of a view, a selector, is there, as a pixel of it can be read. */
+export function noteFirstFrame(view) {
   const look = () => {
-    const canvas = document.querySelector(".view canvas");
+    const canvas = document.querySelector(`${view} canvas`);
     if (window.firstFrame || !canvas?.dataset.frames) return;
     const gl = canvas.getContext("webgl2");
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));

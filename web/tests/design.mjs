@@ -28,8 +28,8 @@ const middle = async (page, selector) => {
 /** Most time of processors that a frame of a moving slider takes: 60 where two of them give 30 frames a second. */
 const SLIDER_MS = 100;
 
-/** Most time from the first byte until clusters are seen, of three visits the best, and of all processors until then. */
-const [FIRST_PICTURE_MS, FIRST_PICTURE_PROCESSORS_MS] = [1500, 1200];
+/** Most time from the first byte until clusters are seen, and of processors until then; of three visits the best. */
+const FIRST_PICTURE_MS = 1500;
 
 const canvasWidth = () => document.querySelector("#view canvas").width;
 
@@ -43,7 +43,7 @@ export const design = {
       await page?.close();
       let spent = 0;
       page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } }, async (page) => {
-        await page.addInitScript(noteFirstFrame);
+        await page.addInitScript(noteFirstFrame, "#knot");
         // the window is there before
         await page.goto("about:blank");
         await page.screenshot();
@@ -57,7 +57,7 @@ export const design = {
     const measured = `${times.join(", ")} ms after the first byte, and ${processors.join(", ")} ms of processors`;
     console.log(`  the first picture takes ${measured}`);
     assert.ok(Math.min(...times) < FIRST_PICTURE_MS, measured);
-    assert.ok(Math.min(...processors) < FIRST_PICTURE_PROCESSORS_MS, measured);
+    assert.ok(Math.min(...processors) < FIRST_PICTURE_MS, measured);
     assert.ok((await look(page, "#knot")).hues > 6, "it has the hues of clusters");
     const frames = async () => Number(await page.getAttribute("#knot canvas", "data-frames"));
     const before = await frames();
