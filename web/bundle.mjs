@@ -1,5 +1,5 @@
 // Bundles the page into a folder: node bundle.mjs [FOLDER]. Seven files: document, two scripts,
-// styles, two pictures, licences. `scene.js` has what draws; `page.js` loads it when the page is there.
+// styles, two pictures, licences. `scene.js` has what draws; `page.js`, which is small, loads it.
 // An error, and not a bundle that is too large, where the bundle leaves its budget.
 import { readFileSync, writeFileSync, mkdirSync, copyFileSync } from "node:fs";
 import { dirname, join, resolve } from "node:path";

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { until } from "./service.mjs";
-import { drawn, fact, idOf, sample, submit, succeeded, text } from "./steps.mjs";
+import { accessible, drawn, fact, idOf, sample, submit, succeeded, text } from "./steps.mjs";
 
 const colourOf = (locator) => locator.evaluate((element) => getComputedStyle(element).backgroundColor);
 
@@ -124,6 +124,17 @@ export const words = {
     await page.reload();
     await failed();
     const [, parts] = /has (\d+) separate parts/.exec(await text(page, "#state"));
+    await accessible(page, "a failure after a reload");
+    const outline = () =>
+      page
+        .locator("label.mend")
+        .first()
+        .evaluate((label) => getComputedStyle(label).outlineStyle);
+    assert.equal(await outline(), "none");
+    await page.locator("label.mend input").first().focus();
+    await page.keyboard.press("Shift+Tab");
+    await page.keyboard.press("Tab");
+    assert.notEqual(await outline(), "none", "it is seen which button has the focus");
     await page.setInputFiles(`label.mend:has-text('Cluster with ${parts}') input`, path);
     await succeeded(page);
     await drawn(page, Number(parts));
