@@ -116,9 +116,12 @@ export class Picture {
     if (this.view) save(await this.view.picture(), `${stem(this.job)}-${this.mine.hues.length}.png`);
   }
 
-  /** Keeps a picture for the list, not of two jobs. */
+  /** Keeps a picture for the list when it is fine, not of two jobs. */
   keepThumbnail(): void {
-    if (this.view && address.read().with === null) keepThumbnail(this.job.id, this.view.drawn());
+    if (!this.view) return;
+    this.view.onSettled = (canvas) => {
+      if (address.read().with === null) keepThumbnail(this.job.id, canvas);
+    };
   }
 
   close(): void {

@@ -135,11 +135,11 @@ export class Result {
   private async draw(bytes: Promise<ArrayBuffer>): Promise<void> {
     await this.picture.open(bytes);
     await this.paint();
+    this.picture.keepThumbnail();
     // what follows takes a while for a large mesh, which is drawn meanwhile
     await new Promise(requestAnimationFrame);
     if (this.abort.signal.aborted) return;
     this.tell();
-    this.picture.keepThumbnail();
     if (this.tools.over) await this.picture.showOver(this.cut);
   }
 

@@ -21,6 +21,8 @@ export class View {
   onPick: (place: Place, withShift: boolean) => void = () => {};
   /** Called with what is under the pointer, and with null when it leaves. */
   onHover: (place: Place | null) => void = () => {};
+  /** Called once with the canvas, as it is drawn when nothing finer follows. */
+  onSettled: ((canvas: HTMLCanvasElement) => void) | null = null;
   /** Frames drawn. */
   frames = 0;
   readonly canvas: HTMLCanvasElement;
@@ -159,16 +161,11 @@ export class View {
     this.rig.face(new Vector3().fromArray(normal).transformDirection(this.seen.object.matrixWorld));
   }
 
-  /** The canvas with everything drawn, until the browser's next frame. */
-  drawn(): HTMLCanvasElement {
-    [this.pace.isMoving, this.pace.isResting] = [false, true];
-    this.drawNow();
-    return this.canvas;
-  }
-
   /** What is in the canvas, as PNG. */
   async picture(): Promise<Blob> {
-    this.drawn();
+    if (this.pace.isCoarse) this.finer = 0;
+    [this.pace.isMoving, this.pace.isResting] = [false, true];
+    this.drawNow();
     return await new Promise((resolve, reject) =>
       this.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be made")))),
     );
@@ -239,10 +236,13 @@ export class View {
       paint.draw(this.renderer, frame, pane.x, pane.y, along * pane.width, along * pane.height);
     }
     if (isTimed) pace.time(this.renderer.getContext(), began);
-    this.frames++;
+    // the first frame is drawn as one of a move, and is none
+    if (this.frames++ === 0) pace.isMoving = false;
     const drawn = isCoarse ? (this.coarse?.length ?? 0) : this.items;
     const settled = pace.isResting || this.rig.isTurning;
     Object.assign(this.canvas.dataset, { frames: this.frames, drawn, settled });
+    if (pace.isResting) this.onSettled?.(this.canvas);
+    if (pace.isResting) this.onSettled = null;
   }
 
   /** Draws after a move of the camera, and again when it rests. */
@@ -262,9 +262,10 @@ export class View {
       if (this.rig.isTurning) return;
       const wasMoving = pace.isMoving;
       [pace.isMoving, pace.isResting] = [false, true];
-      if (pace.quality === this.quality) return void (this.canvas.dataset["settled"] = "true");
-      if (wasMoving) this.finer = 0;
-      this.draw();
+      const isFine = pace.quality === this.quality;
+      if (wasMoving && !isFine) this.finer = 0;
+      if (isFine && !this.onSettled) this.canvas.dataset["settled"] = "true";
+      else this.draw();
     }, REST);
   }
 

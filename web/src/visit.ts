@@ -15,17 +15,7 @@ export class Visit {
   private view: View | null = null;
   private readonly abort = new AbortController();
 
-  private readonly files: Promise<(ArrayBuffer | null)[]>;
-
-  constructor(private readonly box: HTMLElement) {
-    const { signal } = this.abort;
-    const get = async (name: string): Promise<ArrayBuffer | null> => {
-      const response = await fetch(name, { signal });
-      return response.ok ? await response.arrayBuffer() : null;
-    };
-    this.files = Promise.all([get("knot.glb"), get("knot.tsr")]);
-    this.files.catch(() => {});
-  }
+  constructor(private readonly box: HTMLElement) {}
 
   /** Shows the knot; where the service has none, the sentence alone. */
   async run(): Promise<void> {
@@ -41,7 +31,11 @@ export class Visit {
     const dock = make("div", { id: "dock" });
     this.box.replaceChildren(figure, head, dock);
     const { signal } = this.abort;
-    const [[glb, tsr], drawing] = await Promise.all([this.files, scene()]);
+    const get = async (name: string): Promise<ArrayBuffer | null> => {
+      const response = await fetch(name, { signal });
+      return response.ok ? await response.arrayBuffer() : null;
+    };
+    const [glb, tsr, drawing] = await Promise.all([get("knot.glb"), get("knot.tsr"), scene()]);
     if (!glb || !tsr || signal.aborted) return;
     const mesh = await drawing.triangles(glb);
     const hierarchy = await Hierarchy.read({ bytes: (length) => Promise.resolve(tsr.slice(0, length)) });
