@@ -252,6 +252,8 @@ shapes = $(TARGET)/debug/tesserae cluster $(1) --clusters $(2) --energy shapes -
 picture: debug-binary $(VENV)/ready  ## draw the pictures of the guide anew, and take those of the page (after `make python`)
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures docs
 	mv docs/share.jpg web/src/
+	node web/tests/gallery.mjs $(TARGET)/debug/tesserae $(TARGET)/gallery --only '^empty$$'
+	cp $(TARGET)/gallery/empty-1280-light.png docs/page-slider.png
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 400 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png

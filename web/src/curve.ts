@@ -16,6 +16,8 @@ const HEIGHT = 150;
 function marks(low: number, high: number): number[] {
   const isWide = high - low > 2;
   const [from, to] = isWide ? [low, high] : [10 ** low, 10 ** high];
+  // four digits do not tell more apart
+  if (to - from < 1e-3 * Math.abs(to)) return [(low + high) / 2];
   const least = (to - from) / 5;
   const power = 10 ** Math.floor(Math.log10(least));
   const step = Math.max(isWide ? 1 : 0, [1, 2, 5, 10].map((by) => by * power).find((by) => by >= least) ?? power);

@@ -4,6 +4,9 @@ import { type Job, type Report, isHierarchical } from "./api";
 import { count, digits, duration, make } from "./dom";
 import { WORDS, kindOf } from "./kinds";
 
+/** Part of the energy at the start by which it is lower at least, to be worth a line. */
+const LEAST_FALL = 1e-4;
+
 export class Facts {
   readonly element = make("section", { "aria-label": "Result" });
   private readonly list = make("dl", { id: "energies", class: "facts" });
@@ -24,7 +27,7 @@ export class Facts {
     this.list.append(make("div", {}, make("dt", {}, "Energy"), this.energy));
     if (isFlat && final != null) this.tell(final);
     if (isFlat && explained != null) this.row("Explained", `${digits(100 * explained, 4)} %`);
-    if (isFlat && initial && final != null && final < initial)
+    if (isFlat && initial && final != null && final < (1 - LEAST_FALL) * initial)
       this.row("Since the start", `${digits(100 * (1 - final / initial), 2)} % lower`);
     this.row("Clustered in", duration(report.timings_ms["cluster"] ?? 0));
     this.element.append(this.list);
