@@ -1,6 +1,6 @@
 // How finely a frame is drawn. At rest it is as fine as the screen; the first frame is drawn as one of a move. Where
-// frames take long, as with a software renderer, a move of the camera draws a coarse mesh, and other labels are drawn in
-// fewer pixels.
+// frames take long, as with a software renderer, a move of the camera draws a coarse mesh, and other labels are drawn
+// in fewer pixels.
 
 /** Triangles up to which the picture at rest has four samples a pixel. */
 const MOST_SMOOTHED = 500_000;

@@ -20,7 +20,7 @@ export const hasShapes = (job: Job): boolean => ["planes", "shapes"].includes(St
 /** The angle of edges that are sharp where the job names none, in degrees. */
 const SHARP = 40;
 
-/** The angle in degrees of the edges that say something of clusters; null where there are none that the page can find. */
+/** The angle in degrees of the edges that say something of clusters; null where the page can find none. */
 export function angleOf(job: Job): number | null {
   const features = job.parameters["features"] ?? (hasShapes(job) ? SHARP : null);
   const angle = /[\d.]+/.exec(String(features));
