@@ -78,12 +78,13 @@ pub trait Words: Functional {
 }
 
 /// Defines structs and lists them in `STRUCTS`.
+#[cfg(feature = "gpu")]
 macro_rules! shared {
     ($($(#[$doc:meta])* $name:ident { $($(#[$member_doc:meta])* $member:ident: $ty:ty,)* })*) => {
         $(
             $(#[$doc])*
             #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-            #[cfg_attr(feature = "gpu", derive(bytemuck::Pod, bytemuck::Zeroable))]
+            #[derive(bytemuck::Pod, bytemuck::Zeroable)]
             #[repr(C)]
             pub struct $name { $($(#[$member_doc])* pub $member: $ty,)* }
         )*
@@ -121,4 +122,6 @@ macro_rules! wide {
     };
 }
 
-pub(crate) use {shared, wide};
+#[cfg(feature = "gpu")]
+pub(crate) use shared;
+pub(crate) use wide;
