@@ -281,7 +281,7 @@ impl Server {
     }
 }
 
-/// Connections to a shared store, beside one that listens: ten services leave room below PostgreSQL's default of 100.
+/// Connections to a shared store: ten services leave room below PostgreSQL's default of 100.
 #[cfg(feature = "postgres")]
 const STORE_CONNECTIONS: usize = 8;
 

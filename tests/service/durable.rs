@@ -5,7 +5,7 @@ use std::time::Duration;
 use reqwest::RequestBuilder;
 use serde_json::Value;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{DeviceDescription, Server, Settings};
+use tesserae_service::{Server, Settings};
 
 use crate::support::*;
 
@@ -149,11 +149,7 @@ async fn a_folder_in_use_is_refused() {
             data_dir: Some(folder.path().to_owned()),
             ..Settings::default()
         };
-        let device = CpuDevice::new();
-        let info = device.info().clone();
-        let description =
-            DeviceDescription { info, chosen: String::new(), cpu_below_faces: None, adapters: Vec::new() };
-        Server::bind(settings, Box::new(device), description).await
+        Server::bind(settings, Box::new(CpuDevice::new()), description()).await
     };
     let error = second().await.expect_err("in use");
     assert!(error.message.contains("--data-dir"), "{error}");

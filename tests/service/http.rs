@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{DeviceDescription, Extras, Server, Settings, TokenFile};
+use tesserae_service::{Extras, Server, Settings, TokenFile};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -143,15 +143,8 @@ async fn jobs_are_taken_while_the_service_drains() {
 #[tokio::test]
 async fn the_system_keeps_many_connections_until_they_are_accepted() {
     let settings = Settings { listen: ([127, 0, 0, 1], 0).into(), ..Settings::default() };
-    let device = CpuDevice::new();
-    let description = DeviceDescription {
-        info: device.info().clone(),
-        chosen: String::new(),
-        cpu_below_faces: None,
-        adapters: Vec::new(),
-    };
     // it accepts none before it runs
-    let server = Server::bind(settings, Box::new(device), description).await.expect("bound");
+    let server = Server::bind(settings, Box::new(CpuDevice::new()), description()).await.expect("bound");
     let address = server.address();
     let connected = tokio::task::spawn_blocking(move || {
         let connect = |_| TcpStream::connect_timeout(&address, Duration::from_secs(2));

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{DeviceDescription, Server, Settings};
+use tesserae_service::{Server, Settings};
 use tokio::net::TcpStream;
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -133,14 +133,7 @@ async fn a_taken_address_and_a_bad_folder_are_errors() {
     let bind = async |change: &dyn Fn(&mut Settings)| {
         let mut settings = Settings { listen: ([127, 0, 0, 1], 0).into(), ..Settings::default() };
         change(&mut settings);
-        let device = CpuDevice::new();
-        let description = DeviceDescription {
-            info: device.info().clone(),
-            chosen: String::new(),
-            cpu_below_faces: None,
-            adapters: Vec::new(),
-        };
-        Server::bind(settings, Box::new(device), description).await
+        Server::bind(settings, Box::new(CpuDevice::new()), description()).await
     };
     let error = bind(&|settings| settings.listen = service.address).await.expect_err("taken");
     assert!(error.message.contains(&service.address.to_string()), "{error}");

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tempfile::TempDir;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{DeviceDescription, Extras, Server, Settings};
+use tesserae_service::{Extras, Server, Settings};
 
 use crate::support::*;
 
@@ -16,14 +16,7 @@ async fn refusal(folder: &TempDir) -> String {
         data_dir: Some(folder.path().to_owned()),
         ..Settings::default()
     };
-    let device = Box::new(CpuDevice::new());
-    let description = DeviceDescription {
-        info: device.info().clone(),
-        chosen: "by the test".to_owned(),
-        cpu_below_faces: None,
-        adapters: Vec::new(),
-    };
-    Server::bind(settings, device, description).await.expect_err("it must not start").message
+    Server::bind(settings, Box::new(CpuDevice::new()), description()).await.expect_err("it must not start").message
 }
 
 fn found(folder: &Path, name: &str) -> Vec<std::path::PathBuf> {

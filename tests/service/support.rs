@@ -20,6 +20,12 @@ use tokio::task::JoinHandle;
 /// Longer than anything here should take on a slow machine.
 pub const PATIENCE: Duration = Duration::from_secs(180);
 
+/// The processor as the device.
+pub fn description() -> DeviceDescription {
+    let (info, chosen) = (CpuDevice::new().info().clone(), "by the test".to_owned());
+    DeviceDescription { info, chosen, cpu_below_faces: None, adapters: Vec::new() }
+}
+
 /// A running server; stopped when dropped.
 pub struct Service {
     pub address: SocketAddr,
@@ -64,12 +70,8 @@ impl Service {
             ..Settings::default()
         };
         change(&mut settings);
-        let description = DeviceDescription {
-            info: device.info().clone(),
-            chosen: "by the test".to_owned(),
-            cpu_below_faces,
-            adapters: Vec::new(),
-        };
+        let info = device.info().clone();
+        let description = DeviceDescription { info, cpu_below_faces, ..description() };
         let server = Server::bind_with(settings, device, description, extras).await.expect("bound");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();

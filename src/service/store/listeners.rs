@@ -1,12 +1,11 @@
-//! What follows from a committed change: tasks that wait for the store wake, also those of other services that share
-//! it, and the store counts.
+//! What follows from a committed change: tasks that wait for the store wake, and the store counts.
 
 use std::cmp::Ordering;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use tokio::sync::{Notify, watch};
+use tokio::sync::watch;
 
 use super::job::JobId;
 use super::terms::{Pulse, Statistics};
@@ -30,8 +29,6 @@ pub struct Effects {
     pub given_up: u64,
     /// Whether the file has fewer pages, which it gives back when the log is written into it.
     pub shrinks: bool,
-    /// Whether the next transaction gets a new connection.
-    pub reopens: bool,
 }
 
 /// Waiting tasks, and counters.
@@ -40,38 +37,16 @@ pub struct Listeners {
     pub pulses: Pulses,
     pub arrivals: Signal,
     pub endings: Signal,
-    /// Of a store that several services share.
-    pub outbox: Option<Outbox>,
     statistics: Mutex<Statistics>,
 }
 
-/// Notifications for the other services.
-#[derive(Debug, Default)]
-pub struct Outbox {
-    pub waiting: Mutex<BTreeSet<String>>,
-    pub filled: Notify,
-}
-
-/// Notifications of an arrival, and of an end with a webhook; that of a change of a job is its id.
-pub const ARRIVAL: &str = "arrival";
-pub const ENDING: &str = "ending";
-
 impl Listeners {
-    /// Of a store that several services share.
-    #[cfg(feature = "postgres")]
-    pub fn of_several() -> Self {
-        Self { outbox: Some(Outbox::default()), ..Self::default() }
-    }
-
     /// Does what follows from changes.
     pub fn publish(&self, effects: Effects) {
         let mut statistics = self.statistics.lock();
         statistics.attempts_failed += effects.attempts_failed;
         statistics.given_up += effects.given_up;
         drop(statistics);
-        if let Some(outbox) = &self.outbox {
-            outbox.put(&effects);
-        }
         for (id, pulse) in effects.pulses {
             self.pulses.publish(id, pulse);
         }
@@ -103,18 +78,6 @@ impl Listeners {
 
     pub fn statistics(&self) -> Statistics {
         *self.statistics.lock()
-    }
-}
-
-impl Outbox {
-    fn put(&self, effects: &Effects) {
-        let mut waiting = self.waiting.lock();
-        let general = [(effects.arrivals, ARRIVAL), (effects.endings, ENDING)];
-        waiting.extend(general.iter().filter(|(is_so, _)| *is_so).map(|(_, what)| (*what).to_owned()));
-        waiting.extend(effects.pulses.iter().map(|(id, _)| id.to_string()));
-        if !waiting.is_empty() {
-            self.filled.notify_one();
-        }
     }
 }
 
@@ -185,12 +148,6 @@ impl Pulses {
     pub fn waited_for(&self) -> Vec<JobId> {
         let waiters = self.0.lock();
         waiters.jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
-    }
-
-    /// Whether a job has a receiver.
-    #[cfg(feature = "postgres")]
-    pub fn is_waited_for(&self, id: JobId) -> bool {
-        self.0.lock().jobs.get(&id).is_some_and(|pulse| pulse.receiver_count() > 0)
     }
 
     /// Drops the receivers of a deleted job.

@@ -78,7 +78,7 @@ impl Store {
     async fn open_file(path: &Path, is_temporary: bool, rules: Rules, faults: Faults) -> Result<Self> {
         let listeners = Arc::<Listeners>::default();
         let file = Sqlite::open(path, is_temporary, Arc::clone(&listeners), faults).await?;
-        let store = Self::with(Database::Sqlite(file), Uuid::new_v4(), listeners, rules).await?;
+        let store = Self::with(Database::Sqlite(file), listeners, rules).await?;
         // one process has the file: running jobs are those of a process that ended
         match store.recover().await {
             Ok(0) => {}
@@ -92,20 +92,19 @@ impl Store {
         Ok(store)
     }
 
-    /// Opens the store in a database that several services share, with at most so many connections beside one for
-    /// notifications.
+    /// Opens the store in a database that several services share, with at most so many connections.
     #[cfg(feature = "postgres")]
     pub async fn shared(url: &StoreUrl, most: usize, rules: Rules) -> Result<Self> {
-        let (me, listeners) = (Uuid::new_v4(), Arc::new(Listeners::of_several()));
-        let database = Postgres::open(url, most, me, Arc::clone(&listeners)).await?;
-        Self::with(Database::Postgres(database), me, listeners, rules).await
+        let listeners = Arc::<Listeners>::default();
+        let database = Postgres::open(url, most, Arc::clone(&listeners)).await?;
+        Self::with(Database::Postgres(database), listeners, rules).await
     }
 
-    async fn with(database: Database, me: Uuid, listeners: Arc<Listeners>, rules: Rules) -> Result<Self> {
+    async fn with(database: Database, listeners: Arc<Listeners>, rules: Rules) -> Result<Self> {
         let mut store = Self {
             database,
             rules,
-            me,
+            me: Uuid::new_v4(),
             listeners,
             name: Uuid::new_v4().to_string(),
             held: Mutex::default(),
@@ -225,12 +224,15 @@ impl Store {
         match &self.database {
             Database::Sqlite(file) => {
                 file.damage().map_or(Ok(()), Err)?;
-                file.share(|rows, _| probe(rows)).await?;
             }
             #[cfg(feature = "postgres")]
             Database::Postgres(_) => {}
         }
-        self.change("probe", |change| probe(change.rows)).await
+        let probed = self.change("probe", |change| {
+            let now = change.rows.now()?;
+            change.rows.write("UPDATE identity SET probed_at = $1", values![now])
+        });
+        probed.await
     }
 
     /// Counters of the store.
@@ -256,12 +258,7 @@ impl Store {
         match &self.database {
             Database::Sqlite(file) => file.close().await,
             #[cfg(feature = "postgres")]
-            Database::Postgres(database) => database.close().await,
+            Database::Postgres(database) => database.close(),
         }
     }
-}
-
-fn probe(rows: &mut dyn Rows) -> Result<(), Abort> {
-    let now = rows.now()?;
-    rows.write("UPDATE identity SET probed_at = $1", values![now])
 }

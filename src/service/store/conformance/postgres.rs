@@ -62,7 +62,6 @@ async fn services_share_jobs_changes_and_cancellations() {
     let url = server.database();
     let (one, other) = (open(&url, RULES).await, open(&url, RULES).await);
     assert!(one.is_shared() && one.is_durable());
-    // notified long before the look that follows anyway would be due
     let mut arrivals = other.arrivals();
     arrivals.borrow_and_update();
     let job = create(&one).await.id;

@@ -17,7 +17,7 @@
 
 mod address;
 mod connections;
-mod listen;
+mod look;
 mod opening;
 mod session;
 
@@ -27,12 +27,9 @@ use tesserae_mesh::error::Result;
 use tokio::runtime::Handle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
-use tokio_util::task::TaskTracker;
-use uuid::Uuid;
 
 pub use self::address::Address;
 use self::connections::{Connections, PATIENCE, cannot_reach};
-use self::listen::Hints;
 use self::session::Session;
 use super::super::listeners::{Effects, Listeners};
 use super::super::url::StoreUrl;
@@ -48,19 +45,18 @@ pub struct Postgres {
     connections: Connections,
     listeners: Arc<Listeners>,
     stop: CancellationToken,
-    tasks: TaskTracker,
 }
 
 impl Postgres {
-    /// Opens the database with at most so many connections beside one for notifications, and makes its tables if need
-    /// be. `me` is this process among the services.
-    pub async fn open(url: &StoreUrl, most: usize, me: Uuid, listeners: Arc<Listeners>) -> Result<Self> {
+    /// Opens the database with at most so many connections, and makes its tables if need be.
+    pub async fn open(url: &StoreUrl, most: usize, listeners: Arc<Listeners>) -> Result<Self> {
         let address = Address::parse(url)?;
         let connections = Connections::new(&address, most)?;
         opening::open(&connections).await.map_err(cannot_reach)?;
         let stop = CancellationToken::new();
-        let tasks = Hints::start(me, Arc::clone(&listeners), &connections, &address, &stop)?;
-        Ok(Self { connections, listeners, stop, tasks })
+        let looking = look::look(connections.clone(), Arc::clone(&listeners));
+        tokio::spawn(stop.clone().run_until_cancelled_owned(looking));
+        Ok(Self { connections, listeners, stop })
     }
 
     /// Makes a change; returns when it is on the disk, and what follows from it is done.
@@ -97,10 +93,9 @@ impl Postgres {
         Ok(done)
     }
 
-    /// Ends the tasks and the connections.
-    pub async fn close(&self) {
+    /// Ends the looks and the connections.
+    pub fn close(&self) {
         self.stop.cancel();
-        self.tasks.wait().await;
         self.connections.close();
     }
 }
