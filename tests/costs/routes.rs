@@ -46,7 +46,6 @@ impl Service {
         };
         settings.traffic.max_request_rate = 0;
         settings.traffic.trusted_proxies = vec!["127.0.0.0/8".parse().expect("a network")];
-        settings.access.cors_origins = vec!["http://localhost".to_owned()];
         let device: Box<dyn Device> = Box::new(CpuDevice::new());
         let description = DeviceDescription {
             info: device.info().clone(),

@@ -1,24 +1,23 @@
 //! Routes, and the layers around them.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::Response;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use tower_http::compression::{CompressionLayer, CompressionLevel};
-use tower_http::cors::CorsLayer;
+use tower_http::csrf::CsrfLayer;
 use tower_http::trace::TraceLayer;
 
 use crate::guard::access_log;
 use crate::guard::problem;
-use crate::guard::traffic::sites::{self, Sites};
-use crate::guard::traffic::{self, heads, queries};
+use crate::guard::traffic::{self, heads, queries, sites};
 use crate::http::state::Shared;
 use crate::http::{conditional, openapi, page};
 use crate::metrics::Metrics;
@@ -30,16 +29,16 @@ const COMPRESSED_FROM: u64 = 1024;
 ///
 /// 1. an id for the request, its origin, its trace, and a span for what is logged about it; its line in the access log;
 /// 2. what every answer has, and counting it;
-/// 3. CORS, which answers preflights itself;
-/// 4. compression, of all but event streams, and tags that differ with it;
-/// 5. problem documents, of all that is refused further in;
-/// 6. a net for panics;
-/// 7. heads that are not valid HTTP/1.1, and query strings that are too long;
-/// 8. web pages that may not use a service without tokens;
-/// 9. access and traffic limits;
-/// 10. the routes; around those of results, ETag and Range.
+/// 3. compression, of all but event streams, and tags that differ with it;
+/// 4. problem documents, of all that is refused further in;
+/// 5. a net for panics;
+/// 6. heads that are not valid HTTP/1.1, and query strings that are too long;
+/// 7. web pages that may not use a service without tokens;
+/// 8. access and traffic limits;
+/// 9. the routes; around those of results, ETag and Range.
 pub(crate) fn router(shared: Arc<Shared>) -> Router {
     let proxies = shared.settings.traffic.trusted_proxies.clone().into();
+    let (is_open, accepts_names) = (shared.settings.access.tokens.is_none(), shared.settings.access.insecure_no_auth);
     let layers = ServiceBuilder::new()
         .layer(from_fn_with_state(proxies, access_log::log))
         .layer(
@@ -51,7 +50,6 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
                 .on_failure(()),
         )
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), every_answer))
-        .option_layer(cors(&shared.settings.access.cors_origins))
         .layer(from_fn(conditional::distinguish_codings))
         .layer(
             CompressionLayer::new()
@@ -62,7 +60,8 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .layer(CatchPanicLayer::custom(problem::panicked))
         .layer(from_fn(heads::check))
         .layer(from_fn(queries::limit))
-        .layer(from_fn_with_state(Arc::new(Sites::new(&shared.settings.access)), sites::check))
+        .option_layer((is_open && !accepts_names).then(|| from_fn(sites::check)))
+        .option_layer(is_open.then(|| CsrfLayer::new().with_rejection_response(sites::foreign)))
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
@@ -113,46 +112,4 @@ fn complete(headers: &mut HeaderMap) {
     ] {
         headers.entry(name).or_insert(HeaderValue::from_static(value));
     }
-}
-
-/// Lets the pages of these origins use the service; none without origins.
-fn cors(origins: &[String]) -> Option<CorsLayer> {
-    let origins: Vec<HeaderValue> = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
-    (!origins.is_empty()).then(|| {
-        CorsLayer::new()
-            .allow_origin(origins)
-            .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::DELETE])
-            .allow_headers(
-                [
-                    "authorization",
-                    "content-type",
-                    "content-encoding",
-                    "prefer",
-                    "last-event-id",
-                    "idempotency-key",
-                    "if-none-match",
-                    "if-range",
-                    "range",
-                    "traceparent",
-                ]
-                .map(HeaderName::from_static),
-            )
-            .expose_headers(
-                [
-                    "location",
-                    "retry-after",
-                    "etag",
-                    "link",
-                    "expires",
-                    "content-range",
-                    "content-disposition",
-                    "preference-applied",
-                    "x-request-id",
-                    "tesserae-cut",
-                    "tesserae-energy",
-                ]
-                .map(HeaderName::from_static),
-            )
-            .max_age(Duration::from_secs(3600))
-    })
 }
