@@ -10,7 +10,6 @@ use tokio::runtime::Runtime;
 
 use crate::files::Files;
 use crate::guard::access::tokens::{TokenFile, Tokens};
-use crate::guard::budget::Budget;
 use crate::http::{conditional, negotiate, prefer};
 use crate::ingest::intake::Rules;
 use crate::ingest::request::{Beside, Wanted};
@@ -39,7 +38,7 @@ pub fn form(bytes: &[u8]) {
         let files = Files::open(None, None, 0, Faults::default()).expect("a folder");
         (runtime, Arc::new(files))
     });
-    let rules = Rules::new(1 << 20, TrafficConstants::default().body_timeout, Arc::new(Budget::new(1 << 30)));
+    let rules = Rules { limit: 1 << 20, patience: TrafficConstants::default().body_timeout };
     let request = Request::post("/v1/jobs?clusters=3")
         .header("content-type", "multipart/form-data; boundary=b")
         .body(Body::from(bytes.to_vec()))

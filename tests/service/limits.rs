@@ -3,7 +3,6 @@
 use std::io::Write as _;
 use std::time::{Duration, Instant};
 
-use reqwest::multipart::{Form, Part};
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_service::{Settings, TrafficSettings};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -318,28 +317,4 @@ async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
     // buffers of both ends, in this one process
     assert!(memory < 100e6, "{memory}");
     until(async || metric(&service, "tesserae_event_streams").await == 0.0).await;
-}
-
-#[tokio::test]
-async fn uploads_share_the_bytes_in_flight() {
-    let change = |settings: &mut Settings| {
-        settings.traffic.constants.bytes_in_flight = 100_000;
-        settings.max_upload_bytes = 100_000;
-    };
-    let service = Service::with(change, Box::new(CpuDevice::new())).await;
-    let mut slow = TcpStream::connect(service.address).await.expect("connected");
-    let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n\
-         Transfer-Encoding: chunked\r\n\r\n";
-    slow.write_all(head.as_bytes()).await.expect("sent");
-    slow.write_all(format!("{:x}\r\n", 90_000).as_bytes()).await.expect("sent");
-    slow.write_all(&b"v 0 0 0\n".repeat(90_000 / 8)).await.expect("sent");
-    until(async || metric(&service, "tesserae_upload_in_flight_bytes").await >= 90_000.0).await;
-    let post = || service.post("/v1/jobs?clusters=2").header("content-type", "model/obj");
-    let detail = refused(post().body(sphere(600)), 503, "overloaded").await;
-    assert!(detail.ends_with("100000"), "{detail}");
-    let form = Form::new().part("mesh", Part::bytes(sphere(600)).file_name("a.obj"));
-    refused(service.post("/v1/jobs?clusters=2").multipart(form), 503, "overloaded").await;
-    drop(slow);
-    until(async || metric(&service, "tesserae_upload_in_flight_bytes").await == 0.0).await;
-    assert_eq!(post().body(sphere(600)).send().await.expect("answered").status(), 202);
 }

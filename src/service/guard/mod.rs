@@ -4,7 +4,6 @@
 pub mod access;
 pub mod access_log;
 pub mod audit;
-pub mod budget;
 pub mod path;
 pub mod problem;
 pub mod query;

@@ -18,7 +18,6 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::Sleep;
 
 pub(crate) use self::inflate::Coding;
-use crate::guard::budget::{Budget, Held};
 
 /// Largest number of bytes between the contents of two parts: their headers, and what one read brings along.
 const BETWEEN_PARTS: u64 = 4 << 20;
@@ -49,18 +48,11 @@ const MIN_RATE: u64 = 1024;
 pub(crate) struct Rules {
     /// Largest number of bytes, as sent and as meant.
     pub limit: u64,
-    /// Time without a byte.
-    patience: Duration,
-    /// The bytes of all uploads.
-    uploads: Arc<Budget>,
+    /// Time without a byte after which it is given up.
+    pub patience: Duration,
 }
 
 impl Rules {
-    /// A body of at most `limit` bytes, which is given up after `patience` without one.
-    pub fn new(limit: u64, patience: Duration, uploads: Arc<Budget>) -> Self {
-        Self { limit, patience, uploads }
-    }
-
     /// The error for more bytes than allowed: `length` is how many, as far as is known.
     pub fn too_large(&self, length: u64) -> Error {
         Error::too_large(format_args!(
@@ -78,7 +70,6 @@ pub(crate) struct Content {
     sent: Option<Arc<AtomicU64>>,
     /// Bytes as meant.
     received: u64,
-    held: Held,
     allowance: Allowance,
 }
 
@@ -117,14 +108,13 @@ pub(crate) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rule
     if let Some(length) = length.filter(|length| *length > rules.limit) {
         return Err(rules.too_large(length));
     }
-    let held = rules.uploads.begin(length)?;
     let sent = coding.map(|_| Arc::clone(&intake.received));
     let bytes: Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>> = match coding {
         None => Box::pin(intake),
         Some(coding) => Box::pin(inflate::inflate(Paced::new(intake), coding)),
     };
     let allowance = Allowance(Arc::new(AtomicU64::new(u64::MAX)));
-    Ok(Content { bytes: Paced::new(bytes), rules, sent, received: 0, held, allowance })
+    Ok(Content { bytes: Paced::new(bytes), rules, sent, received: 0, allowance })
 }
 
 impl Content {
@@ -150,7 +140,6 @@ impl Content {
                 )));
             }
         }
-        self.held.add(bytes)?;
         if !self.allowance.spend(bytes) {
             return Err(Error::new(
                 Kind::BadRequest,

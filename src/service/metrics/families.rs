@@ -140,7 +140,6 @@ metrics! {
         connections: Gauge, "connections", "Open connections";
         connections_refused: Counter, "connections_refused", "Connections closed because their address had too many";
         streams: Gauge, "event_streams", "Open event streams";
-        upload_bytes_in_flight: Gauge, "upload_in_flight" [Bytes], "Bytes of uploads that are coming in";
         upload_bytes: Counter, "upload" [Bytes], "Bytes of meshes of accepted jobs";
         ready: Gauge, "ready", "1 when jobs are taken";
         conditions: Family<ByPart, Gauge>, "condition", "1 for each part that is degraded or failing";

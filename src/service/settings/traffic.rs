@@ -71,8 +71,6 @@ pub struct TrafficConstants {
     pub connections: u32,
     /// Connections from one address at a time: one client leaves room for three others.
     pub connections_per_address: u32,
-    /// Bytes of all uploads that are coming in at a time, or one of the largest size: they wait on the disk.
-    pub bytes_in_flight: u64,
     /// Time for the head of a request, on a connection that is new or used before: it fits into few packets.
     pub header_timeout: Duration,
     /// Time without a byte of an upload: TCP repeats a lost packet several times within it.
@@ -89,7 +87,6 @@ impl Default for TrafficConstants {
             streams: 4096,
             connections: 8192,
             connections_per_address: 2048,
-            bytes_in_flight: 16 << 30,
             header_timeout: Duration::from_secs(15),
             body_timeout: Duration::from_secs(30),
             write_timeout: Duration::from_secs(60),

@@ -7,7 +7,6 @@
 //! | web pages that may not use a service without tokens | `sites` | answered with 403 or 421 |
 //! | requests a second, requests and streams at a time | `clients` | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
-//! | bytes of uploads that are coming in | `service::budget` | answered with 503 |
 //!
 //! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `queue`.
 
@@ -34,7 +33,6 @@ use self::clients::{Allowance, Client, Clients, Permit};
 use self::guarded::Guarded;
 use crate::guard::access::{Access, Caller};
 use crate::guard::audit;
-use crate::guard::budget::Budget;
 use crate::guard::path;
 use crate::guard::problem::Failure;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -53,7 +51,6 @@ pub(crate) struct Traffic {
     clients: Arc<Clients>,
     faults: Faults,
     streams: Arc<Semaphore>,
-    pub uploads: Arc<Budget>,
 }
 
 impl Traffic {
@@ -64,7 +61,6 @@ impl Traffic {
             clients: Arc::default(),
             faults,
             streams: Arc::new(Semaphore::new(settings.traffic.constants.streams as usize)),
-            uploads: Arc::new(Budget::new(settings.traffic.constants.bytes_in_flight.max(settings.max_upload_bytes))),
         }
     }
 

@@ -114,9 +114,8 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
     };
-    let uploads = Arc::clone(&shared.traffic.uploads);
-    let traffic = &shared.settings.traffic;
-    let rules = Rules::new(shared.settings.max_upload_bytes, traffic.constants.body_timeout, uploads);
+    let patience = shared.settings.traffic.constants.body_timeout;
+    let rules = Rules { limit: shared.settings.max_upload_bytes, patience };
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
         if let Err(error) = shared.store.check_room(&tenant.name, shared.most_waiting(&tenant)).await {

@@ -21,9 +21,7 @@ use crate::metrics;
     ),
 )]
 pub(crate) async fn metrics(Extract(shared): App) -> Answer {
-    let families = &shared.metrics.families;
-    families.streams.set(shared.traffic.open_streams().cast_signed());
-    families.upload_bytes_in_flight.set(shared.traffic.uploads.held().cast_signed());
+    shared.metrics.families.streams.set(shared.traffic.open_streams().cast_signed());
     let text = shared.metrics.text(&shared.store, &shared.files, &shared.health).await?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
 }
