@@ -13,7 +13,7 @@ use crate::store::StoreUrl;
 pub struct StorageSettings {
     /// Database that keeps the jobs of several services together, postgres://USER:PASSWORD@HOST/DATABASE; in the data
     /// folder when left out. Connections to other machines are encrypted, and the server is verified, unless the URL
-    /// says ?sslmode=disable; ?sslrootcert=FILE names the certificates that it is verified by
+    /// says ?sslmode=disable
     #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true, help_heading = heading::PLACES,
           hide_short_help = true)]
     pub store: Option<StoreUrl>,
@@ -57,7 +57,7 @@ impl StorageSettings {
     /// Checks the URL of the database.
     #[cfg(feature = "postgres")]
     pub(crate) fn check_store(&self) -> Result<()> {
-        self.store.as_ref().map_or(Ok(()), |url| crate::store::Address::parse(url).map(drop))
+        self.store.as_ref().map_or(Ok(()), |url| crate::store::address::parse(url).map(drop))
     }
 
     /// Refuses a database: this build knows none.

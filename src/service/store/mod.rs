@@ -37,7 +37,7 @@ mod url;
 mod workers;
 
 #[cfg(feature = "postgres")]
-pub(crate) use self::database::postgres::Address;
+pub(crate) use self::database::postgres::address;
 pub(crate) use self::job::{
     Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, Summary, Ticket,
     keeps_upload, no_such_job,

@@ -4,17 +4,16 @@ use std::fmt;
 use std::time::Duration;
 
 use deadpool_postgres::{Manager, ManagerConfig, Object, Pool, PoolError, RecyclingMethod};
-use rustls::pki_types::CertificateDer;
-use rustls::pki_types::pem::PemObject as _;
-use rustls::{ClientConfig, RootCertStore};
+use rustls::ClientConfig;
 use rustls_platform_verifier::BuilderVerifierExt as _;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::{Instant, timeout_at};
+use tokio_postgres::Config;
+use tokio_postgres::config::SslMode;
 use tokio_postgres::error::SqlState;
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 use super::super::rows::Abort;
-use super::address::Address;
 
 /// Time for a piece of work, the wait for a connection included.
 pub const PATIENCE: Duration = Duration::from_secs(10);
@@ -75,12 +74,11 @@ pub struct Connections(Pool);
 
 impl Connections {
     /// A pool of so many connections, none of which is made yet.
-    pub fn new(address: &Address, most: usize) -> Result<Self> {
+    pub fn new(config: Config, most: usize) -> Result<Self> {
         let manager = ManagerConfig { recycling_method: RecyclingMethod::Fast };
-        let config = address.config.clone();
-        let manager = match encryption(address)? {
-            Some(tls) => Manager::from_config(config, tls, manager),
-            None => Manager::from_config(config, tokio_postgres::NoTls, manager),
+        let manager = match config.get_ssl_mode() {
+            SslMode::Disable => Manager::from_config(config, tokio_postgres::NoTls, manager),
+            _ => Manager::from_config(config, verified()?, manager),
         };
         let pool = Pool::builder(manager).max_size(most).build();
         pool.map(Self).map_err(|error| Error::new(Kind::Internal, format_args!("no pool of connections: {error}")))
@@ -109,28 +107,10 @@ impl Connections {
     }
 }
 
-/// How connections are encrypted; none when they are not.
-pub fn encryption(address: &Address) -> Result<Option<MakeRustlsConnect>> {
-    if !address.is_encrypted {
-        return Ok(None);
-    }
-    let cannot = |error: &dyn fmt::Display| {
+/// Encrypted connections, to servers that the certificates of the system verify.
+fn verified() -> Result<MakeRustlsConnect> {
+    let config = ClientConfig::builder().with_platform_verifier().map_err(|error| {
         Error::new(Kind::Io, format_args!("certificates for --store cannot be read: {error}"))
-    };
-    let config = match &address.authorities {
-        Some(path) => {
-            let mut roots = RootCertStore::empty();
-            let found = CertificateDer::pem_file_iter(path).map_err(|error| cannot(&error))?;
-            for certificate in found {
-                let certificate = certificate.map_err(|error| cannot(&error))?;
-                roots.add(certificate).map_err(|error| cannot(&error))?;
-            }
-            ClientConfig::builder().with_root_certificates(roots).with_no_client_auth()
-        }
-        None => {
-            let builder = ClientConfig::builder().with_platform_verifier().map_err(|error| cannot(&error))?;
-            builder.with_no_client_auth()
-        }
-    };
-    Ok(Some(MakeRustlsConnect::new(config)))
+    })?;
+    Ok(MakeRustlsConnect::new(config.with_no_client_auth()))
 }

@@ -15,7 +15,7 @@
 //! held while a commit waits for the disk: that of a claim is asynchronous, and the worker waits for the disk by a
 //! change of its own row, which is sent with the commit.
 
-mod address;
+pub mod address;
 mod connections;
 mod look;
 mod opening;
@@ -28,7 +28,6 @@ use tokio::runtime::Handle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-pub use self::address::Address;
 use self::connections::{Connections, PATIENCE, cannot_reach};
 use self::session::Session;
 use super::super::listeners::{Effects, Listeners};
@@ -50,8 +49,7 @@ pub struct Postgres {
 impl Postgres {
     /// Opens the database with at most so many connections, and makes its tables if need be.
     pub async fn open(url: &StoreUrl, most: usize, listeners: Arc<Listeners>) -> Result<Self> {
-        let address = Address::parse(url)?;
-        let connections = Connections::new(&address, most)?;
+        let connections = Connections::new(address::parse(url)?, most)?;
         opening::open(&connections).await.map_err(cannot_reach)?;
         let stop = CancellationToken::new();
         let looking = look::look(connections.clone(), Arc::clone(&listeners));
