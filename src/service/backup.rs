@@ -8,6 +8,7 @@
 use std::collections::HashSet;
 use std::fs::File;
 use std::io;
+use std::os::unix::ffi::OsStrExt as _;
 use std::path::{Path, PathBuf};
 
 use rusqlite::types::{ToSqlOutput, Type, ValueRef};
@@ -149,21 +150,10 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
     connection.busy_timeout(std::time::Duration::from_secs(5))?;
     // SQLite writes into a file that is there if it is empty; this one is for the owner only
     private::options().open(copy).map_err(|_| rusqlite::Error::InvalidPath(copy.to_owned()))?;
-    connection.execute("VACUUM INTO ?1", [in_sql(copy)?])?;
+    // as a text of SQL, whatever its bytes are
+    let path = ToSqlOutput::Borrowed(ValueRef::Text(copy.as_os_str().as_bytes()));
+    connection.execute("VACUUM INTO ?1", [path])?;
     forget_attempts(copy)
-}
-
-/// A path as a text of SQL, whatever its bytes are.
-#[cfg(unix)]
-fn in_sql(path: &Path) -> rusqlite::Result<ToSqlOutput<'_>> {
-    let bytes = std::os::unix::ffi::OsStrExt::as_bytes(path.as_os_str());
-    Ok(ToSqlOutput::Borrowed(ValueRef::Text(bytes)))
-}
-
-/// A path as a text of SQL, which must be Unicode.
-#[cfg(not(unix))]
-fn in_sql(path: &Path) -> rusqlite::Result<ToSqlOutput<'_>> {
-    path.to_str().map(ToSqlOutput::from).ok_or_else(|| rusqlite::Error::InvalidPath(path.to_owned()))
 }
 
 /// Makes the jobs that run wait again without suspicion when a service starts on the copy: no process died.

@@ -33,6 +33,9 @@
 //! meshes are read and results written on blocking threads, clustering has a thread of its own, and `block_in_place` is
 //! around the store's short reads. No path is made of a name that a client gave.
 
+#[cfg(not(unix))]
+compile_error!("the service runs on Unix; elsewhere, build the command without it");
+
 mod backup;
 mod blobs;
 mod files;

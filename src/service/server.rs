@@ -304,8 +304,7 @@ const BACKLOG: u32 = 1024;
 /// Takes an address.
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
-    // a restarted service takes its address again at once; on Windows that option means something else
-    #[cfg(unix)]
+    // a restarted service takes its address again at once
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
     socket.listen(BACKLOG)

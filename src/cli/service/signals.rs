@@ -21,13 +21,11 @@ pub fn requests_to_stop(again: Arc<Notify>) -> io::Result<impl Future<Output = (
 }
 
 /// Requests to stop: SIGTERM and Ctrl-C.
-#[cfg(unix)]
 struct Requests {
     terminate: tokio::signal::unix::Signal,
     interrupt: tokio::signal::unix::Signal,
 }
 
-#[cfg(unix)]
 impl Requests {
     fn new() -> io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
@@ -39,20 +37,5 @@ impl Requests {
             _ = self.terminate.recv() => {}
             _ = self.interrupt.recv() => {}
         }
-    }
-}
-
-/// Requests to stop: Ctrl-C.
-#[cfg(windows)]
-struct Requests(tokio::signal::windows::CtrlC);
-
-#[cfg(windows)]
-impl Requests {
-    fn new() -> io::Result<Self> {
-        tokio::signal::windows::ctrl_c().map(Self)
-    }
-
-    async fn next(&mut self) {
-        self.0.recv().await;
     }
 }

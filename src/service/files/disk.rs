@@ -105,17 +105,10 @@ impl Disk {
 
 /// Bytes of the file system of a folder: those that this process may still write, and all. None where that cannot be
 /// told.
-#[cfg(unix)]
 fn space(folder: &Path) -> Option<(u64, u64)> {
     let found = rustix::fs::statvfs(folder).ok()?;
     let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);
     Some((bytes(found.f_bavail), bytes(found.f_blocks)))
-}
-
-/// Bytes of the file system of a folder; none where that cannot be told.
-#[cfg(not(unix))]
-fn space(_: &Path) -> Option<(u64, u64)> {
-    None
 }
 
 /// Bytes of the file system of a folder; none where that cannot be told.

@@ -3,8 +3,9 @@
 //! A temporary folder has a lock, too: a free lock marks the folder of a process that was killed, which a later process
 //! removes.
 
-use std::fs::{File, Metadata, TryLockError};
+use std::fs::{File, Metadata, Permissions, TryLockError};
 use std::io::{self, Write as _};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -94,8 +95,7 @@ impl Root {
         let cannot = |error| cannot_make(among, error);
         let mut builder = tempfile::Builder::new();
         builder.prefix(PREFIX);
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        builder.permissions(Permissions::from_mode(0o700));
         let folder = builder.tempdir_in(among).map_err(cannot)?;
         // Locked before it has its name, so an unlocked `lock` file means that its process has ended.
         let (new, name) = (folder.path().join("lock.new"), folder.path().join(LOCK));
@@ -149,25 +149,11 @@ fn sweep_temporary(among: &Path, own: &Path) {
     }
 }
 
-#[cfg(unix)]
 fn is_folder_of_same_owner(path: &Path, own: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt as _;
     let (Ok(theirs), Ok(ours)) = (path.symlink_metadata(), own.symlink_metadata()) else { return false };
     theirs.is_dir() && theirs.uid() == ours.uid()
 }
 
-#[cfg(not(unix))]
-fn is_folder_of_same_owner(path: &Path, _: &Path) -> bool {
-    path.symlink_metadata().is_ok_and(|found| found.is_dir())
-}
-
-#[cfg(unix)]
 fn same_file(one: &Metadata, other: &Metadata) -> bool {
-    use std::os::unix::fs::MetadataExt as _;
     (one.dev(), one.ino()) == (other.dev(), other.ino())
-}
-
-#[cfg(not(unix))]
-fn same_file(one: &Metadata, other: &Metadata) -> bool {
-    one.created().ok() == other.created().ok()
 }

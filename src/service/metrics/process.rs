@@ -36,13 +36,10 @@ impl Process {
     }
 
     pub fn measured(&self) -> &Registry {
-        if let Some(seconds) = cpu_seconds() {
-            self.families.cpu_seconds.inner().store(seconds.to_bits(), std::sync::atomic::Ordering::Relaxed);
-        }
+        self.families.cpu_seconds.inner().store(cpu_seconds().to_bits(), std::sync::atomic::Ordering::Relaxed);
         // the folder that is read is one of them
         let open = std::fs::read_dir("/proc/self/fd").map_or(0, |entries| entries.count().saturating_sub(1));
         self.families.open_fds.set(open as i64);
-        #[cfg(unix)]
         if let Ok((limit, _)) = rlimit::Resource::NOFILE.get() {
             self.families.max_fds.set(i64::try_from(limit).unwrap_or(i64::MAX));
         }
@@ -54,16 +51,9 @@ impl Process {
 }
 
 /// Processor time of all threads of this process, in seconds.
-#[cfg(unix)]
-fn cpu_seconds() -> Option<f64> {
+fn cpu_seconds() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    Some(time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9)
-}
-
-/// Processor time of all threads of this process, in seconds.
-#[cfg(not(unix))]
-fn cpu_seconds() -> Option<f64> {
-    None
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 /// Memory of this process that is in use, where the system tells (Linux).

@@ -2,30 +2,25 @@
 
 use std::fs::OpenOptions;
 use std::io;
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
 
 /// Makes a folder, and the missing ones above it, for the owner only. A folder that is there keeps its mode.
 pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);
-    #[cfg(unix)]
-    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(path)
+    builder.mode(0o700).create(path)
 }
 
 /// Options that open a file for reading and writing and create it for the owner only.
 pub(crate) fn options() -> OpenOptions {
     let mut options = OpenOptions::new();
-    options.read(true).write(true).create(true).truncate(false);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options.read(true).write(true).create(true).truncate(false).mode(0o600);
     options
 }
 
 /// Takes the access of group and others away from a file or folder, if it is there; links are not followed.
-#[cfg(unix)]
 pub(crate) fn tighten(path: &Path) -> io::Result<()> {
-    use std::os::unix::fs::PermissionsExt as _;
     let found = match path.symlink_metadata() {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         found => found?,
@@ -38,22 +33,8 @@ pub(crate) fn tighten(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Does nothing on this system.
-#[cfg(not(unix))]
-pub(crate) fn tighten(_: &Path) -> io::Result<()> {
-    Ok(())
-}
-
 /// The mode of a folder that group or others may enter or list; none when only its owner may.
-#[cfg(unix)]
 pub(crate) fn open_mode(path: &Path) -> Option<u32> {
-    use std::os::unix::fs::PermissionsExt as _;
     let mode = path.metadata().ok()?.permissions().mode() & 0o777;
     (mode & 0o077 != 0).then_some(mode)
-}
-
-/// The mode of a folder that group or others may enter; unknown on this system.
-#[cfg(not(unix))]
-pub(crate) fn open_mode(_: &Path) -> Option<u32> {
-    None
 }

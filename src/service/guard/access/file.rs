@@ -1,6 +1,7 @@
 //! The file of tokens on disk: reading it, and changing it whole or not at all.
 
 use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -78,9 +79,7 @@ impl Stamp {
 }
 
 /// Checks which users may write and read the file.
-#[cfg(unix)]
 fn check_permissions(path: &Path) -> Result<()> {
-    use std::os::unix::fs::PermissionsExt as _;
     let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
     let mode = std::fs::metadata(path).map_err(cannot)?.permissions().mode();
     if mode & 0o002 != 0 {
@@ -96,12 +95,6 @@ fn check_permissions(path: &Path) -> Result<()> {
             "other users of this machine can read the file of tokens, or its group can write to it; `chmod 600` it"
         );
     }
-    Ok(())
-}
-
-/// Checks which users may write and read the file.
-#[cfg(not(unix))]
-fn check_permissions(_: &Path) -> Result<()> {
     Ok(())
 }
 
@@ -133,11 +126,7 @@ mod tests {
             let secret = token.reveal().split_off("tess_".len() + token.id().len() + 1);
             assert!(secret.len() > 40 && !all.contains(&secret), "{all}");
         }
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            let mode = std::fs::metadata(&path).expect("a file").permissions().mode();
-            assert_eq!(mode & 0o77, 0, "its owner's alone: {mode:o}");
-        }
+        let mode = std::fs::metadata(&path).expect("a file").permissions().mode();
+        assert_eq!(mode & 0o77, 0, "its owner's alone: {mode:o}");
     }
 }

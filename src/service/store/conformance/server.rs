@@ -23,7 +23,6 @@ impl Server {
             return None;
         };
         let folder = tempfile::tempdir().expect("a folder");
-        #[cfg(unix)]
         if rustix::process::getuid().is_root() {
             std::os::unix::fs::chown(folder.path(), Some(UNPRIVILEGED), Some(UNPRIVILEGED)).expect("it is ours");
         }
@@ -64,7 +63,6 @@ impl Server {
     fn run(&self, program: &str, arguments: &[&str]) {
         let mut command = Command::new(self.programs.join(program));
         command.args(arguments).current_dir(self.folder.path()).stdin(Stdio::null()).stdout(Stdio::null());
-        #[cfg(unix)]
         if rustix::process::getuid().is_root() {
             std::os::unix::process::CommandExt::uid(&mut command, UNPRIVILEGED);
         }

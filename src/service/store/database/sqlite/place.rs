@@ -85,24 +85,17 @@ impl DatabasePlace {
     pub fn locked(path: PathBuf) -> Result<Self> {
         let cannot = |error| Error::io(format_args!("the store of jobs cannot be opened: {}", path.display()), error);
         let lock = private::options().open(&path).map_err(cannot)?;
-        // elsewhere, a lock would keep SQLite from reading
-        if cfg!(unix) {
-            match lock.try_lock() {
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) => {
-                    return Err(Error::new(
-                        Kind::Conflict,
-                        format_args!(
-                            "another process works with the store of jobs; stop it, or give this one another \
-                             --data-dir: {}",
-                            path.display()
-                        ),
-                    ));
-                }
-                Err(TryLockError::Error(error)) => return Err(cannot(error)),
-            }
+        match lock.try_lock() {
+            Ok(()) => Ok(Self { path, is_temporary: false, lock: Some(lock) }),
+            Err(TryLockError::WouldBlock) => Err(Error::new(
+                Kind::Conflict,
+                format_args!(
+                    "another process works with the store of jobs; stop it, or give this one another --data-dir: {}",
+                    path.display()
+                ),
+            )),
+            Err(TryLockError::Error(error)) => Err(cannot(error)),
         }
-        Ok(Self { path, is_temporary: false, lock: Some(lock) })
     }
 
     /// Lets another process work with the file, once all connections are closed.
