@@ -298,7 +298,6 @@ async fn quotas_of_the_file_hold_for_their_tenant_only() {
 
 #[tokio::test]
 async fn other_machines_are_not_listened_to_without_tokens() {
-    let device = || Box::new(CpuDevice::new());
     let settings = Settings { listen: "0.0.0.0:0".parse().expect("an address"), ..Settings::default() };
     let refused = Server::bind(settings, Box::new(CpuDevice::new()), description()).await.expect_err("refused");
     assert!(refused.message.contains("--tokens") && refused.message.contains("--insecure-no-auth"), "{refused}");

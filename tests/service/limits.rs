@@ -4,7 +4,7 @@ use std::io::Write as _;
 use std::time::{Duration, Instant};
 
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{Settings, TrafficSettings};
+use tesserae_service::TrafficSettings;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

@@ -5,7 +5,7 @@
 //! could prolong a lease, so a lease that was over when the server started is valid for another term.
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -101,15 +101,6 @@ const OVER: &str = "SELECT *, (SELECT lease FROM workers WHERE id = worker_id) A
     (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
     FROM jobs WHERE state = 'running' AND lease_until <= $1 FOR UPDATE";
 
-/// A claim that has no answer yet.
-struct Unsure<'s>(&'s AtomicBool);
-
-impl Drop for Unsure<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Relaxed);
-    }
-}
-
 /// A claimed job with its ticket, and the number of its last event.
 type Taken = (Ticket, u64, Job);
 
@@ -117,22 +108,14 @@ impl Store {
     /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on. Also gives the time
     /// until a job that was passed over may be claimed, if that needs time only.
     pub async fn claim_as(&self, claiming: Claiming) -> Result<(Vec<(Ticket, Job)>, Option<Duration>)> {
-        if self.is_unsure.load(Relaxed) {
-            let _alone = self.claims.write().await;
-            self.give_back_unknown().await?;
-            self.is_unsure.store(false, Relaxed);
-        }
-        let _others = self.claims.read().await;
         // a look without the lock of the queue: an arrival wakes many workers
         let waits =
             |rows: &mut dyn Rows| rows.first("SELECT number FROM jobs WHERE state = 'queued' LIMIT 1", Vec::new());
         if self.is_idle.load(Relaxed) && self.read("look", waits).await?.is_none() {
             return Ok((Vec::new(), None));
         }
-        let unsure = Unsure(&self.is_unsure);
         let is_alone = !self.is_shared();
         let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
-        std::mem::forget(unsure);
         self.is_idle.store(taken.is_empty(), Relaxed);
         let mut held = self.held.lock();
         held.extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
@@ -144,31 +127,6 @@ impl Store {
     pub async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
         let (worker, shares) = ("test".into(), Default::default());
         Ok(self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await?.0)
-    }
-
-    /// Gives back the jobs that a claim without an answer took.
-    async fn give_back_unknown(&self) -> Result<()> {
-        let (me, known) = (self.me, self.held.lock().clone());
-        let given_back = self.change("release", move |change| {
-            // the claim may still be under way
-            change.rows.lock_queue(false);
-            let mut jobs = 0;
-            let mine = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1 FOR UPDATE";
-            for row in change.rows.query(mine, values![me])? {
-                let live = Live::of(&row)?;
-                if !known.contains_key(&live.ticket()) {
-                    let release = Change::Release { attempt: live.standing.attempt, release: Release::Free };
-                    change.worked(live, release, None)?;
-                    jobs += 1;
-                }
-            }
-            Ok(jobs)
-        });
-        let jobs = given_back.await?;
-        if jobs > 0 {
-            tracing::info!(jobs, "claims without an answer were given back");
-        }
-        Ok(())
     }
 
     /// Releases the running jobs whose lease is over by the clock of the store; returns the tickets that held them.

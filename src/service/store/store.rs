@@ -44,10 +44,6 @@ pub(crate) struct Store {
     name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
-    /// Shared by claims. Where one ended without an answer, the jobs that it may have taken are given back alone.
-    pub(super) claims: tokio::sync::RwLock<()>,
-    /// Whether a claim ended without an answer.
-    pub(super) is_unsure: AtomicBool,
     /// Whether the last claim took nothing.
     pub(super) is_idle: AtomicBool,
     /// Counts of jobs in each state, and when they were read: counting the ended ones takes long.
@@ -108,8 +104,6 @@ impl Store {
             listeners,
             name: Uuid::new_v4().to_string(),
             held: Mutex::default(),
-            claims: tokio::sync::RwLock::default(),
-            is_unsure: AtomicBool::new(false),
             is_idle: AtomicBool::new(true),
             counts: Mutex::default(),
             observer: OnceLock::new(),

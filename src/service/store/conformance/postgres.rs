@@ -164,15 +164,6 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     store.held.lock().insert(ticket, 5);
     let other = store.finish(ticket, End::Failed(Error::new(Kind::InvalidMesh, "x"))).await;
     assert_eq!(other.expect_err("another end").kind, Kind::Conflict);
-    // a claim that was made, and not heard of
-    let unheard = create(&store).await.id;
-    claim(&store).await;
-    store.held.lock().clear();
-    store.is_unsure.store(true, std::sync::atomic::Ordering::Relaxed);
-    let ticket = claim(&store).await.0;
-    assert_eq!(ticket, Ticket { job: unheard, attempt: 2 });
-    let job = store.get(unheard).await.expect("readable").expect("a job");
-    assert_eq!(job.state, State::Running);
 }
 
 #[tokio::test(flavor = "multi_thread")]
