@@ -64,9 +64,7 @@ CREATE TABLE notices (
     state        TEXT    NOT NULL,
     problem      TEXT,                              -- JSON
     ended_at     INTEGER NOT NULL,
-    nth          INTEGER NOT NULL,                  -- which end of its job: more than 1 after a retry
-    teller       TEXT,                              -- the service that delivers it
-    lease_until  INTEGER                            -- until when
+    nth          INTEGER NOT NULL                   -- which end of its job: more than 1 after a retry
 ) STRICT;
 
 -- Services that work on jobs. One whose alive_until is over was lost, with all its jobs.
@@ -92,7 +90,7 @@ CREATE TABLE tenants (
 CREATE TABLE identity (
     id           INTEGER PRIMARY KEY,
     name         TEXT NOT NULL, -- by which its files are known
-    cleaner      TEXT,          -- the service that cleans up for all
+    cleaner      TEXT,          -- the service that cleans up and delivers webhooks for all
     cleans_until INTEGER,       -- until when
     probed_at    INTEGER        -- written to see whether anything can be
 ) STRICT;

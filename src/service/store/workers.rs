@@ -9,8 +9,7 @@ use tokio::sync::watch;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::change::Transaction;
-use super::database::rows::{Abort, Row, values};
+use super::database::rows::{Row, values};
 use super::job::JobId;
 use super::store::Store;
 use super::terms::Notice;
@@ -20,7 +19,7 @@ use crate::ops::timestamp::rfc3339;
 const SHOWN: Duration = Duration::from_secs(300);
 const KEPT: Duration = Duration::from_secs(3600);
 
-/// For how long a service cleans up, or has a notice to deliver, before another one may take it.
+/// For how long a service cleans up and delivers webhooks before another one may.
 const TERM: Duration = Duration::from_secs(90);
 
 const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
@@ -33,14 +32,6 @@ const FORGET: &str = "DELETE FROM workers WHERE seen_at < $1 \
 
 const CLEANER: &str = "UPDATE identity SET cleaner = $1, cleans_until = $2 \
     WHERE cleaner IS NULL OR cleaner = $1 OR cleans_until <= $3 RETURNING id";
-
-/// Takes notices that no living service delivers, some at a time.
-const TAKE: &str = "UPDATE notices SET teller = $1, lease_until = $2 \
-    WHERE place IN (SELECT place FROM notices WHERE lease_until IS NULL OR lease_until <= $3 ORDER BY place LIMIT 256) \
-    AND (lease_until IS NULL OR lease_until <= $3)";
-
-/// Prolongs those that it has, well before they are over.
-const KEEP: &str = "UPDATE notices SET lease_until = $2 WHERE teller = $1 AND lease_until < $3";
 
 /// A process that works on jobs.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -113,7 +104,8 @@ impl Store {
         found.await
     }
 
-    /// Whether this process is the one that cleans up for all: deletes jobs that expired, sweeps files of no job.
+    /// Whether this process is the one that cleans up for all: deletes jobs that expired, sweeps files of no job, delivers
+    /// webhooks.
     pub async fn may_clean_up(&self) -> Result<bool> {
         if !self.is_shared() {
             return Ok(true);
@@ -125,11 +117,10 @@ impl Store {
         taken.await
     }
 
-    /// Leaves the cleaning up and notices to other services.
+    /// Leaves the cleaning up to other services.
     pub(super) async fn leave(&self) -> Result<()> {
         let left = self.change("close", |change| {
             let me = change.me;
-            change.rows.write("UPDATE notices SET teller = NULL, lease_until = NULL WHERE teller = $1", values![me])?;
             change.rows.write("UPDATE identity SET cleaner = NULL WHERE cleaner = $1", values![me])?;
             let sql = "DELETE FROM workers WHERE id = $1 \
                        AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = $1 AND state = 'running')";
@@ -143,15 +134,14 @@ impl Store {
         self.listeners.endings.subscribe()
     }
 
-    /// Jobs whose webhook is not settled, in the order of their ends, deleted jobs included: of a shared store those
-    /// that this service delivers while it lives. As durable as jobs.
+    /// Jobs whose webhook is not settled, in the order of their ends, deleted jobs included; none where another service
+    /// [cleans up](Self::may_clean_up). As durable as jobs.
     pub async fn untold(&self) -> Result<Vec<JobId>> {
-        let ids = |rows: Vec<Row>| rows.iter().map(|row| row.get("job")).collect::<Result<Vec<_>>>();
-        let rows = match self.is_shared() {
-            true => self.change("untold", take).await?,
-            false => self.read("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?,
-        };
-        ids(rows)
+        if !self.may_clean_up().await? {
+            return Ok(Vec::new());
+        }
+        let rows = self.read("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?;
+        rows.iter().map(|row| row.get("job")).collect()
     }
 
     /// The notice of one of the [untold](Self::untold) jobs; none for another job.
@@ -167,12 +157,4 @@ impl Store {
         let sql = "DELETE FROM notices WHERE job = $1 AND ended_at = $2";
         self.change("settle_webhook", move |change| change.rows.write(sql, values![id, ended_at])).await
     }
-}
-
-/// The notices that this service delivers.
-fn take(change: &mut Transaction<'_>) -> Result<Vec<Row>, Abort> {
-    let (now, me) = (change.now()?, change.me);
-    change.rows.write(KEEP, values![me, now + TERM, now + TERM / 2])?;
-    change.rows.write(TAKE, values![me, now + TERM, now])?;
-    change.rows.query("SELECT job FROM notices WHERE teller = $1 ORDER BY place", values![me])
 }

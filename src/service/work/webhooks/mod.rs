@@ -170,7 +170,7 @@ impl Teller {
                 }
             };
             this.metrics.families.webhooks_pending.set(untold.len() as i64);
-            // another service may have taken over some
+            // another service may have taken over
             let ours: HashSet<JobId> = untold.iter().copied().collect();
             by_job.iter().filter(|(id, _)| !ours.contains(id)).for_each(|(_, task)| task.abort());
             by_job.retain(|id, task| ours.contains(id) && !task.is_finished());
