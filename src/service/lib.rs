@@ -11,7 +11,7 @@
 //! |---|---|
 //! | `server`, `backup`, `preflight` | start and stop; a copy of everything; what is checked before a start |
 //! | [`http`] | routes and layers, handlers (`api`), results, the OpenAPI document, the page |
-//! | [`work`] | what happens to a claimed job (`pipeline`), webhooks, the list of workers |
+//! | [`work`] | what happens to a claimed job (`pipeline`), webhooks |
 //! | [`ingest`] | how bodies and parameters come in, repeated requests |
 //! | [`guard`] | tokens and tenants, limits of traffic, what errors look like, what is logged about requests |
 //! | [`metrics`] | what is counted and timed |

@@ -30,8 +30,7 @@ use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
 use crate::store::{Rules, Store};
 use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
-use crate::work::pipeline::{Memory, PATIENCE, Pipeline, SmallMeshes};
-use crate::work::presence;
+use crate::work::pipeline::{Memory, PATIENCE, Pipeline, SmallMeshes, worker_name};
 use crate::work::webhooks::{Teller, Webhooks};
 
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
@@ -154,7 +153,8 @@ impl Server {
         let live = Arc::<Live>::default();
         let pipeline = Pipeline {
             shares: access.shares(),
-            worker: presence::worker_name().into(),
+            worker: worker_name().into(),
+            device_name: description.info.name.clone(),
             faults: extras.faults.clone(),
             store: Arc::clone(&store),
             files: Arc::clone(&files),
@@ -217,11 +217,6 @@ impl Server {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),
         };
-        let announcing = (shared.settings.work.work == Switch::On).then(|| {
-            let (store, until) = (Arc::clone(&shared.store), stop.clone());
-            let (name, device) = (presence::worker_name(), shared.device.info.name.clone());
-            tokio::spawn(async move { presence::announce(&store, &name, &device, until).await })
-        });
         let watching = tokio::spawn({
             let (storage, until) = (Arc::clone(&shared.storage), close.clone());
             async move { storage.watch(until).await }
@@ -265,9 +260,6 @@ impl Server {
         }
         let _ = following.await;
         let _ = telling.await;
-        if let Some(announcing) = announcing {
-            let _ = timeout(LAST_MOMENT, announcing).await;
-        }
         close.cancel();
         if !serving.is_terminated() {
             let _ = timeout(LAST_MOMENT, serving).await;

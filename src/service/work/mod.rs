@@ -1,6 +1,5 @@
 //! What happens to jobs that wait: they are claimed and run, and their webhooks are sent.
 
 pub mod pipeline;
-pub mod presence;
 pub mod urls;
 pub mod webhooks;

@@ -1,4 +1,5 @@
-//! Leases: a task prolongs those of this process's jobs, and returns jobs whose lease is over to the queue.
+//! Leases: a task prolongs those of this process's jobs, returns jobs whose lease is over to the queue, and announces
+//! the process for the list of workers, on which nothing depends.
 //!
 //! The task runs on the runtime, not on the thread of the device: a long step on the device costs no lease.
 
@@ -34,17 +35,18 @@ impl Leases {
         Lease { leases: Arc::clone(self), ticket, lost }
     }
 
-    /// Prolongs leases and reclaims those that are over, until `stop`.
-    pub async fn keep(&self, store: &Store, stop: CancellationToken) {
-        let heartbeat = TERM / PARTS;
-        let mut pause = heartbeat;
-        loop {
-            tokio::select! {
-                () = stop.cancelled() => return,
-                () = tokio::time::sleep(pause) => {}
+    /// Prolongs leases and reclaims those that are over, for a worker of that name on that device, until `stop`.
+    pub async fn keep(&self, store: &Store, worker: &str, device: &str, stop: CancellationToken) {
+        let beats = async {
+            loop {
+                if let Err(error) = store.announce(worker, device).await {
+                    tracing::debug!(%error, "the worker cannot be announced now");
+                }
+                let pause = if self.beat(store).await { TERM / PARTS } else { AGAIN };
+                tokio::time::sleep(pause).await;
             }
-            pause = if self.beat(store).await { heartbeat } else { AGAIN.min(heartbeat) };
-        }
+        };
+        stop.run_until_cancelled(beats).await;
     }
 
     /// Whether the store took it.

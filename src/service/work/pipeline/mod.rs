@@ -28,6 +28,6 @@ mod task;
 mod turns;
 
 pub(crate) use self::memory::{Memory, Needed};
-pub(crate) use self::parts::Pipeline;
+pub(crate) use self::parts::{Pipeline, worker_name};
 pub(crate) use self::patience::PATIENCE;
 pub(crate) use self::small::SmallMeshes;

@@ -35,12 +35,24 @@ pub(crate) struct Pipeline {
     /// The one slot for a tenant without a running job.
     pub newcomer: Arc<Semaphore>,
     pub shares: watch::Receiver<Arc<Shares>>,
-    /// Name of this process for clients.
+    /// Name of this process for clients, and that of its device.
     pub worker: Arc<str>,
+    pub device_name: String,
     pub faults: Faults,
     pub memory: Memory,
     pub small: SmallMeshes,
     pub leases: Arc<Leases>,
     pub metrics: Arc<Metrics>,
     pub live: Arc<Live>,
+}
+
+/// Longest name of a host that a worker is named after, in bytes.
+const MAX_HOST: usize = 128;
+
+/// Name of this process in the jobs that it works on: host name and process id.
+pub(crate) fn worker_name() -> String {
+    let file = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    let host = file.or_else(|| std::env::var("HOSTNAME").ok()).map(|host| host.trim().to_owned());
+    let host = host.filter(|host| (1..=MAX_HOST).contains(&host.len()) && host.chars().all(|c| c.is_ascii_graphic()));
+    format!("{}-{}", host.as_deref().unwrap_or("tesserae"), std::process::id())
 }

@@ -45,7 +45,7 @@ impl Pipeline {
         let jobs = TaskTracker::new();
         let done = CancellationToken::new();
         let (keeper, until) = (Arc::clone(&this), done.clone());
-        let leases = tokio::spawn(async move { keeper.leases.keep(keeper.store.as_ref(), until).await });
+        let leases = tokio::spawn(async move { keeper.leases.keep(&keeper.store, &keeper.worker, &keeper.device_name, until).await });
         let mut arrivals = this.store.arrivals();
         while let Some(claimed) = this.next(&mut arrivals, &stop).await {
             for (slot, ticket, job) in claimed {
