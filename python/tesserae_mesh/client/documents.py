@@ -32,18 +32,14 @@ DeviceKind = Literal["cpu", "gpu"]
 WeightedBy = Literal["weights", "attribute", "curvature"]
 
 
-class _Problem(TypedDict):
+class Problem(TypedDict):
+    """What went wrong (RFC 9457)."""
+
     type: str
     title: str
     status: int
     detail: str
     instance: str
-
-
-class Problem(_Problem, total=False):
-    """What went wrong (RFC 9457)."""
-
-    queue_depth: int
 
 
 class Progress(TypedDict):

@@ -56,10 +56,6 @@ pub(crate) struct Problem {
     /// Path of the request, or of the job, that it happened to; a long one is cut.
     #[schema(example = "/v1/jobs")]
     pub instance: String,
-    /// Of a full queue: how many jobs wait.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
-    pub queue_depth: Option<u64>,
 }
 
 /// What went wrong.
@@ -77,7 +73,6 @@ impl Problem {
             status: error.kind.status(),
             detail: error.message.clone(),
             instance: instance.into(),
-            queue_depth: None,
         }
     }
 }
@@ -91,15 +86,13 @@ pub(crate) struct Failure {
     pub instance: Option<String>,
     /// Seconds after which the client may try again, when that is known.
     pub retry_after: Option<u32>,
-    /// Of a full queue: how many jobs wait.
-    pub queue_depth: Option<u64>,
     /// Of a range that is not there: bytes that are.
     pub complete_length: Option<u64>,
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self { error, instance: None, retry_after: None, queue_depth: None, complete_length: None }
+        Self { error, instance: None, retry_after: None, complete_length: None }
     }
 }
 
@@ -164,7 +157,7 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
         _ => {}
     }
     let instance = failure.instance.unwrap_or_else(|| path::cut(&path).to_owned());
-    let problem = Problem { queue_depth: failure.queue_depth, ..Problem::new(&failure.error, instance) };
+    let problem = Problem::new(&failure.error, instance);
     let mut rendered = (
         status(failure.error.kind),
         [(header::CONTENT_TYPE, MEDIA_TYPE)],

@@ -16,7 +16,6 @@ use crate::files::Files;
 use crate::files::storage::Storage;
 use crate::guard::access::tokens::Tenant;
 use crate::guard::access::{Access, Caller};
-use crate::guard::problem::Failure;
 use crate::guard::traffic::Traffic;
 use crate::metrics::Metrics;
 use crate::ops::health::Health;
@@ -94,18 +93,6 @@ impl Shared {
     pub fn most_waiting(&self, tenant: &Tenant) -> Option<u64> {
         let most = self.settings.traffic.max_queued_jobs_per_tenant;
         tenant.quotas.max_queued_jobs.or((tenant.name != LOCAL_TENANT).then_some(most))
-    }
-
-    /// The answer to a job that was not accepted; of a full queue with the jobs that wait, and about how long.
-    pub async fn full(&self, error: Error, tenant: &Tenant) -> Failure {
-        let waiting = match error.kind {
-            Kind::QueueFull => self.store.waiting(&tenant.name).await.ok(),
-            _ => None,
-        };
-        let is_own = |own: u64| self.most_waiting(tenant).is_some_and(|most| own >= most);
-        let depth = waiting.map(|(all, own)| if is_own(own) { own } else { all });
-        let retry_after = depth.and_then(|depth| self.metrics.seconds_to_empty(depth));
-        Failure { queue_depth: depth, retry_after, ..error.into() }
     }
 
     /// When a job will be deleted.

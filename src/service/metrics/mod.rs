@@ -34,9 +34,6 @@ use crate::store::{Job, State, Store};
 /// Media type of [`Metrics::text`]: OpenMetrics, which Prometheus reads.
 pub(crate) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// How much a new job counts in the average duration of jobs.
-const NEWEST: f64 = 0.2;
-
 #[derive(Debug)]
 pub(crate) struct Metrics {
     registry: Registry,
@@ -44,8 +41,6 @@ pub(crate) struct Metrics {
     process: Process,
     device_works: Busy,
     memory_meter: Mutex<Option<Meter>>,
-    /// Average seconds between claim and end of a job; none before the first.
-    pace: Mutex<Option<f64>>,
 }
 
 /// A [`MemoryMeter`] that can be printed.
@@ -88,7 +83,6 @@ impl Metrics {
             process: Process::new(),
             device_works: Busy::default(),
             memory_meter: Mutex::default(),
-            pace: Mutex::default(),
         }
     }
 
@@ -123,8 +117,6 @@ impl Metrics {
         if error == Some(Kind::DeviceLost) {
             self.families.device_lost.inc();
         }
-        let mut pace = self.pace.lock();
-        *pace = Some(pace.map_or(seconds, |average| average + NEWEST * (seconds - average)));
     }
 
     pub fn written(&self, job: &Job, elapsed: Duration) {
@@ -197,12 +189,6 @@ impl Metrics {
 
     pub fn told(&self, outcome: &'static str) {
         self.families.webhooks.get_or_create(&ByOutcome { outcome }).inc();
-    }
-
-    /// Estimated seconds until the last of `queued` jobs has begun.
-    pub fn seconds_to_empty(&self, queued: u64) -> Option<u32> {
-        let pace = (*self.pace.lock())?;
-        Some((pace * queued as f64).ceil().clamp(1.0, 300.0) as u32)
     }
 
     /// All metrics, after those are set that others count.

@@ -96,15 +96,6 @@ impl Store {
         Ok(counts)
     }
 
-    /// Numbers of jobs that wait, and of those of a tenant.
-    pub async fn waiting(&self, tenant: &str) -> Result<(u64, u64)> {
-        let values = values![tenant];
-        let sql = "SELECT count(*) AS jobs, coalesce(sum(CASE WHEN tenant = $1 THEN 1 ELSE 0 END), 0) AS own \
-                   FROM jobs WHERE state = 'queued'";
-        let row = self.read("waiting", move |rows| rows.one(sql, values.clone())).await?;
-        Ok((row.get("jobs")?, row.get("own")?))
-    }
-
     /// When the job was accepted that waits longest; none when no job waits.
     pub async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
         let sql = "SELECT min(created_at) AS oldest FROM jobs WHERE number IN \

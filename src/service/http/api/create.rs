@@ -8,7 +8,7 @@ use std::time::Duration;
 use axum::extract::{Request, State as Extract};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
-use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::Parameters;
 use tracing::Instrument as _;
@@ -118,9 +118,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let rules = Rules { limit: shared.settings.max_upload_bytes, patience };
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
-        if let Err(error) = shared.store.check_room(&tenant.name, shared.most_waiting(&tenant)).await {
-            return Err(shared.full(error, &tenant).await);
-        }
+        shared.store.check_room(&tenant.name, shared.most_waiting(&tenant)).await?;
         // before the disk: an upload over the limit says nothing about the disk
         if bytes > rules.limit {
             return Err(rules.too_large(bytes).into());
@@ -160,7 +158,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
 }
 
 /// Makes a job of an upload, or finds the one that was made of it before.
-async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
+async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job> {
     let tenant = caller.tenant()?;
     let Upload { mut folder, mut spec, digests, .. } = upload;
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
@@ -184,7 +182,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             if shared.store.is_shared() && error.is_of_storage() {
                 folder.keep();
             }
-            Err(shared.full(error, tenant).await)
+            Err(error)
         }
     }
 }

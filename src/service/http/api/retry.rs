@@ -47,14 +47,13 @@ pub(crate) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         Err(error) => return Err(error.into()),
     }
     let tenant = caller.tenant()?;
-    match shared.store.retry(id, shared.most_waiting(tenant)).await {
-        Ok(Retried::Queued(job)) => {
+    match shared.store.retry(id, shared.most_waiting(tenant)).await? {
+        Retried::Queued(job) => {
             audit::record(Action::Retried, &caller, id);
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))
         }
-        Ok(Retried::NotFailed(state)) => Err(not_failed(state).into()),
-        Ok(Retried::Unknown) => Err(no_such_job(id).into()),
-        Err(error) => Err(shared.full(error, tenant).await),
+        Retried::NotFailed(state) => Err(not_failed(state).into()),
+        Retried::Unknown => Err(no_such_job(id).into()),
     }
 }
 

@@ -41,8 +41,6 @@ pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &Store) {
     }
     let (_, running) = claim(store).await;
     assert_eq!(running.spec.tenant, "mine");
-    assert_eq!(store.waiting("mine").await.expect("counted").1, 2);
-    assert_eq!(store.waiting("unknown").await.expect("counted").1, 0);
     let list = |state, cursor, limit| ListQuery { tenant: "mine".to_owned(), state, cursor, limit };
     let first = store.list(&list(None, None, 2)).await.expect("listed");
     let rest = store.list(&list(None, first.next, 2)).await.expect("listed");
