@@ -1,7 +1,5 @@
 //! A new job from an upload.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use std::sync::Arc;
 use std::time::Duration;
 

@@ -5,8 +5,6 @@
 //! anywhere, and a slow one costs a page of memory. A stream whose token is taken back or
 //! replaced ends.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;

@@ -1,7 +1,5 @@
 //! What probes ask for.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::Json;
 use axum::extract::{Request, State as Extract};
 use serde::Serialize;

@@ -1,7 +1,5 @@
 //! The hierarchy of a job in its forms.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;

@@ -1,7 +1,5 @@
 //! The device, the formats, the limits and the version.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::Json;
 use axum::extract::State as Extract;
 use serde::Serialize;

@@ -1,7 +1,5 @@
 //! The labels of a job, also those of an iteration and those cut from its hierarchy.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;

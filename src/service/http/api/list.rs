@@ -1,7 +1,5 @@
 //! The list of jobs, a page at a time.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::Json;
 use axum::extract::State as Extract;
 use axum::http::{HeaderName, HeaderValue, Uri, header};

@@ -1,7 +1,5 @@
 //! The metrics.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::extract::State as Extract;
 use axum::http::header;
 use axum::response::IntoResponse;

@@ -1,6 +1,8 @@
 //! The handlers: one resource and method a file. They stand on top: nothing but the description of the interface, with
 //! which the router begins, imports them.
 
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
 pub(crate) mod binary;
 mod create;
 mod derived;

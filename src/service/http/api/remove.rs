@@ -1,7 +1,5 @@
 //! The end of a job, or of an ended job its deletion.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};

@@ -1,7 +1,5 @@
 //! Running a job again that was given up.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
 use tesserae_mesh::error::{Error, Kind};

@@ -1,7 +1,5 @@
 //! One job.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
 

@@ -1,7 +1,5 @@
 //! The mesh of a job as it was uploaded.
 
-#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
-
 use axum::extract::{Path, State as Extract};
 use axum::http::Uri;
 use serde::Deserialize;
