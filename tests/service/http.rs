@@ -203,12 +203,11 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
         service.get(text(&job["urls"]["labels"])).header("x-request-id", &long).send().await.expect("answered");
     let id = labels.headers()["x-request-id"].to_str().expect("text").to_owned();
     assert_eq!(id.len(), 36, "a long id is replaced: {id}");
-    let bytes = labels.bytes().await.expect("bytes").len();
     let large = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     service.ended(&large).await;
     let streamed = service.get(text(&large["urls"]["labels"])).header("x-request-id", "mine-2");
     let streamed = streamed.header("accept", "application/x-npy").send().await.expect("answered");
-    assert!(streamed.headers().contains_key("content-length"));
+    let length = streamed.headers()["content-length"].to_str().expect("text").to_owned();
     streamed.bytes().await.expect("bytes");
     service.get("/healthz").send().await.expect("answered");
     assert_eq!(service.delete(path(&job)).send().await.expect("answered").status(), 204);
@@ -222,10 +221,8 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
     let created = of("mine-1");
     assert_eq!((&created["client"], &created["status"]), (&"198.51.100.7".into(), &202.into()), "{created}");
     assert!(created["latency_ms"].as_f64().expect("a number") > 0.0, "{created}");
-    assert_eq!(created["received"], sphere(300).len(), "{created}");
-    assert!(of("mine-2")["bytes"].as_u64() > Some(4 * 70_000), "all of the file was sent");
-    let read = of(&id);
-    assert_eq!((&read["bytes"], &read["client"]), (&bytes.into(), &"127.0.0.1".into()), "{read}");
+    assert_eq!(of("mine-2")["bytes"], length, "of the answer");
+    assert_eq!(of(&id)["client"], "127.0.0.1");
     assert!(lines.iter().all(|line| line["fields"]["path"] != "/healthz"), "probes have no line");
     assert!(lines.iter().all(|line| line.get("span").is_none() && line.get("spans").is_none()), "{lines:#?}");
 
@@ -258,9 +255,6 @@ async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     assert!(detail.contains("57671680"), "{detail}");
     refused(post(9 << 20), 507, "insufficient-storage").await;
     until(async || log.lines("tesserae::access").len() == 2).await;
-    for line in log.lines("tesserae::access") {
-        assert_eq!(line["fields"]["received"], Value::Null, "nothing of it was read: {line}");
-    }
     let errors: Vec<Value> = log.lines("tesserae_service::guard::problem");
     assert!(errors.is_empty(), "{errors:#?}");
 }

@@ -233,25 +233,20 @@ async fn everything_that_can_be_got_has_a_head() {
 }
 
 #[tokio::test]
-async fn pages_link_to_the_next_one() {
+async fn a_page_names_the_next_one() {
     let service = Service::start().await;
     for _ in 0..5 {
         let job = service.submit("clusters=3", sphere(100)).await;
         service.ended(&job).await;
     }
-    let mut next = Some("/v1/jobs?state=succeeded&limit=2".to_owned());
-    let mut seen = 0;
-    while let Some(url) = next {
-        let page = service.get(&url).send().await.expect("answered");
-        next = page.headers().get("link").map(|link| {
-            let (url, rest) =
-                link.to_str().expect("text").strip_prefix('<').and_then(|link| link.split_once('>')).expect("a link");
-            assert_eq!(rest, "; rel=\"next\"");
-            url.to_owned()
-        });
-        let body: Value = page.json().await.expect("JSON");
-        assert_eq!(body["next"].is_null(), next.is_none());
-        seen += body["jobs"].as_array().expect("jobs").len();
+    let (mut cursor, mut seen) = (String::new(), 0);
+    loop {
+        let page = json(service.get(&format!("/v1/jobs?state=succeeded&limit=2{cursor}"))).await;
+        seen += page["jobs"].as_array().expect("jobs").len();
+        match page["next"].as_str() {
+            Some(next) => cursor = format!("&cursor={next}"),
+            None => break,
+        }
     }
     assert_eq!(seen, 5);
 }

@@ -1,24 +1,20 @@
-//! The access log: one line a request, written once its answer was sent or given up; and the span of the request.
+//! The access log: one line a request, written when its answer begins; and the span of the request.
 //!
 //! Lines have the target `tesserae::access` and no span, whose fields they hold themselves. Probes have no line.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use axum::body::{Body, Bytes};
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::middleware::Next;
 use axum::response::Response;
-use futures_util::TryStreamExt as _;
 use ipnet::IpNet;
 use tracing::Span;
 use uuid::Uuid;
 
 use crate::guard::access::Caller;
 use crate::guard::path;
-use crate::guard::traffic::guarded::Guarded;
 use crate::guard::traffic::origin;
 use crate::ops::trace::{Origin, TraceParent};
 
@@ -39,22 +35,27 @@ pub(crate) async fn log(State(proxies): State<Arc<[IpNet]>>, mut request: Reques
     let origin = Origin { client: origin::client(&request, &proxies), request: id, trace };
     request.extensions_mut().insert(origin.clone());
     let (method, path) = (request.method().clone(), path::cut(request.uri().path()).to_owned());
-    let received = Arc::<AtomicU64>::default();
-    let counter = Arc::clone(&received);
-    let count = move |data: &Bytes| _ = counter.fetch_add(data.len() as u64, Ordering::Relaxed);
-    let request = request.map(|body| Body::from_stream(body.into_data_stream().inspect_ok(count)));
     let mut response = next.run(request).await;
     if let Ok(id) = HeaderValue::from_str(&origin.request) {
         response.headers_mut().insert(REQUEST_ID, id);
     }
-    let status = response.status().as_u16();
-    if PROBES.contains(&path.as_str()) {
-        return response;
+    if !PROBES.contains(&path.as_str()) {
+        tracing::info!(
+            target: "tesserae::access",
+            parent: None,
+            %method,
+            path,
+            status = response.status().as_u16(),
+            latency_ms = started.elapsed().as_micros() as f64 / 1000.0,
+            bytes = response.headers().get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()),
+            client = %origin.client,
+            tenant = response.extensions().get::<Caller>().and_then(Caller::tenant_name),
+            id = origin.request,
+            trace = origin.trace.trace(),
+            "answered"
+        );
     }
-    let tenant = response.extensions().get::<Caller>().and_then(Caller::tenant_name).map(str::to_owned);
-    let latency = started.elapsed();
-    let line = Line { method, path, status, origin, tenant, received, sent: 0, started, latency };
-    response.map(|body| Body::new(Guarded::noting(body, Box::new(line), |line, bytes| line.sent += bytes)))
+    response
 }
 
 /// The span of a request that has its [`Origin`].
@@ -78,44 +79,6 @@ fn request_id(headers: &HeaderMap) -> String {
     given
         .filter(|id| (1..=MAX_ID).contains(&id.len()) && id.bytes().all(is_plain))
         .map_or_else(|| Uuid::new_v4().to_string(), str::to_owned)
-}
-
-/// What is logged about a request, when this is dropped with the body of the answer.
-struct Line {
-    method: Method,
-    path: String,
-    status: u16,
-    origin: Origin,
-    tenant: Option<String>,
-    /// Bytes of the body that were read, compressed as they are.
-    received: Arc<AtomicU64>,
-    /// Bytes of the answer's body, compressed as they are.
-    sent: usize,
-    started: Instant,
-    /// Time until the head of the answer.
-    latency: Duration,
-}
-
-impl Drop for Line {
-    fn drop(&mut self) {
-        let milliseconds = |time: Duration| time.as_micros() as f64 / 1000.0;
-        tracing::info!(
-            target: "tesserae::access",
-            parent: None,
-            method = %self.method,
-            path = self.path,
-            status = self.status,
-            latency_ms = milliseconds(self.latency),
-            duration_ms = milliseconds(self.started.elapsed()),
-            received = Some(self.received.load(Ordering::Relaxed)).filter(|bytes| *bytes > 0),
-            bytes = self.sent,
-            client = %self.origin.client,
-            tenant = self.tenant,
-            id = self.origin.request,
-            trace = self.origin.trace.trace(),
-            "answered"
-        );
-    }
 }
 
 #[cfg(test)]

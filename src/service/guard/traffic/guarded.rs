@@ -10,20 +10,13 @@ use hyper::body::{Frame, SizeHint};
 #[derive(Debug)]
 pub(crate) struct Guarded<G> {
     body: Body,
-    guard: G,
-    /// Notes bytes that are sent.
-    note: fn(&mut G, usize),
+    _guard: G,
 }
 
 impl<G> Guarded<G> {
     /// `guard` is dropped with the body.
     pub fn new(body: Body, guard: G) -> Self {
-        Self::noting(body, guard, |_, _| {})
-    }
-
-    /// The same, with a note of the bytes of each frame.
-    pub fn noting(body: Body, guard: G, note: fn(&mut G, usize)) -> Self {
-        Self { body, guard, note }
+        Self { body, _guard: guard }
     }
 }
 
@@ -35,12 +28,7 @@ impl<G: Unpin> HttpBody for Guarded<G> {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let this = &mut *self;
-        let polled = Pin::new(&mut this.body).poll_frame(context);
-        if let Poll::Ready(Some(Ok(frame))) = &polled {
-            (this.note)(&mut this.guard, frame.data_ref().map_or(0, Bytes::len));
-        }
-        polled
+        Pin::new(&mut self.body).poll_frame(context)
     }
 
     fn is_end_stream(&self) -> bool {

@@ -2,9 +2,7 @@
 
 use axum::Json;
 use axum::extract::State as Extract;
-use axum::http::{HeaderName, HeaderValue, Uri, header};
-use axum::response::IntoResponse;
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+use axum::http::Uri;
 use serde::{Deserialize, Serialize};
 use tesserae_mesh::error::Error;
 use utoipa::{IntoParams, ToSchema};
@@ -52,13 +50,11 @@ pub(crate) struct ListParameters {
     get, path = "/v1/jobs", tag = "jobs", operation_id = "listJobs",
     params(ListParameters),
     responses(
-        (status = 200, description = "A page of jobs", body = JobList, headers(
-            ("Link" = String, description = "The next page, `rel=\"next\"`; absent on the last"),
-        )),
+        (status = 200, description = "A page of jobs", body = JobList),
         (status = 422, response = Problematic),
     ),
 )]
-pub(crate) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer {
+pub(crate) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer<Json<JobList>> {
     let ListParameters { state, cursor, limit } = query::read(&uri)?;
     let limit = limit.unwrap_or(PAGE);
     if !(1..=MAX_PAGE).contains(&limit) {
@@ -66,15 +62,6 @@ pub(crate) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answ
     }
     let query = ListQuery { tenant: caller.tenant()?.name.clone(), state, cursor, limit };
     let page = shared.store.list(&query).await?;
-    let link = page.next.as_ref().and_then(|next| next_page(&query, next));
     let jobs = page.jobs.into_iter().map(|job| JobView::new(&shared, job)).collect();
-    Ok((link, Json(JobList { jobs, next: page.next })).into_response())
-}
-
-/// The `Link` header of a page that has a next one (RFC 8288).
-fn next_page(query: &ListQuery, cursor: &str) -> Option<[(HeaderName, HeaderValue); 1]> {
-    let state = query.state.map(|state| format!("state={}&", state.name())).unwrap_or_default();
-    let cursor = utf8_percent_encode(cursor, NON_ALPHANUMERIC);
-    let link = format!("</v1/jobs?{state}limit={}&cursor={cursor}>; rel=\"next\"", query.limit);
-    Some([(header::LINK, HeaderValue::try_from(link).ok()?)])
+    Ok(Json(JobList { jobs, next: page.next }))
 }
