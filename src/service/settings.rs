@@ -50,18 +50,19 @@ pub struct Settings {
 
     /// Largest upload, in bytes, all its parts together
     #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", help_heading = heading::LIMITS,
-          default_value_t = Settings::default().max_upload_bytes)]
+          default_value_t = Settings::default().max_upload_bytes, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_upload_bytes: u64,
 
     /// Largest number of faces of a mesh
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", hide_short_help = true, help_heading = heading::LIMITS,
-          default_value_t = Settings::default().max_faces)]
+          default_value_t = Settings::default().max_faces, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_faces: u64,
 
     /// Jobs that may wait; more are answered with 429
     #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N",
           hide_short_help = true, help_heading = heading::LIMITS,
-          default_value_t = Settings::default().max_queued_jobs)]
+          default_value_t = Settings::default().max_queued_jobs,
+          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     pub max_queued_jobs: usize,
 
     /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory
@@ -150,7 +151,6 @@ impl Settings {
                  beside --blobs, or --store, for the store of jobs"
             )));
         }
-        self.check_amounts()?;
         self.storage.check_store()?;
         check_prefixes(&self.storage.mesh_prefixes, self.storage.blobs.as_ref())?;
         if self.work.work == Switch::Off && self.storage.store.is_none() {
@@ -162,23 +162,6 @@ impl Settings {
             return Err(Error::parameter(
                 "webhooks must be signed: give a file with the secret, --webhook-secret FILE, beside --webhook-hosts",
             ));
-        }
-        Ok(())
-    }
-
-    /// Refuses amounts with which no job could ever be taken or end.
-    fn check_amounts(&self) -> Result<()> {
-        for (flag, value, least) in [
-            ("max-upload-bytes", self.max_upload_bytes, 1),
-            ("max-faces", self.max_faces, 1),
-            ("max-queued-jobs", self.max_queued_jobs as u64, 1),
-            ("max-queued-jobs-per-tenant", self.traffic.max_queued_jobs_per_tenant, 1),
-        ] {
-            if value < least {
-                return Err(Error::parameter(format_args!(
-                    "no job could ever run with this --{flag}: give at least {least}, or leave it out; it is {value}"
-                )));
-            }
         }
         Ok(())
     }
@@ -214,23 +197,6 @@ mod tests {
             assert_eq!(settings.check(), Ok(()));
             settings.access = AccessSettings { tokens: Some("tokens.json".into()), ..AccessSettings::default() };
             assert_eq!(settings.check(), Ok(()));
-        }
-    }
-
-    #[test]
-    fn amounts_with_which_nothing_can_be_done_are_refused_by_name() {
-        type Change = fn(&mut Settings);
-        let impossible: [(&str, Change); 4] = [
-            ("--max-upload-bytes", |settings| settings.max_upload_bytes = 0),
-            ("--max-faces", |settings| settings.max_faces = 0),
-            ("--max-queued-jobs", |settings| settings.max_queued_jobs = 0),
-            ("--max-queued-jobs-per-tenant", |settings| settings.traffic.max_queued_jobs_per_tenant = 0),
-        ];
-        for (flag, change) in impossible {
-            let mut settings = Settings::default();
-            change(&mut settings);
-            let error = settings.check().expect_err(flag);
-            assert!(error.message.contains(flag), "{error}");
         }
     }
 

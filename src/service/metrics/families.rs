@@ -114,7 +114,7 @@ metrics! {
         iterations: Family<ByAlgorithm, Counter>, "iterations", "Iterations and rounds made by jobs that succeeded";
         faces: Family<ByAlgorithm, Counter>, "faces", "Faces of jobs that succeeded";
         device_busy: Seconds, "device_busy" [Seconds],
-            "Time in which the device worked on a job, or several at once; its rate is the busy share";
+            "Time for which the device worked on jobs that it is done with; several at once count each";
         device_lost: Counter, "device_lost", "Attempts at a job that ended because the device was lost";
         device_wrong: Counter, "device_wrong",
             "Jobs that the cpu ran again, because what the device gave contradicted itself";

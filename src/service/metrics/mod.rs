@@ -3,7 +3,6 @@
 //! [`families`] defines all metrics. Labels have few values: routes are templates, never paths; no job, address
 //! or tenant is a label. `deploy/grafana.json` draws these; a test compares the names.
 
-mod busy;
 mod families;
 pub(crate) mod lag;
 mod process;
@@ -11,7 +10,7 @@ mod process;
 use std::borrow::Cow;
 use std::fmt;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use parking_lot::Mutex;
 use prometheus_client::encoding::text::{encode_eof, encode_registry};
@@ -20,7 +19,6 @@ use tesserae_mesh::device::MemoryMeter;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::report::{DeviceInfo, DeviceKind, Report};
 
-use self::busy::Busy;
 use self::families::{
     BuildLabels, ByAlgorithm, ByAnswer, ByEnd, ByOperation, ByOutcome, ByPart, ByReason, ByRoute, ByStage, ByState,
     DeviceLabels, Families,
@@ -39,7 +37,6 @@ pub(crate) struct Metrics {
     registry: Registry,
     pub families: Families,
     process: Process,
-    device_works: Busy,
     memory_meter: Mutex<Option<Meter>>,
 }
 
@@ -49,6 +46,15 @@ struct Meter(MemoryMeter);
 impl fmt::Debug for Meter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Meter")
+    }
+}
+
+/// A job that the device works on.
+pub(crate) struct Working<'m>(&'m Metrics, Instant);
+
+impl Drop for Working<'_> {
+    fn drop(&mut self) {
+        self.0.families.device_busy.inc_by(self.1.elapsed().as_secs_f64());
     }
 }
 
@@ -81,7 +87,6 @@ impl Metrics {
             registry,
             families,
             process: Process::new(),
-            device_works: Busy::default(),
             memory_meter: Mutex::default(),
         }
     }
@@ -156,8 +161,8 @@ impl Metrics {
     }
 
     /// The device works on a job until what this gives is dropped.
-    pub fn device_works(&self) -> busy::Working<'_> {
-        self.device_works.begin()
+    pub fn device_works(&self) -> Working<'_> {
+        Working(self, Instant::now())
     }
 
     pub fn answered(&self, method: &axum::http::Method, route: &str, status: u16, elapsed: Duration) {
@@ -198,7 +203,6 @@ impl Metrics {
         for (state, count) in State::ALL.into_iter().zip(jobs) {
             families.jobs.get_or_create(&ByState { state: state.name() }).set(count.cast_signed());
         }
-        families.device_busy.inner().store(self.device_works.seconds().to_bits(), Ordering::Relaxed);
         let of_store = store.statistics();
         families.store_commits.inner().store(of_store.commits, Ordering::Relaxed);
         families.store_commands.inner().store(of_store.commands, Ordering::Relaxed);

@@ -22,7 +22,8 @@ const FILES_OF_CONNECTION: u64 = 2;
 pub struct TrafficSettings {
     /// Jobs of one tenant that may wait; more are answered with 429
     #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N", help_heading = heading::LIMITS,
-          hide_short_help = true, default_value_t = Self::default().max_queued_jobs_per_tenant)]
+          hide_short_help = true, default_value_t = Self::default().max_queued_jobs_per_tenant,
+          value_parser = clap::value_parser!(u64).range(1..))]
     pub max_queued_jobs_per_tenant: u64,
 
     /// Requests a second of one client, averaged over 5 seconds; more are answered with 429, 0 is any number
