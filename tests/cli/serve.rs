@@ -52,35 +52,19 @@ fn a_second_request_to_stop_ends_the_drain_delay() {
 }
 
 #[test]
-fn temporary_folders_of_killed_processes_are_removed_and_others_are_private() {
+fn a_temporary_folder_is_private_and_goes_with_the_service() {
     use std::os::unix::fs::PermissionsExt as _;
 
     let folder = Folder::new();
     std::fs::create_dir(folder.path("tmp")).expect("a folder");
-    let start = || {
-        let mut command = Running::command(&folder);
-        command.env("TMPDIR", folder.path("tmp"));
-        Running::spawn(command)
-    };
-    let there = || {
-        let entries = std::fs::read_dir(folder.path("tmp")).expect("a folder");
-        entries.map(|entry| entry.expect("an entry").path()).collect::<Vec<_>>()
-    };
-    let lives = start();
-    let first = there();
-    let killed = start();
-    assert_eq!(there().len(), 2, "one that runs is left alone");
-    for folder in there() {
-        let mode = folder.metadata().expect("there").permissions().mode();
-        assert_eq!(mode & 0o777, 0o700, "{}", folder.display());
-    }
-    killed.end("-KILL");
-    assert_eq!(there().len(), 2);
-    let next = start();
-    assert!(there().contains(&first[0]) && there().len() == 2, "{:?}", there());
-    assert_eq!(next.end("-TERM").0, Some(0));
-    assert_eq!(lives.end("-TERM").0, Some(0));
-    assert!(there().is_empty());
+    let mut command = Running::command(&folder);
+    command.env("TMPDIR", folder.path("tmp"));
+    let service = Running::spawn(command);
+    let there = || std::fs::read_dir(folder.path("tmp")).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let mode = there().next().expect("there").metadata().expect("there").permissions().mode();
+    assert_eq!(mode & 0o777, 0o700);
+    assert_eq!(service.end("-TERM").0, Some(0));
+    assert_eq!(there().count(), 0);
 }
 
 #[test]

@@ -240,7 +240,7 @@ impl Files {
     pub async fn close(&self) {
         if let Some(folder) = &self.root.temporary {
             let _ = tokio::fs::remove_dir_all(folder.path()).await;
-        } else if let Err(error) = self.root.lock.unlock() {
+        } else if let Some(Err(error)) = self.root.lock.as_ref().map(std::fs::File::unlock) {
             tracing::warn!(%error, "the data folder stays locked until the process ends");
         }
     }
