@@ -284,7 +284,6 @@ async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<Store>>
     Ok(Some(Store::shared(url, STORE_CONNECTIONS, rules).await?))
 }
 
-/// None: the settings were checked.
 #[cfg(not(feature = "postgres"))]
 async fn open_shared(_: &Settings, _: Rules) -> Result<Option<Store>> {
     Ok(None)
@@ -293,7 +292,6 @@ async fn open_shared(_: &Settings, _: Rules) -> Result<Option<Store>> {
 /// Connections that the system keeps until they are accepted: those of a second's rush; it may have a lower limit.
 const BACKLOG: u32 = 1024;
 
-/// Takes an address.
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     // a restarted service takes its address again at once

@@ -171,7 +171,6 @@ impl Settings {
         self.drain_delay + self.grace_period + 10
     }
 
-    /// What a mesh may cost.
     pub(crate) fn limits(&self) -> Limits {
         Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces, ..Limits::default() }
     }

@@ -60,7 +60,8 @@ fn a_temporary_folder_is_private_and_goes_with_the_service() {
     let mut command = Running::command(&folder);
     command.env("TMPDIR", folder.path("tmp"));
     let service = Running::spawn(command);
-    let there = || std::fs::read_dir(folder.path("tmp")).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let there =
+        || std::fs::read_dir(folder.path("tmp")).expect("a folder").map(|entry| entry.expect("an entry").path());
     let mode = there().next().expect("there").metadata().expect("there").permissions().mode();
     assert_eq!(mode & 0o777, 0o700);
     assert_eq!(service.end("-TERM").0, Some(0));

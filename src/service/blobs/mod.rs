@@ -39,7 +39,6 @@ const CHUNK: usize = 1 << 16;
 #[cfg(any(test, feature = "s3"))]
 const PART: usize = 8 << 20;
 
-/// A place that keeps blobs.
 #[derive(Debug)]
 pub(crate) struct Blobs {
     store: Box<dyn ObjectStore>,

@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 
 use crate::ops::private;
 
-/// Name of the file.
 pub(super) const BALLAST: &str = "ballast";
 
 /// Bytes of the ballast, at most: a few transactions of the store of jobs.

@@ -18,7 +18,6 @@ use std::io::{self, Read, Write};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::mesh::{Adjusted, Faces, Format, PolygonMesh};
 
-/// Name of the blob.
 pub(crate) const NAME: &str = "mesh.kept";
 
 const MAGIC: &[u8; 8] = b"TSRMESH1";

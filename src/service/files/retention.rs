@@ -57,7 +57,6 @@ pub(crate) struct Retention {
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
     last: Reading,
-    /// Until when nothing is deleted.
     pause: Option<Instant>,
 }
 

@@ -12,7 +12,6 @@ use super::ballast::BALLAST;
 use super::failure::cannot_make;
 use crate::ops::private;
 
-/// Name of the lock.
 pub(super) const LOCK: &str = "lock";
 
 /// Name of the file that says where the blobs lie, if elsewhere.

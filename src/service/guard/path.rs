@@ -3,7 +3,6 @@
 /// Longest path of a request that is logged or sent back, in bytes.
 const MAX_PATH: usize = 256;
 
-/// The beginning of a path.
 pub(crate) fn cut(path: &str) -> &str {
     &path[..path.floor_char_boundary(MAX_PATH)]
 }

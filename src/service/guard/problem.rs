@@ -124,7 +124,6 @@ impl IntoResponse for Failure {
     }
 }
 
-/// What handlers return.
 pub(crate) type Answer<T = Response> = Result<T, Failure>;
 
 /// Turns every error response that is no problem document yet into one.
@@ -216,7 +215,6 @@ pub(crate) fn panicked(_: Box<dyn std::any::Any + Send + 'static>) -> Response {
     StatusCode::INTERNAL_SERVER_ERROR.into_response()
 }
 
-/// The status of a kind of error.
 fn status(kind: Kind) -> StatusCode {
     StatusCode::from_u16(kind.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
 }

@@ -144,7 +144,6 @@ fn parse(range: &HeaderValue, length: u64) -> Option<Result<Range<u64>, Error>> 
     })
 }
 
-/// A part of a response.
 async fn part(response: Response, range: Range<u64>, length: u64) -> Result<Response, Failure> {
     let (mut parts, body) = response.into_parts();
     parts.status = StatusCode::PARTIAL_CONTENT;
@@ -166,7 +165,6 @@ async fn slice(body: Body, range: Range<u64>) -> io::Result<Body> {
     Ok(Body::from_stream(ReaderStream::with_capacity(bytes.take(range.end - range.start), 1 << 16)))
 }
 
-/// Reads the headers.
 #[cfg(fuzzing)]
 pub(crate) fn for_fuzzing(headers: &HeaderMap, length: u64) {
     let _ = known(headers, "abc");

@@ -24,7 +24,6 @@ use absent::FILES;
 #[cfg(feature = "page")]
 use bundled::FILES;
 
-/// A file of the page.
 #[derive(Debug, Clone, Copy)]
 struct File {
     path: &'static str,
@@ -46,7 +45,6 @@ mod bundled {
         };
     }
 
-    /// The files, by their paths.
     pub const FILES: [File; 7] = [
         File { path: "/", media_type: "text/html; charset=utf-8", bytes: bundled!("index.html") },
         File { path: "/page.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("page.js") },
@@ -66,7 +64,6 @@ mod absent {
     pub const FILES: [File; 0] = [];
 }
 
-/// The routes of the page.
 pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     if FILES.is_empty() {
         let missing = "this build has no page: build it with `make run`, or use the interface in /openapi.yaml";

@@ -43,40 +43,27 @@ pub struct DeviceDescription {
     pub adapters: Vec<AdapterReport>,
 }
 
-/// What all handlers share.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    /// The settings.
     pub settings: Settings,
-    /// The jobs.
     pub store: Arc<Store>,
-    /// Their files.
     pub files: Arc<Files>,
-    /// Whether these two work.
     pub storage: Arc<Storage>,
-    /// What clusters.
     pub device: DeviceDescription,
     /// What is wrong with the service.
     pub health: Arc<Health>,
-    /// Running jobs that are watched.
     pub live: Arc<Live>,
     /// Cancelled once the service is to stop.
     pub stop: CancellationToken,
     /// Large results that may be in memory at a time.
     pub encoding: Arc<Semaphore>,
-    /// Memory for meshes.
     pub memory: Memory,
-    /// Tokens and their tenants.
     pub access: Arc<Access>,
-    /// Limits of traffic.
     pub traffic: Arc<Traffic>,
-    /// What is counted.
     pub metrics: Arc<Metrics>,
-    /// Hosts and secret of webhooks.
     pub webhooks: Arc<Webhooks>,
 }
 
-/// The state that handlers extract.
 pub(crate) type App = State<Arc<Shared>>;
 
 impl Shared {

@@ -123,7 +123,6 @@ impl Content {
         self.allowance.clone()
     }
 
-    /// Takes account of what came.
     fn check(&mut self, data: &Bytes) -> Result<()> {
         let bytes = data.len() as u64;
         self.received += bytes;
@@ -215,7 +214,6 @@ impl Intake {
         }
     }
 
-    /// Takes account of what came.
     fn check(&mut self, data: &Bytes) -> Result<()> {
         let bytes = data.len() as u64;
         let received = self.received.fetch_add(bytes, Ordering::Relaxed) + bytes;

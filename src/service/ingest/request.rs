@@ -19,7 +19,6 @@ use crate::store::kept::{self, Kept};
 /// Largest JSON part with parameters, in bytes.
 pub(crate) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
 
-/// The parameters so far.
 #[derive(Debug, Clone)]
 pub(crate) struct Wanted {
     /// Format of the mesh or the points, if the query has it.
@@ -30,7 +29,6 @@ pub(crate) struct Wanted {
     webhook: Option<String>,
     /// Of the tenant's waiting jobs, those with a higher one start first.
     pub priority: i8,
-    /// What is kept of the mesh.
     pub kept: Kept,
     parameters: Parameters,
     /// Names of the parameters that were given.
@@ -42,9 +40,7 @@ pub(crate) struct Wanted {
 pub(crate) struct Beside {
     /// Whether a list of seeds did.
     pub listed_seeds: bool,
-    /// Whether weights did.
     pub has_weights: bool,
-    /// Whether edges did.
     pub has_graph: bool,
 }
 
@@ -52,7 +48,6 @@ pub(crate) struct Beside {
 const OF_JOB: [&str; 4] = ["webhook", "priority", "outputs", "keep_mesh"];
 
 impl Wanted {
-    /// Reads the query string.
     pub fn from_query(uri: &Uri) -> Result<Self> {
         let whole = uri.query().unwrap_or_default();
         let given = query::names(whole)?;
@@ -213,7 +208,6 @@ fn refuse_path(parameters: &Parameters) -> Result<()> {
     }
 }
 
-/// Parameters as a JSON object.
 fn as_object(parameters: &Parameters) -> Result<Map<String, Value>> {
     match serde_json::to_value(parameters).map_err(internal)? {
         Value::Object(object) => Ok(object),

@@ -31,9 +31,7 @@ const MAX_NAME: usize = 255;
 /// An upload that is whole and was found in order.
 #[derive(Debug)]
 pub(crate) struct Upload {
-    /// Where its files are.
     pub folder: Incoming,
-    /// What it is.
     pub spec: Spec,
     /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty unless requested.
     pub digests: Vec<[u8; 32]>,
@@ -186,10 +184,8 @@ pub(crate) fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
-/// A file that was received.
 #[derive(Debug)]
 struct Saved {
-    /// Its length.
     bytes: u64,
     /// Its first bytes, by which its format is recognised.
     head: Vec<u8>,
@@ -212,7 +208,6 @@ impl Saved {
     }
 }
 
-/// Where what is received goes.
 struct Destination {
     folder: Incoming,
     with_digests: bool,

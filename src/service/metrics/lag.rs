@@ -8,7 +8,6 @@ use tokio_util::sync::CancellationToken;
 
 use crate::metrics::Metrics;
 
-/// Time between two looks.
 const EVERY: Duration = Duration::from_millis(250);
 
 /// Measures it on the runtime of this task, until `close`.

@@ -83,12 +83,7 @@ impl Metrics {
         for outcome in ["delivered", "failed", "given_up"] {
             families.webhooks.get_or_create(&ByOutcome { outcome }).inc_by(0);
         }
-        Self {
-            registry,
-            families,
-            process: Process::new(),
-            memory_meter: Mutex::default(),
-        }
+        Self { registry, families, process: Process::new(), memory_meter: Mutex::default() }
     }
 
     /// A job was given up after its last attempt failed.

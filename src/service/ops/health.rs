@@ -64,7 +64,6 @@ pub(crate) struct Condition {
     detail: String,
 }
 
-/// What is wrong now.
 #[derive(Debug, Default)]
 pub(crate) struct Health {
     wrong: Mutex<BTreeMap<Part, Condition>>,
@@ -98,7 +97,6 @@ impl Health {
         self.set(part, Severity::Failing, detail.into());
     }
 
-    /// `part` works.
     pub fn clear(&self, part: Part) {
         if self.wrong.lock().remove(&part).is_some() {
             tracing::info!(part = part.name(), "works again");

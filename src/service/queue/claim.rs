@@ -41,7 +41,6 @@ impl Shares {
 
 #[derive(Debug, Clone)]
 pub(crate) struct Claiming {
-    /// Most jobs.
     pub limit: usize,
     /// Most further jobs, only of tenants without a running job.
     pub newcomers: usize,
@@ -103,7 +102,6 @@ struct Fair<'v> {
     tenants: Vec<Served<'v>>,
 }
 
-/// A tenant during a claim.
 struct Served<'v> {
     tenant: &'v Tenant,
     share: Share,
@@ -143,7 +141,6 @@ impl<'v> Fair<'v> {
         first.map(|(_, _, job, index)| (index, job.number))
     }
 
-    /// Gives the tenant a turn.
     fn serve(&mut self, index: usize) {
         let tenant = &mut self.tenants[index];
         self.clock = tenant.next.max(self.clock);

@@ -195,7 +195,6 @@ impl Standing {
         is_allowed.then_some(()).ok_or(Refused(self.state))
     }
 
-    /// Starts the next attempt.
     fn claimed(self, worker: Arc<str>, lease: Duration, now: SystemTime) -> (Self, Option<Event>) {
         let attempt = self.attempt + 1;
         let claimed = Self {

@@ -34,7 +34,6 @@ pub(crate) struct Tenant {
 /// A waiting job. The order is that in which a tenant's jobs are claimed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Waiting {
-    /// The priority, negated.
     pub urgency: i16,
     /// Counts the jobs ever created.
     pub number: i64,

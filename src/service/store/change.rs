@@ -13,12 +13,10 @@ use super::listeners::Effects;
 use super::terms::{Ending, Pulse, What};
 use crate::queue::{Change, Event, Refused, Rules, Standing, State, not_yours};
 
-/// The transaction of a change.
 pub struct Transaction<'t> {
     pub rows: &'t mut dyn Rows,
     pub effects: &'t mut Effects,
     pub rules: Rules,
-    /// This process among the workers.
     pub me: Uuid,
     /// Microseconds that a test adds to the clock.
     pub offset: i64,

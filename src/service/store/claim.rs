@@ -15,9 +15,7 @@ use super::database::rows::{Abort, Query, Row, Rows, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
 use super::terms::What;
-use crate::queue::{
-    self, Change, Claiming, Picks, Refused, Release, Standing, Suspect, Tenant, Turn, View, Waiting, crashed,
-};
+use crate::queue::{self, Change, Claiming, Picks, Refused, Standing, Suspect, Tenant, Turn, View, Waiting, crashed};
 
 /// Tenants with waiting jobs. Each step goes to the next one.
 macro_rules! names {

@@ -67,7 +67,6 @@ pub(crate) struct Spec {
     pub trace_parent: Option<String>,
     /// URL that receives the end of the job.
     pub webhook: Option<String>,
-    /// What to do.
     pub parameters: Parameters,
     /// Name that the client gave the mesh file. For people; never a path here.
     pub file_name: Option<String>,
@@ -138,7 +137,6 @@ pub(crate) struct Summary {
 }
 
 impl Summary {
-    /// The shape as lengths.
     pub fn shape(&self) -> Vec<usize> {
         self.shape.iter().map(|&length| length as usize).collect()
     }
@@ -161,18 +159,14 @@ pub(crate) const SMALL_BLOBS: u64 = 256 << 10;
 pub(crate) struct SmallBlob {
     /// Its name; unique among those of the job.
     pub name: String,
-    /// What it holds.
     pub bytes: Bytes,
 }
 
 /// A job as it is now.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Job {
-    /// Its name.
     pub id: JobId,
-    /// Where it is in its life.
     pub state: State,
-    /// What it is.
     pub spec: Spec,
     /// Place among the waiting jobs of its tenant: 1 for the one that is claimed first; none when it does not wait.
     pub queue_position: Option<u64>,
@@ -184,20 +178,14 @@ pub(crate) struct Job {
     pub progress: Progress,
     /// Whether it is to be cancelled.
     pub cancel_requested: bool,
-    /// Why it failed.
     pub problem: Option<Error>,
-    /// What it gave.
     pub summary: Option<Summary>,
-    /// When it was accepted.
     pub created_at: SystemTime,
-    /// When it was claimed.
     pub started_at: Option<SystemTime>,
-    /// When it ended.
     pub ended_at: Option<SystemTime>,
 }
 
 impl Job {
-    /// A new job, which waits.
     pub fn queued(id: JobId, spec: Spec, created_at: SystemTime) -> Self {
         Self {
             id,
@@ -236,7 +224,6 @@ pub(crate) fn keeps_upload(problem: Option<&Error>) -> bool {
 /// The right to write about a running job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct Ticket {
-    /// The job.
     pub job: JobId,
     /// Counts the claims of the job; an older one writes nothing.
     pub attempt: u32,

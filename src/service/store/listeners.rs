@@ -13,9 +13,7 @@ use super::terms::{Pulse, Statistics};
 /// What a change leaves to be done when it is committed.
 #[derive(Debug, Default)]
 pub struct Effects {
-    /// Jobs that changed.
     pub pulses: Vec<(JobId, Pulse)>,
-    /// Jobs that are gone.
     pub deleted: Vec<JobId>,
     /// Whether a job may be claimed that could not be before.
     pub arrivals: bool,
@@ -31,7 +29,6 @@ pub struct Effects {
     pub shrinks: bool,
 }
 
-/// Waiting tasks, and counters.
 #[derive(Debug, Default)]
 pub struct Listeners {
     pub pulses: Pulses,
@@ -41,7 +38,6 @@ pub struct Listeners {
 }
 
 impl Listeners {
-    /// Does what follows from changes.
     pub fn publish(&self, effects: Effects) {
         let mut statistics = self.statistics.lock();
         statistics.attempts_failed += effects.attempts_failed;
@@ -69,7 +65,6 @@ impl Listeners {
         statistics.commit_seconds += time.as_secs_f64();
     }
 
-    /// Counts a transaction that failed.
     pub fn failed(&self, time: Duration) {
         let mut statistics = self.statistics.lock();
         statistics.failures += 1;
@@ -86,7 +81,6 @@ impl Listeners {
 pub struct Signal(watch::Sender<u64>);
 
 impl Signal {
-    /// Wakes all receivers.
     pub fn notify(&self) {
         self.0.send_modify(|count| *count += 1);
     }
@@ -150,7 +144,6 @@ impl Pulses {
         waiters.jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
     }
 
-    /// Drops the receivers of a deleted job.
     pub fn forget(&self, id: JobId) {
         self.0.lock().jobs.remove(&id);
     }

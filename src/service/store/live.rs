@@ -31,7 +31,6 @@ const PACE: Duration = Duration::from_millis(250);
 /// One label a face, in upload order.
 type Labels = Arc<[u32]>;
 
-/// The jobs that are watched.
 #[derive(Debug, Default)]
 pub(crate) struct Live(Mutex<HashMap<JobId, watch::Sender<Labels>>>);
 
@@ -49,7 +48,6 @@ pub(crate) struct Channel {
 pub(crate) struct Watcher {
     channel: Channel,
     labels: watch::Receiver<Labels>,
-    /// What the client has.
     sent: Labels,
 }
 
@@ -85,7 +83,6 @@ impl Channel {
 }
 
 impl Viewer for Channel {
-    /// Whether a client watches.
     fn watches(&self) -> bool {
         self.live.0.lock().contains_key(&self.id)
     }

@@ -158,7 +158,6 @@ impl Store {
         self.observed(operation, changed).await
     }
 
-    /// Reads rows.
     pub(super) async fn read<T: Send + 'static>(
         &self,
         operation: &'static str,
@@ -195,7 +194,6 @@ impl Store {
         0
     }
 
-    /// Whether jobs outlast the process.
     pub fn is_durable(&self) -> bool {
         match &self.database {
             Database::Sqlite(file) => !file.is_temporary(),
@@ -229,7 +227,6 @@ impl Store {
         probed.await
     }
 
-    /// Counters of the store.
     pub fn statistics(&self) -> Statistics {
         let statistics = self.listeners.statistics();
         match &self.database {

@@ -8,12 +8,9 @@ use super::database::rows::{Row, Value, json};
 use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
 use crate::queue::{self, State};
 
-/// A job to be added.
 #[derive(Debug, Clone)]
 pub(crate) struct NewJob {
-    /// Its name.
     pub id: JobId,
-    /// What it is.
     pub spec: Spec,
     /// The key of the request, so that a repeated request gets the same job.
     pub idempotency: Option<Idempotency>,
@@ -35,29 +32,22 @@ pub(crate) struct Idempotency {
 /// What came of adding a job.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Created {
-    /// It is new.
     New(Job),
     /// An earlier request with this key added this one; nothing was added.
     Known(Job),
 }
 
-/// What came of a retry.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Retried {
-    /// It waits again.
     Queued(Box<Job>),
     /// It is in another state than failed, and was left as it is.
     NotFailed(State),
-    /// There is no such job.
     Unknown,
 }
 
-/// How a job ends.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum End {
-    /// With a result.
     Succeeded(Summary),
-    /// With an error.
     Failed(Error),
     /// On request.
     Cancelled,
@@ -77,11 +67,9 @@ impl End {
 /// The end of a running job, and what comes with it, in one step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Ending {
-    /// How it ends.
     pub end: End,
     /// The last events before that, and the progress after them.
     pub rest: Option<(Vec<What>, Progress)>,
-    /// Small blobs of the result.
     pub result: Vec<SmallBlob>,
 }
 
@@ -103,13 +91,10 @@ pub(crate) struct Page {
 /// Which part of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct ListQuery {
-    /// Jobs of this tenant.
     pub tenant: String,
-    /// Only jobs in this state.
     pub state: Option<State>,
     /// Go on where an earlier page ended: its `next`.
     pub cursor: Option<String>,
-    /// Most jobs.
     pub limit: usize,
 }
 
@@ -118,7 +103,6 @@ pub(crate) struct ListQuery {
 pub(crate) struct Event {
     /// Its number: 1 for the job's first.
     pub seq: u64,
-    /// What happened.
     pub what: What,
 }
 
@@ -189,7 +173,6 @@ impl Pulse {
 }
 
 impl Notice {
-    /// From a row of `notices`.
     pub(super) fn of(row: &Row) -> Result<Self> {
         Ok(Self {
             job: row.get("job")?,
@@ -206,11 +189,8 @@ impl Notice {
 /// What can change about a job, in short: tasks that wait for a job receive it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Pulse {
-    /// Number of the last event.
     pub last_seq: u64,
-    /// Whether the job is to be cancelled.
     pub cancel_requested: bool,
-    /// Whether the job ended.
     pub ended: bool,
 }
 
@@ -218,17 +198,12 @@ pub(crate) struct Pulse {
 /// deleted first.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Notice {
-    /// The job.
     pub job: JobId,
-    /// The URL of the webhook.
     pub webhook: String,
     /// The `traceparent` of the request that the job came with.
     pub trace_parent: Option<String>,
-    /// The state that the job ended in.
     pub state: State,
-    /// Why it failed.
     pub problem: Option<Error>,
-    /// When it ended.
     pub ended_at: SystemTime,
     /// Number of this end: 1, or more for a job that was retried.
     pub end: u32,
@@ -237,11 +212,9 @@ pub(crate) struct Notice {
 /// What a store counts since it was opened, for the metrics.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Statistics {
-    /// Transactions committed.
     pub commits: u64,
     /// Changes in them: over `commits`, how many share one.
     pub commands: u64,
-    /// Transactions that failed.
     pub failures: u64,
     /// Time spent in transactions, in seconds.
     pub commit_seconds: f64,
@@ -255,10 +228,8 @@ pub(crate) struct Statistics {
 /// What came of asking to delete a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Deletion {
-    /// It is gone.
     Deleted,
     /// It has not ended; it was left as it is.
     Live,
-    /// There is no such job.
     Unknown,
 }

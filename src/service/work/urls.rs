@@ -31,18 +31,15 @@ pub(crate) struct Urls {
     derived: BTreeMap<&'static str, String>,
 }
 
-/// Path of a job.
 pub(crate) fn path(id: JobId) -> String {
     format!("/v1/jobs/{id}")
 }
 
-/// The route of an output.
 pub(crate) fn route(artifact: &Artifact) -> String {
     format!("/v1/jobs/{{id}}/{}", artifact.name)
 }
 
 impl Urls {
-    /// Those of a job.
     pub fn of(job: &Job) -> Self {
         let path = path(job.id);
         let is_hierarchical = HIERARCHY.is_made(&job.spec.parameters);

@@ -52,14 +52,12 @@ const OPEN: [&str; 13] = [
 /// Paths with data of all tenants.
 const OF_ALL_TENANTS: [&str; 2] = ["/metrics", "/v1/workers"];
 
-/// The sender of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Caller {
     /// The tenant; none for a path that needs no token.
     pub tenant: Option<Tenant>,
     /// Its token, where there are tokens.
     token: Option<TokenName>,
-    /// Where the request comes from.
     pub origin: Option<Origin>,
 }
 
@@ -72,7 +70,6 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 }
 
 impl Caller {
-    /// Name of the tenant; none for a path that needs no token.
     pub fn tenant_name(&self) -> Option<&str> {
         self.tenant.as_ref().map(|tenant| tenant.name.as_str())
     }
@@ -82,7 +79,6 @@ impl Caller {
         Self { tenant: None, token: None, origin: None }
     }
 
-    /// Id of its token, where there are tokens.
     pub fn token_id(&self) -> Option<&str> {
         self.token.as_ref().map(TokenName::id)
     }

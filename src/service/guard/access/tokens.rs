@@ -164,7 +164,6 @@ impl TokenFile {
         })
     }
 
-    /// The tokens by their digests.
     fn index(&self) -> Result<HashMap<[u8; 32], Known>> {
         let mut index = HashMap::new();
         for (name, tenant) in &self.tenants {
@@ -230,19 +229,15 @@ impl fmt::Debug for TokenName {
     }
 }
 
-/// A tenant of the service.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Tenant {
-    /// Its name.
     pub name: String,
-    /// What it may use.
     pub quotas: Quotas,
     /// Whether it may read `/metrics` and `/v1/workers`.
     pub metrics: bool,
 }
 
 impl Tokens {
-    /// The tokens of a file.
     pub fn of(file: &TokenFile) -> Result<Self> {
         let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share())).collect();
         Ok(Self { by_digest: file.index()?, shares })
@@ -266,7 +261,6 @@ impl Tokens {
         self.by_digest.get(&token.digest).is_some_and(|known| known.tenant.name == tenant)
     }
 
-    /// Number of tokens.
     pub fn len(&self) -> usize {
         self.by_digest.len()
     }

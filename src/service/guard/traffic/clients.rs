@@ -37,9 +37,7 @@ impl Client {
 pub(super) struct Allowance {
     /// Requests a second; 0 for any number.
     pub rate: u32,
-    /// Requests at a time.
     pub requests: u32,
-    /// Streams at a time.
     pub streams: u32,
 }
 

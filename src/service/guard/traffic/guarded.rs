@@ -6,7 +6,6 @@ use std::task::{Context, Poll};
 use axum::body::{Body, Bytes, HttpBody};
 use hyper::body::{Frame, SizeHint};
 
-/// A body with a guard.
 #[derive(Debug)]
 pub(crate) struct Guarded<G> {
     body: Body,

@@ -97,7 +97,6 @@ pub(crate) fn tell_expiry(response: &mut Response, shared: &Shared, job: &Job) {
     }
 }
 
-/// A job as an answer.
 pub(crate) fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
     let view = JobView::new(shared, job.clone());
     let mut response = (status, headers, Json(view)).into_response();

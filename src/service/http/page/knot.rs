@@ -22,7 +22,6 @@ use crate::ops::blocking::blocking;
 
 const FACES: u64 = 20_000;
 
-/// The knot in its files.
 #[derive(Debug)]
 struct Knot {
     glb: Bytes,
@@ -31,7 +30,6 @@ struct Knot {
 
 type Shared = Arc<OnceLock<Result<Knot>>>;
 
-/// The routes of the files.
 pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     let knot = Shared::default();
     Router::new()

@@ -83,12 +83,10 @@ pub(crate) async fn part(shared: &Shared, job: &Job, name: &str, range: GetRange
 }
 
 impl Checked {
-    /// Number of its bytes.
     pub fn length(&self) -> u64 {
         self.check.expected.bytes
     }
 
-    /// All bytes.
     pub async fn bytes(mut self) -> Result<Bytes> {
         let bytes = self.blob.bytes().await?;
         self.check.add(&bytes);
@@ -117,7 +115,6 @@ impl Checked {
     }
 }
 
-/// Reads a blob.
 pub(crate) struct CheckedReader {
     from: Box<dyn Input + Send>,
     check: Check,

@@ -17,7 +17,6 @@ use crate::store::{Job, JobId, Summary};
 /// Faces up to which labels are encoded without waiting for a turn.
 const SMALL: u64 = 1 << 16;
 
-/// The labels of a job.
 pub(crate) async fn of_job(shared: &Shared, job: &Job, summary: &Summary, form: &'static Form) -> Result<Response> {
     let labels = checked::open(shared, job, LABELS_NPY.file).await?;
     let (head, faces) = (labels.length().saturating_sub(4 * summary.faces), summary.faces);

@@ -59,7 +59,6 @@ pub(crate) fn check_clusters(job: &Job, summary: &Summary, clusters: Option<u64>
     }
 }
 
-/// Which blobs of a job.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Of {
     Upload,

@@ -28,7 +28,6 @@ const MAX_FRAMES: u32 = 64;
 /// §3.1.1.1.2).
 const ZSTD_WINDOW_LOG: u32 = 23;
 
-/// How a body is compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Coding {
     /// RFC 1952; one member.
@@ -134,7 +133,6 @@ impl<R: AsyncBufRead + Unpin> Decoder<R> {
         }
     }
 
-    /// What follows the frame.
     fn into_inner(self) -> R {
         match self {
             Self::Gzip(decoder) => decoder.into_inner(),

@@ -21,7 +21,6 @@ use crate::store::Spec;
 /// Largest number of buffers of a mesh.
 const MAX_BUFFERS: usize = 1024;
 
-/// Receives a form.
 pub(super) async fn receive(
     parts: Parts,
     content: Content,
@@ -56,7 +55,6 @@ pub(super) async fn receive(
     form.finish()
 }
 
-/// What came so far.
 struct Form {
     into: Destination,
     wanted: Wanted,
@@ -83,7 +81,6 @@ struct Mesh {
 }
 
 impl Form {
-    /// Takes one part.
     async fn add(&mut self, field: Field<'_>) -> Result<()> {
         match field.name().unwrap_or_default() {
             "mesh" => self.add_mesh(field, false).await,
@@ -176,7 +173,6 @@ impl Form {
         Ok(())
     }
 
-    /// Checks the whole.
     fn finish(self) -> Result<Upload> {
         let (saved, file_name, format, referred) = match (self.mesh, self.referred) {
             (Some(mesh), _) => {

@@ -11,7 +11,6 @@ use crate::ingest::intake::{Content, Rules};
 use crate::ingest::request::{Beside, Wanted};
 use crate::store::Referred;
 
-/// A mesh in a bucket.
 pub(super) struct Mesh {
     pub saved: Saved,
     pub file_name: Option<String>,

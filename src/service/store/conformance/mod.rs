@@ -32,10 +32,8 @@ mod server;
 mod sqlite;
 mod workers;
 
-/// What is tested.
 #[async_trait]
 pub(crate) trait Subject: Sync {
-    /// An empty store.
     async fn empty(&self, rules: Rules) -> Box<Store>;
 
     /// What the last store that [`empty`](Self::empty) made has on disk right now, opened as after a crash; none when a
@@ -45,7 +43,6 @@ pub(crate) trait Subject: Sync {
     }
 }
 
-/// Runs the whole suite.
 pub(crate) async fn run(subject: &dyn Subject) {
     let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
     life::a_new_job_is_as_it_was_created(make(9).await.as_ref()).await;

@@ -22,10 +22,8 @@ pub enum Value {
     Bytes(Bytes),
 }
 
-/// A statement and its values.
 pub type Query = (&'static str, Vec<Value>);
 
-/// The values of a statement.
 macro_rules! values {
     ($($value:expr),* $(,)?) => { vec![$($crate::store::database::rows::Value::from($value)),*] };
 }
@@ -50,7 +48,6 @@ impl From<Error> for Abort {
 }
 
 impl Abort {
-    /// What failed.
     pub fn into_error(self) -> Error {
         match self {
             Self::Refused(error) | Self::Broken(error) => error,
@@ -102,7 +99,6 @@ pub trait Rows {
     }
 }
 
-/// A row of a query.
 #[derive(Debug, Clone)]
 pub struct Row {
     pub names: Arc<[String]>,
@@ -119,13 +115,11 @@ impl Row {
         place.and_then(|place| self.values.get(place)).ok_or_else(|| unreadable(column, &"there is none"))
     }
 
-    /// A column.
     pub fn get<T: FromValue>(&self, column: &'static str) -> Result<T> {
         let value = self.value(column)?;
         T::from_value(value).ok_or_else(|| unreadable(column, &format_args!("{value:?}")))
     }
 
-    /// A column of text.
     pub fn text(&self, column: &'static str) -> Result<&str> {
         match self.value(column)? {
             Value::Text(text) => Ok(text),
@@ -133,7 +127,6 @@ impl Row {
         }
     }
 
-    /// A column of JSON.
     pub fn json<T: DeserializeOwned>(&self, column: &'static str) -> Result<T> {
         serde_json::from_str(self.text(column)?).map_err(|error| unreadable(column, &error))
     }

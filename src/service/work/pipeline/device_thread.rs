@@ -239,7 +239,6 @@ impl Shared {
     }
 }
 
-/// The devices of the thread.
 struct Devices {
     shared: Arc<Shared>,
     /// None after it was lost.

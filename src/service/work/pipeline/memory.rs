@@ -53,7 +53,6 @@ pub(crate) struct Memory {
 pub(crate) struct Needed {
     bytes: u64,
     items: u64,
-    /// What the items are called.
     noun: &'static str,
 }
 
@@ -109,7 +108,6 @@ impl Reading {
         }
     }
 
-    /// Waits for memory.
     pub async fn build(mut self, need: Needed) -> Result<Held> {
         let Needed { bytes: more, items, noun } = need;
         let all = self.bytes.saturating_add(more);

@@ -24,7 +24,6 @@ pub(crate) struct Pipeline {
     pub files: Arc<Files>,
     pub storage: Arc<Storage>,
     pub device: DeviceThread,
-    /// What a mesh may cost.
     pub limits: Limits,
     /// Time that the device may take for a job.
     pub time: Option<Duration>,

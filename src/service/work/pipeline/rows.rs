@@ -97,7 +97,6 @@ impl Inbox {
     }
 }
 
-/// A row as an event.
 fn event(row: Row, progress: &mut Progress) -> Result<What> {
     match row {
         Row::Iteration(row) => {

@@ -26,7 +26,6 @@ use crate::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ti
 /// Least wait for the next start, so that a start that is due does not spin.
 const EARLY: Duration = Duration::from_millis(1);
 
-/// The outcome of an attempt.
 #[derive(Debug)]
 enum Verdict {
     Ended(Ending),
@@ -45,7 +44,10 @@ impl Pipeline {
         let jobs = TaskTracker::new();
         let done = CancellationToken::new();
         let (keeper, until) = (Arc::clone(&this), done.clone());
-        let leases = tokio::spawn(async move { keeper.leases.keep(&keeper.store, &keeper.worker, &keeper.device_name, until).await });
+        let leases =
+            tokio::spawn(
+                async move { keeper.leases.keep(&keeper.store, &keeper.worker, &keeper.device_name, until).await },
+            );
         let mut arrivals = this.store.arrivals();
         while let Some(claimed) = this.next(&mut arrivals, &stop).await {
             for (slot, ticket, job) in claimed {

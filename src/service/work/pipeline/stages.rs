@@ -193,7 +193,6 @@ impl Pipeline {
 struct Upload {
     memory: Reading,
     contents: Contents,
-    /// Time that their reading took.
     milliseconds: f64,
 }
 

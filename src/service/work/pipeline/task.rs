@@ -13,9 +13,7 @@ use super::slot::Slot;
 use crate::metrics::Metrics;
 use crate::ops::faults::{FaultPoint, Faults};
 
-/// A mesh to be clustered.
 pub(super) struct Task {
-    /// The mesh.
     pub prepared: Arc<Prepared>,
     /// Requests a stop. Every look at it counts as a sign of life of the device's thread.
     pub cancel: Cancel,

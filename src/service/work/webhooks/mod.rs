@@ -32,7 +32,6 @@ use crate::settings::WebhookSettings;
 use crate::store::{JobId, Notice, State, Store};
 use crate::work::urls;
 
-/// Time for one delivery.
 const PATIENCE: Duration = Duration::from_secs(15);
 
 /// Pauses after the first attempts that failed; then
@@ -53,7 +52,6 @@ const GIVEN_UP_AFTER: Duration = Duration::from_secs(24 * 3600);
 /// How long the store is left alone after it failed.
 const BREATHER: Duration = Duration::from_secs(5);
 
-/// What a secret begins with.
 const SECRET_PREFIX: &str = "whsec_";
 
 /// What is allowed, and how deliveries are signed.

@@ -68,7 +68,6 @@ pub fn cannot_reach(error: Error) -> Error {
     }
 }
 
-/// The pool.
 #[derive(Debug, Clone)]
 pub struct Connections(Pool);
 
@@ -84,7 +83,6 @@ impl Connections {
         pool.map(Self).map_err(|error| Error::new(Kind::Internal, format_args!("no pool of connections: {error}")))
     }
 
-    /// A connection, before the deadline.
     pub async fn get(&self, deadline: Instant) -> Result<Object, Abort> {
         match timeout_at(deadline, self.0.get()).await {
             Ok(Ok(client)) => Ok(client),
@@ -101,7 +99,6 @@ impl Connections {
         Abort::Broken(away(&"no answer in time"))
     }
 
-    /// Closes all connections.
     pub fn close(&self) {
         self.0.close();
     }
@@ -109,8 +106,8 @@ impl Connections {
 
 /// Encrypted connections, to servers that the certificates of the system verify.
 fn verified() -> Result<MakeRustlsConnect> {
-    let config = ClientConfig::builder().with_platform_verifier().map_err(|error| {
-        Error::new(Kind::Io, format_args!("certificates for --store cannot be read: {error}"))
-    })?;
+    let config = ClientConfig::builder()
+        .with_platform_verifier()
+        .map_err(|error| Error::new(Kind::Io, format_args!("certificates for --store cannot be read: {error}")))?;
     Ok(MakeRustlsConnect::new(config.with_no_client_auth()))
 }

@@ -13,7 +13,6 @@ use super::super::rows::values;
 use super::connections::Connections;
 use super::run;
 
-/// Time between two looks.
 const LOOK: Duration = Duration::from_millis(200);
 
 /// Looks after which a worker looks at a queue without new jobs, and the deliveries of webhooks for ends.

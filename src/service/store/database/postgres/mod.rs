@@ -70,7 +70,6 @@ impl Postgres {
         self.concluded(started, outcome)
     }
 
-    /// Reads rows.
     pub async fn read<T: Send + 'static>(
         &self,
         work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,

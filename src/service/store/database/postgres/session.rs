@@ -91,7 +91,6 @@ impl<'c> Session<'c> {
         self.end(&[], "COMMIT", None).map(drop)
     }
 
-    /// Undoes what was done.
     pub fn roll_back(&mut self) -> Result<(), Abort> {
         self.changes.clear();
         if self.stage == Stage::Begun {
@@ -182,7 +181,6 @@ async fn send(
     Ok((now, rows.split_off(changes.len())))
 }
 
-/// A statement on its way.
 type Request<'r> = Pin<Box<dyn Future<Output = Result<Vec<tokio_postgres::Row>, tokio_postgres::Error>> + Send + 'r>>;
 
 /// The outputs of futures that run together. Their first polls, which send the statements, are in their order.

@@ -17,7 +17,6 @@ pub const START: Duration = Duration::from_secs(10);
 /// What messages about damage begin with.
 const DAMAGED: &str = "the store of jobs is damaged";
 
-/// The damage that was found.
 #[derive(Debug, Default)]
 pub struct Damage(Mutex<Option<Error>>);
 
@@ -34,7 +33,6 @@ impl Damage {
         Error::new(Kind::Unavailable, "the storage of the service is damaged; its operator must repair it")
     }
 
-    /// The first that was found.
     pub fn found(&self) -> Option<Error> {
         self.0.lock().clone()
     }

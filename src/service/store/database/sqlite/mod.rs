@@ -62,7 +62,6 @@ impl Sqlite {
         self.writer.carry_out(command).await
     }
 
-    /// Reads rows.
     pub async fn read<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
         self.readers.read(|session| work(session)).await
     }

@@ -129,7 +129,6 @@ impl DatabasePlace {
         Ok(connection)
     }
 
-    /// Opens a connection that reads.
     pub fn reading(&self) -> rusqlite::Result<Connection> {
         let connection = self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         connection.pragma_update(None, "query_only", true)?;

@@ -13,10 +13,8 @@ use super::check::Damage;
 use super::place::{DatabasePlace, closed, failure};
 use super::session::Session;
 
-/// How many there are.
 const READERS: u32 = 4;
 
-/// Connections that read.
 #[derive(Debug)]
 pub struct Readers {
     place: Arc<DatabasePlace>,

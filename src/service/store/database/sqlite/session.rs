@@ -22,12 +22,10 @@ impl Session {
         Self { connection, statements: HashMap::new() }
     }
 
-    /// Begins a transaction.
     pub fn begin(&mut self) -> rusqlite::Result<()> {
         self.connection.execute_batch("BEGIN IMMEDIATE")
     }
 
-    /// Commits it.
     pub fn commit(&mut self) -> rusqlite::Result<()> {
         self.connection.execute_batch("COMMIT")
     }

@@ -26,7 +26,6 @@ use crate::ops::faults::{FaultPoint, Faults};
 /// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
 const BATCH: usize = 256;
 
-/// The way to the writer.
 #[derive(Debug)]
 pub struct Writer {
     /// None once it was closed. Unbounded, but every sender waits for the answer to its command.
