@@ -17,7 +17,7 @@ use tower_http::trace::TraceLayer;
 
 use crate::guard::access_log;
 use crate::guard::problem;
-use crate::guard::traffic::{self, heads, queries, sites};
+use crate::guard::traffic::{self, heads, sites};
 use crate::http::state::Shared;
 use crate::http::{conditional, openapi, page};
 use crate::metrics::Metrics;
@@ -59,7 +59,6 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
         .layer(from_fn(heads::check))
-        .layer(from_fn(queries::limit))
         .option_layer((is_open && !accepts_names).then(|| from_fn(sites::check)))
         .option_layer(is_open.then(|| CsrfLayer::new().with_rejection_response(sites::foreign)))
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))

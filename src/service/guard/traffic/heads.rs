@@ -1,5 +1,5 @@
 //! Heads of requests that HTTP/1.1 forbids or that this service does not support (RFC 9112 §3.2 and §6.1), which hyper
-//! lets through.
+//! lets through, and query strings that are too long to be parsed.
 
 use axum::extract::Request;
 use axum::http::uri::Authority;
@@ -9,10 +9,18 @@ use axum::response::{IntoResponse, Response};
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use crate::guard::problem::Failure;
+use crate::guard::query;
+
+/// Longest query string, in bytes.
+const MAX_BYTES: usize = 8 << 10;
+
+/// Most parameters of a query string.
+const MAX_PARAMETERS: usize = 64;
 
 /// Answers requests with such a head, and closes their connections: where the next request begins is then uncertain.
 pub(crate) async fn check(request: Request, next: Next) -> Response {
-    let Err(error) = check_host(&request).and_then(|()| check_codings(&request)) else {
+    let checked = check_host(&request).and_then(|()| check_codings(&request)).and_then(|()| check_query(&request));
+    let Err(error) = checked else {
         return next.run(request).await;
     };
     let mut response = Failure::from(error).into_response();
@@ -48,5 +56,25 @@ fn check_codings(request: &Request) -> Result<()> {
             Kind::NotImplemented,
             "the only Transfer-Encoding that is supported is chunked; compressed uploads say so in Content-Encoding",
         )),
+    }
+}
+
+fn check_query(request: &Request) -> Result<()> {
+    let query = request.uri().query().unwrap_or_default();
+    if query.len() > MAX_BYTES {
+        return Err(Error::new(
+            Kind::UriTooLong,
+            format_args!(
+                "the query string has more bytes than the limit of {MAX_BYTES}; send parameters of a job in the part \
+                 \"parameters\" of a form instead; bytes: {}",
+                query.len()
+            ),
+        ));
+    }
+    match query::pairs(query).count() {
+        ..=MAX_PARAMETERS => Ok(()),
+        parameters => Err(Error::parameter(format_args!(
+            "the query string has more parameters than the limit of {MAX_PARAMETERS}: {parameters}"
+        ))),
     }
 }

@@ -15,7 +15,6 @@ pub(crate) mod connections;
 pub(crate) mod guarded;
 pub(crate) mod heads;
 pub(crate) mod origin;
-pub(crate) mod queries;
 pub(crate) mod sites;
 
 use std::net::IpAddr;
