@@ -152,7 +152,7 @@ impl Server {
         let timeout = settings.work.device_timeout;
         let live = Arc::<Live>::default();
         let pipeline = Pipeline {
-            shares: access.shares(),
+            tokens: access.tokens(),
             worker: worker_name().into(),
             device_name: description.info.name.clone(),
             faults: extras.faults.clone(),

@@ -9,7 +9,7 @@ pub(crate) mod tokens;
 
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::FromRequestParts;
@@ -25,7 +25,6 @@ use crate::guard::problem::Failure;
 use crate::ops::blocking::blocking;
 use crate::ops::health::{Health, Part};
 use crate::ops::trace::Origin;
-use crate::queue::Shares;
 use crate::settings::AccessSettings;
 use crate::store::LOCAL_TENANT;
 
@@ -97,59 +96,42 @@ fn missing() -> Error {
 /// Finds the callers of requests.
 #[derive(Debug)]
 pub(crate) struct Access {
-    kept: Option<Kept>,
-    changes: watch::Sender<()>,
-    shares: watch::Sender<Arc<Shares>>,
-}
-
-/// The tokens, and the file that they were read from.
-#[derive(Debug)]
-struct Kept {
-    path: PathBuf,
-    /// Of the file when it was read first.
-    first: Stamp,
-    tokens: RwLock<Arc<Tokens>>,
-}
-
-impl Kept {
-    /// The tokens as they were read last.
-    fn tokens(&self) -> Arc<Tokens> {
-        Arc::clone(&self.tokens.read().unwrap_or_else(PoisonError::into_inner))
-    }
+    /// The file of tokens, and what it was when it was read first; none without tokens.
+    file: Option<(PathBuf, Stamp)>,
+    tokens: watch::Sender<Arc<Tokens>>,
 }
 
 impl Access {
     /// Reads the tokens, if there are to be some.
     pub async fn open(settings: &AccessSettings) -> Result<Self> {
-        let kept = match settings.tokens.clone() {
+        let (file, tokens) = match settings.tokens.clone() {
             Some(path) => {
                 // before they are read: what changes meanwhile is read again
                 let first = on_file(&path, Stamp::of).await?;
-                let tokens = Arc::new(on_file(&path, Tokens::read).await.flatten()?);
+                let tokens = on_file(&path, Tokens::read).await.flatten()?;
                 tracing::info!(tokens = tokens.len(), "read {}", path.display());
-                Some(Kept { path, first, tokens: RwLock::new(tokens) })
+                (Some((path, first)), tokens)
             }
-            None => None,
+            None => (None, Tokens::default()),
         };
-        let shares = kept.as_ref().map(|kept| kept.tokens().shares()).unwrap_or_default();
-        Ok(Self { kept, changes: watch::Sender::default(), shares: watch::Sender::new(Arc::new(shares)) })
+        Ok(Self { file, tokens: watch::Sender::new(Arc::new(tokens)) })
     }
 
-    /// What each tenant may use of the queue, as the tokens say now.
-    pub fn shares(&self) -> watch::Receiver<Arc<Shares>> {
-        self.shares.subscribe()
+    /// The tokens, now and whenever they change.
+    pub fn tokens(&self) -> watch::Receiver<Arc<Tokens>> {
+        self.tokens.subscribe()
     }
 
     /// The caller of a request with these headers to `path`; an error where access is denied.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
-        let Some(kept) = &self.kept else {
+        if self.file.is_none() {
             let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
             return Ok(Caller { tenant: Some(local), token: None, origin: None });
-        };
+        }
         if OPEN.contains(&path) {
             return Ok(Caller::anybody());
         }
-        let tokens = kept.tokens();
+        let tokens = self.tokens.borrow().clone();
         let (tenant, token) = tokens.tenant(bearer(headers)?).ok_or_else(|| {
             Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
         })?;
@@ -169,7 +151,7 @@ impl Access {
     /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
     /// from this machine, and not through a proxy, where there are no tokens.
     pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
-        match self.kept {
+        match self.file {
             Some(_) => self.caller(OF_ALL_TENANTS[0], headers).is_ok(),
             None => {
                 client.is_loopback() && !["forwarded", "x-forwarded-for"].iter().any(|name| headers.contains_key(*name))
@@ -179,39 +161,27 @@ impl Access {
 
     /// Whether the token of an earlier caller is still valid.
     pub fn still_knows(&self, caller: &Caller) -> bool {
-        let (Some(kept), Some(token), Some(tenant)) = (&self.kept, &caller.token, &caller.tenant) else {
-            return true;
-        };
-        kept.tokens().has(token, &tenant.name)
-    }
-
-    /// Changes whenever the tokens may have.
-    pub fn changes(&self) -> watch::Receiver<()> {
-        let mut changes = self.changes.subscribe();
-        // what changed since the caller was let in is not missed
-        changes.mark_changed();
-        changes
+        let (Some(token), Some(tenant)) = (&caller.token, &caller.tenant) else { return true };
+        self.tokens.borrow().has(token, &tenant.name)
     }
 
     /// Reads the tokens again whenever they change, until `stop`. Tokens that cannot be read change nothing.
     pub async fn follow(&self, health: &Health, stop: CancellationToken) {
-        let Some(kept) = &self.kept else { return };
-        let mut seen = kept.first.clone();
+        let Some((path, first)) = &self.file else { return };
+        let mut seen = first.clone();
         loop {
             tokio::select! {
                 () = stop.cancelled() => return,
                 () = tokio::time::sleep(LOOK_EVERY) => {}
             }
-            let Ok(stamp) = on_file(&kept.path, Stamp::of).await else { continue };
+            let Ok(stamp) = on_file(path, Stamp::of).await else { continue };
             if stamp == seen {
                 continue;
             }
-            match on_file(&kept.path, Tokens::read).await.flatten() {
+            match on_file(path, Tokens::read).await.flatten() {
                 Ok(tokens) => {
-                    tracing::info!(tokens = tokens.len(), "read {} again", kept.path.display());
-                    self.shares.send_replace(Arc::new(tokens.shares()));
-                    *kept.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
-                    self.changes.send_replace(());
+                    tracing::info!(tokens = tokens.len(), "read {} again", path.display());
+                    self.tokens.send_replace(Arc::new(tokens));
                     health.clear(Part::Tokens);
                     seen = stamp;
                 }

@@ -200,7 +200,8 @@ impl TokenEntry {
 #[derive(Debug, Default)]
 pub(crate) struct Tokens {
     by_digest: HashMap<[u8; 32], Known>,
-    shares: Shares,
+    /// What each tenant may use of the queue.
+    pub shares: Arc<Shares>,
 }
 
 #[derive(Debug)]
@@ -239,13 +240,8 @@ pub(crate) struct Tenant {
 
 impl Tokens {
     pub fn of(file: &TokenFile) -> Result<Self> {
-        let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share())).collect();
-        Ok(Self { by_digest: file.index()?, shares })
-    }
-
-    /// What each tenant may use of the queue.
-    pub fn shares(&self) -> Shares {
-        self.shares.clone()
+        let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share()));
+        Ok(Self { by_digest: file.index()?, shares: Arc::new(shares.collect()) })
     }
 
     /// The tenant of a token, and which token it is. How long that takes tells of the digest, not of the secret.
@@ -317,7 +313,7 @@ mod tests {
         let file = TokenFile::parse(quotas.as_bytes()).expect("valid");
         assert_eq!(file.tenants["a"].quotas.max_queued_jobs, Some(3));
         let quotas = r#"{"tenants": {"a": {"quotas": {"weight": 4, "max_running_jobs": 2}}, "b": {}}}"#;
-        let shares = Tokens::of(&TokenFile::parse(quotas.as_bytes()).expect("valid")).expect("valid").shares();
+        let shares = Tokens::of(&TokenFile::parse(quotas.as_bytes()).expect("valid")).expect("valid").shares;
         assert_eq!(shares.of("a"), Share { weight: 4, max_running: Some(2) });
         assert_eq!(shares.of("b"), Share { weight: 1, max_running: None });
     }

@@ -21,6 +21,7 @@ use tokio::sync::watch;
 use utoipa::{IntoParams, ToSchema};
 
 use crate::guard::access::Caller;
+use crate::guard::access::tokens::Tokens;
 use crate::guard::problem::{Answer, Problem, Problematic};
 use crate::guard::query;
 use crate::http::state::{App, Shared};
@@ -128,8 +129,11 @@ pub(crate) async fn stream(
     if pulse.ended && after >= pulse.last_seq {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
+    let mut tokens = shared.access.tokens();
+    // what changed since the caller was let in is not missed
+    tokens.mark_changed();
     let reader = Reader {
-        tokens: shared.access.changes(),
+        tokens,
         caller,
         watcher: labels.then(|| shared.live.channel(id).watch()).flatten(),
         shared,
@@ -163,7 +167,7 @@ struct Reader {
     watcher: Option<Watcher>,
     /// Who reads, and what changes when that may be over.
     caller: Caller,
-    tokens: watch::Receiver<()>,
+    tokens: watch::Receiver<Arc<Tokens>>,
     /// Whether the last event was the last one.
     closing: bool,
 }

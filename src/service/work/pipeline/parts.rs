@@ -12,9 +12,9 @@ use super::memory::Memory;
 use super::small::SmallMeshes;
 use crate::files::Files;
 use crate::files::storage::Storage;
+use crate::guard::access::tokens::Tokens;
 use crate::metrics::Metrics;
 use crate::ops::faults::Faults;
-use crate::queue::Shares;
 use crate::store::Store;
 use crate::store::live::Live;
 
@@ -33,7 +33,8 @@ pub(crate) struct Pipeline {
     pub slots: Arc<Semaphore>,
     /// The one slot for a tenant without a running job.
     pub newcomer: Arc<Semaphore>,
-    pub shares: watch::Receiver<Arc<Shares>>,
+    /// With what each tenant may use of the queue.
+    pub tokens: watch::Receiver<Arc<Tokens>>,
     /// Name of this process for clients, and that of its device.
     pub worker: Arc<str>,
     pub device_name: String,

@@ -80,7 +80,7 @@ impl Pipeline {
         stop: &CancellationToken,
     ) -> Option<Vec<Claimed>> {
         let (mut slots, mut newcomer) = (Vec::new(), None);
-        let mut shares = self.shares.clone();
+        let mut tokens = self.tokens.clone();
         loop {
             let ready = async {
                 if slots.is_empty() && newcomer.is_none() {
@@ -111,7 +111,7 @@ impl Pipeline {
                 newcomers: usize::from(newcomer.is_some()),
                 lease: super::leases::TERM,
                 worker: Arc::clone(&self.worker),
-                shares: Arc::clone(&shares.borrow_and_update()),
+                shares: Arc::clone(&tokens.borrow_and_update().shares),
             };
             // Not broken off in the middle: what it takes would stay taken.
             let again = match self.store.claim_as(claiming).await {
@@ -129,7 +129,7 @@ impl Pipeline {
                 biased;
                 () = stop.cancelled() => return None,
                 changed = arrivals.changed() => changed.ok()?,
-                changed = shares.changed() => changed.ok()?,
+                changed = tokens.changed() => changed.ok()?,
                 slot = Arc::clone(&self.slots).acquire_owned(), if slots.is_empty() => slots.push(slot.ok()?),
                 () = tokio::time::sleep(again.unwrap_or_default()), if again.is_some() => {}
             }
