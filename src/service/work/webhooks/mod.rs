@@ -34,16 +34,8 @@ use crate::work::urls;
 
 const PATIENCE: Duration = Duration::from_secs(15);
 
-/// Pauses after the first attempts that failed; then
-const PAUSES: [Duration; 5] = [
-    Duration::from_secs(5),
-    Duration::from_secs(30),
-    Duration::from_secs(120),
-    Duration::from_secs(600),
-    Duration::from_secs(1800),
-];
-
-/// this one again and again.
+/// Pause after the first attempt that failed; each further one is six times as long, up to an hour.
+const PAUSE: Duration = Duration::from_secs(5);
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
 /// Time after the end of a job after which its webhook is given up.
@@ -189,10 +181,11 @@ impl Teller {
 
     /// Delivers the end of a job until it is settled.
     async fn deliver(&self, id: JobId) {
-        let mut pauses = PAUSES.into_iter();
+        let mut pause = PAUSE;
         // boxed: most tasks wait
         while !Box::pin(self.attempt(id)).await {
-            tokio::time::sleep(pauses.next().unwrap_or(LONGEST_PAUSE)).await;
+            tokio::time::sleep(pause).await;
+            pause = (6 * pause).min(LONGEST_PAUSE);
         }
     }
 
