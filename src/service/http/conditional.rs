@@ -95,8 +95,6 @@ pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Res
         && let Ok(weak) = HeaderValue::try_from(format!("W/{tag}"))
     {
         headers.insert(header::ETAG, weak);
-        // parts are parts of what is not compressed
-        headers.remove(header::ACCEPT_RANGES);
     }
     response
 }

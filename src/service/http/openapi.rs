@@ -110,9 +110,6 @@ fn complete(document: &mut openapi::OpenApi) {
     of_jobs.properties.insert("keep_mesh".to_owned(), Schema::from(keep_mesh).into());
     of_jobs.properties.insert("webhook".to_owned(), Schema::from(webhook).into());
     schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
-    if let Some(form) = schemas.get_mut("UploadForm") {
-        refer_to(form, "#/components/schemas/Parameters", "#/components/schemas/JobParameters");
-    }
     for (path, item) in &mut document.paths.paths {
         for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
             if path.contains("{id}") {
@@ -290,24 +287,6 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
             let mut part = whole.clone();
             "The part of it that `Range` names".clone_into(&mut part.description);
             answers.entry("206".to_owned()).or_insert(part.into());
-        }
-    }
-}
-
-/// Makes a schema refer to another one.
-fn refer_to(schema: &mut RefOr<Schema>, from: &str, to: &str) {
-    fn replace(value: &mut Value, from: &str, to: &str) {
-        match value {
-            Value::String(text) if text == from => to.clone_into(text),
-            Value::Array(values) => values.iter_mut().for_each(|value| replace(value, from, to)),
-            Value::Object(members) => members.values_mut().for_each(|value| replace(value, from, to)),
-            _ => {}
-        }
-    }
-    if let Ok(mut value) = serde_json::to_value(&*schema) {
-        replace(&mut value, from, to);
-        if let Ok(changed) = serde_json::from_value(value) {
-            *schema = changed;
         }
     }
 }

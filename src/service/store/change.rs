@@ -232,7 +232,7 @@ impl Transaction<'_> {
         for blob in ending.iter().flat_map(|ending| &ending.result) {
             self.keep(live.number, &blob.name, &blob.bytes)?;
         }
-        self.effects.ends = true;
+        self.effects.arrivals = true;
         Ok(())
     }
 

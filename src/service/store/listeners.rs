@@ -15,10 +15,8 @@ use super::terms::{Pulse, Statistics};
 pub struct Effects {
     pub pulses: Vec<(JobId, Pulse)>,
     pub deleted: Vec<JobId>,
-    /// Whether a job may be claimed that could not be before.
+    /// Whether a job may be claimed that could not be before: it waits, or another one ended.
     pub arrivals: bool,
-    /// Whether a job ended: another one may be claimed in its stead.
-    pub ends: bool,
     /// Whether a job with a webhook ended.
     pub endings: bool,
     /// As in [`Statistics`].
@@ -49,7 +47,7 @@ impl Listeners {
         for id in effects.deleted {
             self.pulses.forget(id);
         }
-        if effects.arrivals || effects.ends {
+        if effects.arrivals {
             self.arrivals.notify();
         }
         if effects.endings {

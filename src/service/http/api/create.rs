@@ -8,7 +8,6 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::InputFormat;
-use tesserae_mesh::parameters::Parameters;
 use tracing::Instrument as _;
 use utoipa::ToSchema;
 
@@ -37,7 +36,7 @@ pub(crate) struct UploadForm {
     #[schema(value_type = Option<Binary>)]
     points: Option<Binary>,
     /// What to do; the same names as in the query. A parameter stands in one of the two.
-    parameters: Option<Parameters>,
+    parameters: Option<JobParameters>,
     /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
     #[schema(value_type = Option<Vec<Binary>>)]
     buffer: Option<Vec<Binary>>,
@@ -52,6 +51,10 @@ pub(crate) struct UploadForm {
     #[schema(value_type = Option<Binary>)]
     weights: Option<Binary>,
 }
+
+/// Its schema is made of that of the parameters of a clustering.
+#[derive(ToSchema)]
+struct JobParameters;
 
 /// Submit a mesh or points
 ///
