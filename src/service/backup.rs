@@ -17,7 +17,7 @@ use tesserae_mesh::artifacts::REPORT_JSON;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use crate::blobs::folder::{link, whole_files};
-use crate::files::{self, BLOBS, Folder, RESULTS, UPLOADS};
+use crate::files::{self, Folder, OWNER, RESULTS, UPLOADS};
 use crate::ops::private;
 use crate::store::{JobId, State};
 
@@ -115,8 +115,8 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     let copy = to.join(STORE);
     let mut backup = Backup::default();
     take_files(from, to).map_err(cannot_write)?;
-    link(from, to, Path::new(BLOBS)).map_err(cannot_write)?;
-    let is_elsewhere = to.join(BLOBS).exists();
+    link(from, to, Path::new(OWNER)).map_err(cannot_write)?;
+    let is_elsewhere = !to.join(OWNER).exists();
     for round in 1..=ROUNDS {
         copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
         let wanted = match is_elsewhere {
@@ -293,6 +293,7 @@ mod tests {
         let (whole, lost) = (create(true).await, create(true).await);
         std::fs::create_dir_all(from.path().join(&whole)).expect("made");
         std::fs::write(from.path().join(&whole).join(files::SEEDS), "[0, 1]").expect("written");
+        std::fs::write(from.path().join(OWNER), store.name()).expect("written");
         let backup = back_up(from.path(), &to.path().join("new")).expect("made");
         assert_eq!(backup, Backup { jobs: 2, files: 1, left_out: 1 }, "without the job whose seeds went: {lost}");
         assert!(to.path().join("new").join(&whole).join(files::SEEDS).is_file());

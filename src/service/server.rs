@@ -4,6 +4,7 @@ use std::fmt;
 use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use tesserae_mesh::device::Device;
@@ -116,16 +117,17 @@ impl Server {
         let store = match (shared, &settings.data_dir) {
             (Some(store), _) => store,
             (None, Some(_)) => {
-                files.check_store().await?;
+                files.check_store()?;
                 Store::open(&files.database(), rules, faults).await?
             }
             (None, None) => Store::temporary(&files.database(), rules, faults).await?,
         };
         let check = async {
-            if !store.is_shared() && store.is_durable() && !store.was_used().await? {
-                files.check_unused_store().await?;
+            files.probe_elsewhere().await?;
+            match store.is_durable() {
+                true => files.take_place(store.name(), store.newest().await?.is_some()).await,
+                false => Ok(()),
             }
-            files.take_place(store.name(), store.is_durable()).await
         };
         if let Err(refusal) = check.await {
             // another process may open the file at once
@@ -139,7 +141,7 @@ impl Server {
         let store = Arc::new(store);
         // a place that is shared is swept by the one service that cleans up
         if !files.is_shared() {
-            let (swept, unknown) = (files.sweep(store.as_ref(), None).await?, files.unknown());
+            let (swept, unknown) = (files.sweep(store.as_ref(), None).await?, files.unknown.load(Ordering::Relaxed));
             if swept + unknown as usize > 0 {
                 let why = "files that belong to no job were removed; those of jobs that the store does not know stay";
                 tracing::info!(swept, unknown, "{why}");

@@ -297,8 +297,8 @@ def refusals(bucket):
         assert ended.returncode != 0
         return ended.stderr
     data, here = WORK / "data", f"{bucket.url}/farm"
-    assert f"give --blobs {here}" in refused("--data-dir", data)
-    assert f"give --blobs {here}" in refused("--data-dir", data, "--blobs", f"{bucket.url}/other")
+    assert "do not lie here: give --blobs" in refused("--data-dir", data)
+    assert "do not lie here: give --blobs" in refused("--data-dir", data, "--blobs", f"{bucket.url}/other")
     assert "another store of jobs" in refused("--data-dir", WORK / "new", "--blobs", here)
     assert "cannot be stored at" in refused("--data-dir", WORK / "newer", "--blobs", "s3://no-such-bucket")
     assert "--data-dir" in refused("--blobs", here)

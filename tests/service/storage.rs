@@ -37,25 +37,24 @@ fn found(folder: &Path, name: &str) -> Vec<std::path::PathBuf> {
 #[tokio::test]
 async fn results_outlast_a_store_that_was_lost() {
     let mut service = Service::start().await;
-    service.stopped().await;
     let folder = service.folder();
     let store = folder.path().join("jobs.sqlite3");
-    let older = std::fs::read(&store).expect("a store");
-    let service = service.again(|_| {}).await;
     let job = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     assert_eq!(service.ended(&job).await["state"], "succeeded");
-    let mut service = service;
     service.stopped().await;
     let kept = std::fs::read(&store).expect("a store");
 
-    // removed, emptied, and in the place of a new one
+    let mut another = Service::start().await;
+    another.stopped().await;
+    let other = std::fs::read(another.folder().path().join("jobs.sqlite3")).expect("a store");
+    // removed, emptied, and another one
     std::fs::remove_file(&store).expect("removed");
-    for content in [None, Some(Vec::new()), Some(older)] {
+    for content in [None, Some(Vec::new()), Some(other)] {
         if let Some(content) = content {
             std::fs::write(&store, content).expect("written");
         }
         let why = refusal(&folder).await;
-        assert!(why.contains("files of 1 job:") && why.contains("move uploads, results"), "{why}");
+        assert!(why.contains("missing, empty, or another one") && why.contains("move uploads, results"), "{why}");
         assert_eq!(found(&folder.path().join("results"), "labels.npy").len(), 1);
     }
     // put back, all is as before
@@ -67,7 +66,7 @@ async fn results_outlast_a_store_that_was_lost() {
 
     // moved out of the folder, as the message says
     std::fs::remove_file(&store).expect("removed");
-    for name in ["results", "ballast"] {
+    for name in ["results", "owner", "ballast"] {
         std::fs::rename(folder.path().join(name), folder.path().join(format!("old-{name}"))).expect("moved");
     }
     let service = service.again(|_| {}).await;
@@ -83,12 +82,11 @@ async fn a_store_of_small_jobs_that_was_lost_is_missed() {
     let mut service = service;
     service.stopped().await;
     let folder = service.folder();
-    for name in ["jobs.sqlite3", "ballast"] {
-        let why = match std::fs::remove_file(folder.path().join(name)) {
-            Ok(()) if name == "ballast" => break,
-            _ => refusal(&folder).await,
-        };
-        assert!(why.contains("has worked in the data folder") && why.contains("empty store"), "{why}");
+    std::fs::remove_file(folder.path().join("jobs.sqlite3")).expect("removed");
+    let why = refusal(&folder).await;
+    assert!(why.contains("missing, empty, or another one") && why.contains("empty store"), "{why}");
+    for name in ["owner", "ballast"] {
+        std::fs::remove_file(folder.path().join(name)).expect("removed");
     }
     let service = service.again(|_| {}).await;
     refused(service.get(path(&job)), 404, "not-found").await;

@@ -40,19 +40,20 @@ pub(crate) struct Files {
     pub(super) ballast: Ballast,
     /// Uploads in progress; the store has no row for them.
     pub(super) incoming: Mutex<HashSet<JobId>>,
-    pub(super) failures: AtomicU64,
+    /// Blobs that could not be written or read for reasons of the disk.
+    pub(crate) failures: AtomicU64,
     /// Jobs that repeat what they cannot read or write.
     pub(crate) stuck: AtomicU64,
     /// Folders of jobs that the store does not know, as the last sweep found them.
-    pub(super) unknown: AtomicU64,
-    pub(super) damages: AtomicU64,
+    pub(crate) unknown: AtomicU64,
+    /// Blobs of results that were not what was stored.
+    pub(crate) damages: AtomicU64,
     pub(super) faults: Faults,
 }
 
 impl Files {
     /// Takes the folder `data_dir`, which is made if need be, or a temporary one; the blobs lie in it or `elsewhere`. A
-    /// folder that another process works in is refused. No upload takes the last `reserve` free bytes. Call
-    /// [`make_ballast`](Self::make_ballast) once the store is open: a folder with a ballast must have had one.
+    /// folder that another process works in is refused. No upload takes the last `reserve` free bytes.
     pub fn open(data_dir: Option<&Path>, elsewhere: Option<&BlobPlace>, reserve: u64, faults: Faults) -> Result<Self> {
         let root = match data_dir {
             Some(path) => Root::keep(path)?,
@@ -156,21 +157,6 @@ impl Files {
             tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
         }
         had_any
-    }
-
-    /// How often a blob could not be written or read for reasons of the disk.
-    pub fn failures(&self) -> u64 {
-        self.failures.load(Ordering::Relaxed)
-    }
-
-    /// Folders of jobs that the store does not know, as of the last sweep.
-    pub fn unknown(&self) -> u64 {
-        self.unknown.load(Ordering::Relaxed)
-    }
-
-    /// How often a blob of a result was not what was stored.
-    pub fn damages(&self) -> u64 {
-        self.damages.load(Ordering::Relaxed)
     }
 
     /// Counts and logs a blob of a result that is not what was stored; the error of it.

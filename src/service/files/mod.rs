@@ -7,7 +7,7 @@
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/scratch/…                     what an answer is made of while it is sent
 //! DIR/ballast                       room that deletions get on a full disk
-//! DIR/blobs                         where uploads and results lie, if elsewhere
+//! DIR/owner                         the name of the store that uploads and results belong to
 //! ```
 //!
 //! With `--blobs`, `uploads` and `results` lie in another folder or in a bucket (`place`).
@@ -28,7 +28,6 @@ mod folder;
 mod incoming;
 pub(crate) mod job_blobs;
 pub(crate) mod kept_mesh;
-mod lost;
 mod names;
 mod place;
 mod references;
@@ -42,9 +41,8 @@ pub(crate) use self::blob::{BlobWriter, BlockingWriter};
 pub(crate) use self::disk::check_reserve;
 pub(crate) use self::folder::Files;
 pub(crate) use self::incoming::{Incoming, settle};
-pub(crate) use self::names::{Folder, GRAPH, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
+pub(crate) use self::names::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(crate) use self::references::check_prefixes;
-pub(crate) use self::root::BLOBS;
 
 #[cfg(test)]
 mod tests;

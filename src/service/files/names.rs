@@ -8,6 +8,9 @@ pub(crate) const UPLOADS: &str = "uploads";
 
 pub(crate) const RESULTS: &str = "results";
 
+/// Name of the blob with the name of the store that a place belongs to.
+pub(crate) const OWNER: &str = "owner";
+
 /// Name of the mesh, or the points, among a job's uploads.
 pub(crate) const MESH: &str = "mesh";
 /// Name of the list of seeds among a job's uploads.

@@ -1,27 +1,20 @@
-//! Blobs that lie elsewhere than in the data folder (`--blobs`), where other processes may have theirs.
+//! The place of the blobs: the data folder, or elsewhere (`--blobs`), where other processes may have theirs.
 //!
-//! A store of jobs belongs to a place, and a place to one store: with another place its jobs have no files, and another
-//! store sweeps them away. So the data folder keeps the place in a file, [`BLOBS`], and the place keeps the name of the
-//! store as a blob, [`OWNER`].
+//! A store of jobs belongs to a place, and a place to one store: another store would sweep its files away, and at
+//! another place the jobs have no files. So a place keeps the name of its store as a blob, [`OWNER`]. That the store of
+//! a data folder was lost is noticed by the same blob.
 //!
-//! The room of a place is not counted: other processes fill it too. When it is full, what is written to it fails.
-
-use std::fmt;
-use std::io::{self, Write as _};
+//! The room of a place elsewhere is not counted: other processes fill it too. When it is full, what is written to it
+//! fails.
 
 use axum::body::Bytes;
 use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::failure::{CANNOT_REACH, cannot_make};
+use super::ballast::BALLAST;
+use super::failure::CANNOT_REACH;
 use super::folder::Files;
-use super::names::{RESULTS, UPLOADS};
-use super::root::BLOBS;
-use crate::blobs::place::BlobPlace;
-use crate::ops::private;
-
-/// Name of the blob with the name of the store that a place belongs to.
-const OWNER: &str = "owner";
+use super::names::{OWNER, RESULTS, UPLOADS};
 
 impl Files {
     /// Whether the blobs lie elsewhere, where other processes may have theirs.
@@ -29,76 +22,65 @@ impl Files {
         self.elsewhere.is_some()
     }
 
-    /// Takes the place of the blobs for a store of this name: checks that it works, and that place, store and data
-    /// folder are each other's, from now on if they are new. A temporary store has no place to itself.
-    pub async fn take_place(&mut self, store: &str, is_durable: bool) -> Result<()> {
-        let file = self.root.path.join(BLOBS);
-        let cannot = |error| cannot_make(&file, error);
-        let known = match std::fs::read_to_string(&file) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-            text => text.map_err(cannot)?.lines().next().map(str::to_owned),
-        };
-        let is_new = known.is_none() && self.root.is_kept();
-        let conflict = |message: fmt::Arguments<'_>| Err(Error::new(Kind::Conflict, message));
-        let place = match (&self.elsewhere, known) {
-            (None, None) => return Ok(()),
-            (None, Some(known)) => {
-                return conflict(format_args!(
-                    "the files of the jobs of this data folder lie elsewhere: give --blobs {known}"
+    /// Checks, before the store of jobs is opened, that it is there if there was one: what is left of its log would go.
+    pub fn check_store(&self) -> Result<()> {
+        let is_there = self.database().metadata().is_ok_and(|found| found.len() > 0);
+        let had_one = [OWNER, BALLAST].iter().any(|name| self.root.path.join(name).exists());
+        if had_one && !is_there { Err(self.lost_store()) } else { Ok(()) }
+    }
+
+    fn lost_store(&self) -> Error {
+        Error::new(
+            Kind::Conflict,
+            format_args!(
+                "the store of jobs of this data folder is missing, empty, or another one: put it back, from a backup \
+                 for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, {OWNER} and {BALLAST} out \
+                 of the data folder: {}",
+                self.root.path.display()
+            ),
+        )
+    }
+
+    /// Takes the place of the blobs for a store of this name: checks that they are each other's, from now on where the
+    /// place has no owner and the store no jobs.
+    pub async fn take_place(&mut self, store: &str, has_jobs: bool) -> Result<()> {
+        let folder = self.root.path.display();
+        let place = self.elsewhere.as_ref().map_or(folder.to_string(), ToString::to_string);
+        let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
+        if self.is_shared() && self.root.path.join(OWNER).exists() {
+            return conflict(format!(
+                "files of jobs lie in the data folder: move {UPLOADS}, {RESULTS} and {OWNER} from it to {place} while \
+                 the service is stopped, or start without --blobs: {folder}"
+            ));
+        }
+        match self.owner().await? {
+            Some(owner) if owner == store => {}
+            Some(_) if self.is_shared() => {
+                return conflict(format!(
+                    "another store of jobs has its files here, and each would remove the other's: give every store its \
+                     own folder or prefix (--blobs), or remove the file {OWNER} here if that store is gone: {place}"
                 ));
             }
-            (Some(place), Some(known)) if known != place.to_string() => {
-                return conflict(format_args!(
-                    "the files of the jobs of this data folder do not lie at {place}: give --blobs {known}, or, if \
-                     they were moved, write the new place into {}",
-                    file.display()
+            Some(_) => return Err(self.lost_store()),
+            None if has_jobs => {
+                return conflict(format!(
+                    "the files of the jobs of this store do not lie here: give --blobs with the place where they lie, \
+                     or, if they were moved, move the file {OWNER} too: {place}"
                 ));
             }
-            (Some(place), _) => {
-                self.probe_elsewhere().await?;
-                if is_new && self.has_files_in_root() {
-                    return conflict(format_args!(
-                        "files of jobs lie in the data folder: move its folders {UPLOADS} and {RESULTS} to {place} \
-                         while the service is stopped, or start without --blobs: {}",
-                        self.root.path.display()
-                    ));
-                }
-                place
-            }
-        };
-        if !is_durable {
-            return Ok(());
-        }
-        let path = BlobPath::from(OWNER);
-        if self.blobs.get(&path, None).await.is_err_and(|error| error.kind == Kind::NotFound) {
-            self.blobs.put(&path, Bytes::copy_from_slice(store.as_bytes())).await?;
-        }
-        self.check_owner(place, store).await?;
-        if is_new {
-            keep(&file, place).map_err(cannot)?;
+            None => self.blobs.put(&BlobPath::from(OWNER), Bytes::copy_from_slice(store.as_bytes())).await?,
         }
         self.owner = Some(store.to_owned());
         Ok(())
     }
 
-    /// Checks that the place belongs to the store of this name.
-    async fn check_owner(&self, place: &BlobPlace, store: &str) -> Result<()> {
-        match self.blobs.get(&BlobPath::from(OWNER), None).await?.bytes().await? == store.as_bytes() {
-            true => Ok(()),
-            false => Err(Error::new(
-                Kind::Conflict,
-                format_args!(
-                    "another store of jobs has its files here, and each would remove the other's: give every store its \
-                     own folder or prefix (--blobs), or remove the file {OWNER} here if that store is gone: {place}"
-                ),
-            )),
+    /// The name of the store that the place belongs to, if it belongs to one.
+    async fn owner(&self) -> Result<Option<String>> {
+        match self.blobs.get(&BlobPath::from(OWNER), None).await {
+            Ok(found) => Ok(Some(String::from_utf8_lossy(&found.bytes().await?).into_owned())),
+            Err(error) if error.kind == Kind::NotFound => Ok(None),
+            Err(error) => Err(error),
         }
-    }
-
-    fn has_files_in_root(&self) -> bool {
-        [UPLOADS, RESULTS].iter().any(|folder| {
-            std::fs::read_dir(self.root.path.join(folder)).is_ok_and(|mut entries| entries.next().is_some())
-        })
     }
 
     /// Whether blobs that lie elsewhere can be stored and found there; says what is wrong. Without the owner it is
@@ -107,8 +89,8 @@ impl Files {
         let Some(place) = &self.elsewhere else { return Ok(()) };
         let probe = async {
             self.blobs.names(&BlobPath::default()).await?;
-            if let Some(owner) = &self.owner {
-                self.check_owner(place, owner).await?;
+            if self.owner.is_some() && self.owner().await? != self.owner {
+                return Err(Error::new(Kind::Conflict, format_args!("the file {OWNER} is not there, or another one")));
             }
             self.blobs.probe().await
         };
@@ -128,22 +110,15 @@ impl Files {
     }
 }
 
-/// Writes the place into a file, whole or not at all.
-fn keep(file: &std::path::Path, place: &BlobPlace) -> io::Result<()> {
-    let new = file.with_extension("new");
-    let mut out = private::options().truncate(true).open(&new)?;
-    writeln!(out, "{place}")?;
-    out.sync_all()?;
-    std::fs::rename(&new, file)
-}
-
 #[cfg(test)]
 mod tests {
     use std::path::Path;
     use std::sync::Arc;
+    use std::sync::atomic::Ordering;
     use std::time::{Duration, SystemTime};
 
     use super::*;
+    use crate::blobs::place::BlobPlace;
     use crate::files::{Folder, MESH};
     use crate::ops::faults::Faults;
     use crate::store::JobId;
@@ -171,35 +146,31 @@ mod tests {
     async fn a_place_and_a_store_are_each_others() {
         let folders = [(); 5].map(|()| tempfile::tempdir().expect("a folder"));
         let [data, another_data, blobs, other_blobs, used] = folders.each_ref().map(|folder| folder.path());
-        let try_open = async |data: &Path, elsewhere: Option<&Path>| {
+        let try_open = async |data: &Path, elsewhere: Option<&Path>, has_jobs| {
             let elsewhere = elsewhere.map(place);
             let files = Files::open(Some(data), elsewhere.as_ref(), 0, Faults::default());
             let mut files = files.expect("it opens");
             // the name of the store that such a data folder has
-            let taken = files.take_place(&data.display().to_string(), true).await;
+            let taken = files.take_place(&data.display().to_string(), has_jobs).await;
             files.close().await;
             taken
         };
-        for _ in 0..2 {
-            assert_eq!(try_open(data, Some(blobs)).await, Ok(()), "new, then known");
+        for has_jobs in [false, true] {
+            assert_eq!(try_open(data, Some(blobs), has_jobs).await, Ok(()), "new, then known");
         }
-        for (data, elsewhere, expected) in [
-            (data, None, "lie elsewhere: give --blobs"),
-            (data, Some(other_blobs), "do not lie at"),
-            (another_data, Some(blobs), "another store of jobs"),
+        assert_eq!(try_open(used, None, false).await, Ok(()));
+        for (data, elsewhere, has_jobs, expected) in [
+            (data, None, true, "do not lie here"),
+            (data, Some(other_blobs), true, "do not lie here"),
+            (another_data, Some(blobs), false, "another store of jobs"),
+            (used, Some(other_blobs), true, "move uploads"),
         ] {
-            let error = try_open(data, elsewhere).await.expect_err(expected);
+            let error = try_open(data, elsewhere, has_jobs).await.expect_err(expected);
             assert_eq!(error.kind, Kind::Conflict);
             assert!(error.message.contains(expected), "{error}");
         }
-        assert_eq!(try_open(another_data, Some(other_blobs)).await, Ok(()));
-
-        let files = open(Some(used), None, 0);
-        write(&files, JobId::random()).await;
-        files.close().await;
-        let error = try_open(used, Some(&used.join("new"))).await.expect_err("files are here");
-        assert!(error.message.contains("move its folders"), "{error}");
-        assert_eq!(try_open(used, None).await, Ok(()));
+        assert_eq!(try_open(another_data, Some(other_blobs), false).await, Ok(()));
+        assert_eq!(try_open(used, None, true).await, Ok(()));
 
         let place = place(blobs);
         let mut files = Files::open(Some(data), Some(&place), 0, Faults::default()).expect("opened");
@@ -266,6 +237,6 @@ mod tests {
         assert_eq!(files.probe_elsewhere().await, Ok(()));
         drop(blobs);
         assert_eq!(kind().await, Kind::Unavailable);
-        assert!(files.probe_elsewhere().await.is_err() && files.failures() > 0);
+        assert!(files.probe_elsewhere().await.is_err() && files.failures.load(Ordering::Relaxed) > 0);
     }
 }

@@ -10,12 +10,10 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::ballast::BALLAST;
 use super::failure::cannot_make;
+use super::names::OWNER;
 use crate::ops::private;
 
 pub(super) const LOCK: &str = "lock";
-
-/// Name of the file that says where the blobs lie, if elsewhere.
-pub(crate) const BLOBS: &str = "blobs";
 
 /// Files of the store of jobs.
 pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm"];
@@ -69,7 +67,7 @@ impl Root {
             let (folder, mode) = (path.display(), format!("{mode:04o}"));
             tracing::warn!(%folder, mode, "other users may enter the data folder; `chmod 700` takes that away");
         }
-        for name in STORE.into_iter().chain([LOCK, BALLAST, BLOBS]) {
+        for name in STORE.into_iter().chain([LOCK, BALLAST, OWNER]) {
             let file = path.join(name);
             private::tighten(&file).map_err(|error| cannot_make(&file, error))?;
         }

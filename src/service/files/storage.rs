@@ -51,7 +51,7 @@ impl Storage {
                 () = stop.cancelled() => return,
                 () = tokio::time::sleep(INTERVAL) => {}
             }
-            let failures = (self.files.failures(), self.store.statistics().failures);
+            let failures = (self.files.failures.load(Ordering::Relaxed), self.store.statistics().failures);
             let works = *self.works.borrow();
             if failures != seen || !works || tried.elapsed() >= TRIED_ANYWAY {
                 seen = failures;

@@ -1,6 +1,7 @@
 use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::artifacts::REPORT_JSON;
@@ -190,7 +191,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     std::fs::create_dir(folder.path().join("uploads/not ours")).expect("made");
 
     assert_eq!(files.sweep(&store, None).await, Ok(4));
-    assert_eq!(files.unknown(), 1);
+    assert_eq!(files.unknown.load(Ordering::Relaxed), 1);
     assert!(!never_accepted.exists());
     assert!(folder.path().join("uploads/not ours").exists());
     for (folder, name, is_there) in [
@@ -208,7 +209,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     assert_eq!(files.sweep(&store, Some(before)).await, Ok(0), "it is not old");
     assert_eq!(files.sweep(&store, Some(SystemTime::now() + Duration::from_secs(60))).await, Ok(1));
     assert!(files.read(Folder::Result(unknown, 1), REPORT_JSON.file, None).await.is_err());
-    assert_eq!(files.unknown(), 0);
+    assert_eq!(files.unknown.load(Ordering::Relaxed), 0);
 }
 
 #[tokio::test]

@@ -202,8 +202,8 @@ impl Metrics {
         families.store_commits.inner().store(of_store.commits, Ordering::Relaxed);
         families.store_commands.inner().store(of_store.commands, Ordering::Relaxed);
         families.store_failed_commits.inner().store(of_store.failures, Ordering::Relaxed);
-        families.results_damaged.inner().store(files.damages(), Ordering::Relaxed);
-        families.file_errors.inner().store(files.failures(), Ordering::Relaxed);
+        families.results_damaged.inner().store(files.damages.load(Ordering::Relaxed), Ordering::Relaxed);
+        families.file_errors.inner().store(files.failures.load(Ordering::Relaxed), Ordering::Relaxed);
         families.store_commit_seconds.inner().store(of_store.commit_seconds.to_bits(), Ordering::Relaxed);
         // only the store ends attempts for this reason
         let unavailable = ByReason { reason: Kind::Unavailable.slug() };
@@ -219,7 +219,7 @@ impl Metrics {
             }
         }
         families.stuck_jobs.set(signed(files.stuck.load(Ordering::Relaxed)));
-        families.unknown_jobs.set(signed(files.unknown()));
+        families.unknown_jobs.set(signed(files.unknown.load(Ordering::Relaxed)));
         if let Some(free) = files.free_bytes() {
             families.disk_free.set(signed(free));
         }

@@ -120,12 +120,6 @@ impl Store {
         found.await
     }
 
-    /// Whether a job was ever added to the file, deleted ones included.
-    pub async fn was_used(&self) -> Result<bool> {
-        let sql = "SELECT 1 FROM sqlite_sequence WHERE name = 'jobs' AND seq > 0";
-        Ok(self.read("open", move |rows| rows.first(sql, Vec::new())).await?.is_some())
-    }
-
     /// Bytes on disk that the store has taken and will use again before it takes more.
     pub async fn free_bytes(&self) -> Result<u64> {
         if self.is_shared() {

@@ -15,8 +15,8 @@
 //! # When the answer to a commit is lost
 //!
 //! An end that was committed is recognised when it is repeated, and so are events, by their numbers, and a new job, by
-//! its id. A claim that may have been committed ends with its lease, which nothing prolongs. An upload stays until the sweep when
-//! the creation of its job may have been committed.
+//! its id. A claim that may have been committed ends with its lease, which nothing prolongs. An upload stays until the
+//! sweep when the creation of its job may have been committed.
 
 mod change;
 mod claim;

@@ -104,8 +104,8 @@ impl Store {
         found.await
     }
 
-    /// Whether this process is the one that cleans up for all: deletes jobs that expired, sweeps files of no job, delivers
-    /// webhooks.
+    /// Whether this process is the one that cleans up for all: deletes jobs that expired, sweeps files of no job,
+    /// delivers webhooks.
     pub async fn may_clean_up(&self) -> Result<bool> {
         if !self.is_shared() {
             return Ok(true);

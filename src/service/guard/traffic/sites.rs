@@ -3,7 +3,7 @@
 //! | page | what it can do | refused by |
 //! |---|---|---|
 //! | of a name that resolves to this machine (DNS rebinding) | all, as if it were the service's | `Host` |
-//! | of another origin | send requests without a preflight; read no answer | `Sec-Fetch-Site`, `Origin` ([`CsrfLayer`]) |
+//! | of another origin | send requests without a preflight; read no answer | the headers that [`CsrfLayer`] reads |
 //!
 //! `Host` must be an address or `localhost`, unless `--insecure-no-auth` accepts any name. With tokens nothing is
 //! checked: a page has none.
@@ -32,8 +32,8 @@ pub(crate) async fn check(request: Request, next: Next) -> Response {
 
 /// The answer to a request that changes something, of a page of another origin.
 pub(crate) fn foreign(_: ProtectionError) -> Response {
-    let message = "web pages of other origins may not change anything in a service without tokens: use its own page, or \
-                   give it --tokens";
+    let message = "web pages of other origins may not change anything in a service without tokens: use its own page, \
+                   or give it --tokens";
     Failure::from(Error::new(Kind::ForeignOrigin, message)).into_response()
 }
 

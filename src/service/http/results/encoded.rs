@@ -6,13 +6,13 @@
 use std::io::{self, BufWriter, Seek, Write};
 
 use axum::body::Body;
-use axum::response::Response;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
 use tempfile::{SpooledData, spooled_tempfile_in};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::OwnedSemaphorePermit;
 use tokio_util::io::ReaderStream;
 
-use super::body::streamed;
 use crate::http::state::Shared;
 use crate::ops::blocking::blocking;
 
@@ -53,6 +53,12 @@ pub(crate) async fn encoded<T: Send + 'static>(
     })
     .await??;
     Ok((streamed(length, body, media_type), returned))
+}
+
+/// A body of known length as a response.
+pub(super) fn streamed(length: u64, body: Body, media_type: &'static str) -> Response {
+    let headers = [(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())];
+    (headers, body).into_response()
 }
 
 /// The error of a result that cannot be written.

@@ -1,7 +1,6 @@
 //! Results as responses: what is stored, and what is made of it on request. Handlers use these, and not the other way
 //! round.
 
-mod body;
 mod checked;
 pub(crate) mod derived;
 pub(crate) mod encoded;

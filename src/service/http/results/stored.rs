@@ -11,8 +11,8 @@ use object_store::GetRange;
 use tesserae_mesh::artifacts::{HIERARCHY, LABELS, Need};
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::body::streamed;
 use super::checked;
+use super::encoded::streamed;
 use crate::files::job_blobs;
 use crate::http::conditional::Parts;
 use crate::http::state::Shared;
