@@ -77,7 +77,7 @@ impl Files {
     /// The name of the store that the place belongs to, if it belongs to one.
     async fn owner(&self) -> Result<Option<String>> {
         match self.blobs.get(&BlobPath::from(OWNER), None).await {
-            Ok(found) => Ok(Some(String::from_utf8_lossy(&found.bytes().await?).into_owned())),
+            Ok(found) => Ok(Some(String::from_utf8_lossy(&found.bytes().await?).trim().to_owned())),
             Err(error) if error.kind == Kind::NotFound => Ok(None),
             Err(error) => Err(error),
         }
