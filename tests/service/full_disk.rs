@@ -12,7 +12,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{Extras, Server, Settings};
+use tesserae_service::{Extras, Settings};
 
 use crate::support::*;
 
@@ -254,27 +254,48 @@ async fn jobs_expire_on_a_full_disk() {
 }
 
 #[tokio::test]
-async fn a_service_needs_room_to_start_on_a_disk_that_was_filled_when_the_ballast_was_gone() {
-    let Some(disk) = Disk::mount(48 * MIB) else { return };
-    let change = |settings: &mut Settings| settings.storage.min_free_bytes = 0;
-    let cpu = || Box::new(CpuDevice::new());
-    let mut service = disk.service(cpu(), change).await;
-    let jobs = [service.submit("clusters=5", sphere(300)).await, service.submit("clusters=5", sphere(300)).await];
-    for job in &jobs {
-        assert_eq!(service.ended(job).await["state"], "succeeded");
+async fn a_service_starts_on_a_disk_that_was_filled_when_the_ballast_was_gone() {
+    for expires in [false, true] {
+        let Some(disk) = Disk::mount(48 * MIB) else { return };
+        let change = |settings: &mut Settings| settings.storage.min_free_bytes = 0;
+        let mut service = disk.service(Box::new(CpuDevice::new()), change).await;
+        let mut ended = Vec::new();
+        for faces in [300, 70_000, 300] {
+            let job = service.submit("clusters=5&quality=fast", sphere(faces)).await;
+            assert_eq!(service.ended(&job).await["state"], "succeeded");
+            ended.push(job);
+        }
+        let delete = async |service: &Service, job: &Value| {
+            service.delete(path(job)).send().await.expect("answered").status().as_u16()
+        };
+        let filler = disk.fill("filler");
+        assert_eq!(delete(&service, &ended[0]).await, 204, "with the ballast");
+        service.stopped().await;
+        // the room of the ballast, and of the log of the store
+        let last = disk.fill("last");
+
+        // the index of the log, which other processes need
+        let index = disk.0.path().join("jobs.sqlite3-shm");
+        let is_shared = || index.metadata().is_ok_and(|index| index.len() >= 32 << 10);
+        let restart = |settings: &mut Settings| {
+            change(settings);
+            if expires {
+                settings.storage.retention = 1;
+            }
+        };
+        let service = disk.service(Box::new(CpuDevice::new()), restart).await;
+        if !expires {
+            assert!(!is_shared(), "there is no room for the index");
+            assert_eq!(jobs(&service).await, 2);
+            assert_eq!(delete(&service, &ended[1]).await, 204, "with the room of its own files");
+            assert_eq!(delete(&service, &ended[2]).await, 204);
+        }
+        until(async || jobs(&service).await == 0).await;
+        for filler in [filler, last] {
+            std::fs::remove_file(filler).expect("removed");
+        }
+        until(async || is_shared()).await;
+        let job = service.submit("clusters=5", sphere(300)).await;
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
     }
-    let filler = disk.fill("filler");
-    assert_eq!(service.delete(path(&jobs[0])).send().await.expect("answered").status(), 204, "with the ballast");
-    service.stopped().await;
-    // the room of the ballast, and of the log of the store
-    let last = disk.fill("last");
-    let mut settings = Settings { data_dir: Some(disk.0.path().to_owned()), ..Settings::default() };
-    settings.listen.set_port(0);
-    change(&mut settings);
-    let refusal = Server::bind(settings, cpu(), description()).await.expect_err("no room");
-    assert!(refusal.message.contains("make room"), "{refusal}");
-    std::fs::remove_file(last).expect("removed");
-    let service = disk.service(cpu(), change).await;
-    assert_eq!(service.get(path(&jobs[1])).send().await.expect("answered").status(), 200);
-    std::fs::remove_file(filler).expect("removed");
 }

@@ -216,15 +216,12 @@ impl Store {
         match &self.database {
             Database::Sqlite(file) => {
                 file.damage().map_or(Ok(()), Err)?;
+                file.share(|rows, _| probe(rows)).await?;
             }
             #[cfg(feature = "postgres")]
             Database::Postgres(_) => {}
         }
-        let probed = self.change("probe", |change| {
-            let now = change.rows.now()?;
-            change.rows.write("UPDATE identity SET probed_at = $1", values![now])
-        });
-        probed.await
+        self.change("probe", |change| probe(change.rows)).await
     }
 
     pub fn statistics(&self) -> Statistics {
@@ -252,4 +249,9 @@ impl Store {
             Database::Postgres(database) => database.close(),
         }
     }
+}
+
+fn probe(rows: &mut dyn Rows) -> Result<(), Abort> {
+    let now = rows.now()?;
+    rows.write("UPDATE identity SET probed_at = $1", values![now])
 }

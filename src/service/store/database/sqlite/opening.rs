@@ -1,4 +1,4 @@
-//! Opening the file of a store: checked for damage, with the tables as they are to be.
+//! Opening the file of a store: checked for damage, with the tables as they are to be, on a full disk too.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -26,10 +26,19 @@ pub enum OpenError {
     Refused(Error),
 }
 
-/// Opens the file, or makes it.
+/// Opens the file, or makes it; as a private one when the disk has no room for the files beside it.
 pub fn open(place: &Arc<DatabasePlace>) -> Result<Opened> {
-    open_up_to_date(place).map_err(|error| match error {
-        OpenError::Database(error) if lacks_room(&error) => {
+    let opened = open_up_to_date(place).or_else(|error| {
+        place.set_private(is_of_room(&error));
+        if !place.is_private() {
+            return Err(error);
+        }
+        let opened = open_up_to_date(place)?;
+        tracing::warn!("the disk is full; until it has room, the store of jobs cannot be copied by `tesserae backup`");
+        Ok(opened)
+    });
+    opened.map_err(|error| match error {
+        error if is_of_room(&error) => {
             cannot_open(&place.path, &"its disk is full; make room there, a few megabytes are enough")
         }
         OpenError::Database(error) if is_damage(&error) => {
@@ -45,6 +54,11 @@ pub fn cannot_open(path: &Path, why: &dyn Display) -> Error {
     Error::new(Kind::Io, format_args!("the store of jobs cannot be opened: {}: {why}", path.display()))
 }
 
+fn is_of_room(error: &OpenError) -> bool {
+    matches!(error, OpenError::Database(error) if lacks_room(error))
+}
+
+/// Opens the file, or makes it, with the tables as they are to be.
 fn open_up_to_date(place: &Arc<DatabasePlace>) -> Result<Opened, OpenError> {
     let connection = place.writing(true)?;
     check::check(&connection, START)?;

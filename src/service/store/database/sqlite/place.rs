@@ -2,6 +2,7 @@
 
 use std::fs::{File, TryLockError};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use rusqlite::config::DbConfig;
@@ -60,7 +61,7 @@ pub fn closed() -> Error {
     Error::new(Kind::Unavailable, "the store of jobs is closed")
 }
 
-/// Whether the database failed for want of room on the disk, also for the index of its log.
+/// Whether the database failed for want of room on the disk.
 pub fn lacks_room(error: &rusqlite::Error) -> bool {
     const INDEX_OF_LOG: [i32; 3] = [ffi::SQLITE_IOERR_SHMSIZE, ffi::SQLITE_IOERR_SHMOPEN, ffi::SQLITE_IOERR_SHMMAP];
     error.sqlite_error_code() == Some(ErrorCode::DiskFull)
@@ -69,6 +70,10 @@ pub fn lacks_room(error: &rusqlite::Error) -> bool {
 
 /// The file, and how connections to it are opened.
 ///
+/// The index of the log is a file of 32 KiB, shared by processes, that SQLite writes when the first connection is
+/// opened: on a full disk nothing could be read. While the file is *private*, the index is in the memory of this
+/// process, and other processes (`tesserae backup`) find the file locked.
+///
 /// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
 /// whatever happened to the lock of the data folder.
 #[derive(Debug)]
@@ -76,17 +81,21 @@ pub struct DatabasePlace {
     pub path: PathBuf,
     /// Whether the process outlasts the file: then no commit waits for the disk.
     pub is_temporary: bool,
+    is_private: AtomicBool,
     /// Closed after all connections: closing a file that SQLite has locked ends SQLite's own locks (POSIX).
     lock: Option<File>,
 }
 
 impl DatabasePlace {
-    /// The file at `path`, locked for this service. [`Kind::Conflict`] when another one has it.
+    /// SQLite's way to open a file for one process.
+    const PRIVATE: &str = "unix-excl";
+
+    /// The file at `path`, shared, and locked for this service. [`Kind::Conflict`] when another one has it.
     pub fn locked(path: PathBuf) -> Result<Self> {
         let cannot = |error| Error::io(format_args!("the store of jobs cannot be opened: {}", path.display()), error);
         let lock = private::options().open(&path).map_err(cannot)?;
         match lock.try_lock() {
-            Ok(()) => Ok(Self { path, is_temporary: false, lock: Some(lock) }),
+            Ok(()) => Ok(Self { path, is_temporary: false, is_private: AtomicBool::new(false), lock: Some(lock) }),
             Err(TryLockError::WouldBlock) => Err(Error::new(
                 Kind::Conflict,
                 format_args!(
@@ -107,7 +116,17 @@ impl DatabasePlace {
 
     /// The same in a temporary folder, which no other process knows.
     pub fn temporary(path: PathBuf) -> Self {
-        Self { path, is_temporary: true, lock: None }
+        Self { path, is_temporary: true, is_private: AtomicBool::new(false), lock: None }
+    }
+
+    /// Whether the file is private.
+    pub fn is_private(&self) -> bool {
+        self.is_private.load(Ordering::Relaxed)
+    }
+
+    /// Makes the file private, or shared again, for connections that are opened from now on.
+    pub fn set_private(&self, is_private: bool) {
+        self.is_private.store(is_private, Ordering::Relaxed);
     }
 
     /// Opens the connection that writes, and makes the file if that may be.
@@ -130,18 +149,30 @@ impl DatabasePlace {
     }
 
     pub fn reading(&self) -> rusqlite::Result<Connection> {
-        let connection = self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        let connection = match self.is_private() {
+            // a file that is opened for reading only would not be locked by this process
+            true => self.open(OpenFlags::SQLITE_OPEN_READ_WRITE)?,
+            false => self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?,
+        };
         connection.pragma_update(None, "query_only", true)?;
         connection.pragma_update(None, "cache_size", -READ_CACHE)?;
         Ok(connection)
     }
 
     fn open(&self, flags: OpenFlags) -> rusqlite::Result<Connection> {
-        let connection = Connection::open_with_flags(&self.path, flags | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
-        connection.busy_timeout(PATIENCE)?;
-        connection.set_prepared_statement_cache_capacity(STATEMENTS);
-        // plans do not depend on what is bound; without this, some statements are prepared anew for other values
-        connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
-        Ok(connection)
+        let flags = flags | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = match self.is_private() {
+            true => Connection::open_with_flags_and_vfs(&self.path, flags, Self::PRIVATE)?,
+            false => Connection::open_with_flags(&self.path, flags)?,
+        };
+        prepare(connection)
     }
+}
+
+fn prepare(connection: Connection) -> rusqlite::Result<Connection> {
+    connection.busy_timeout(PATIENCE)?;
+    connection.set_prepared_statement_cache_capacity(STATEMENTS);
+    // Plans do not depend on what is bound; without this, some statements are prepared anew whenever something else is.
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
+    Ok(connection)
 }
