@@ -61,8 +61,7 @@ pub struct Parameters {
     ///
     /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared
     /// distance of the unit normal to the mean normal, for clusters that are as flat as can be. planes: area × squared
-    /// distance to a plane. shapes: the same with planes, spheres and cylinders. Those but cvd are for the cpu, planes
-    /// and shapes for the algorithm bb.
+    /// distance to a plane. shapes: the same with planes, spheres and cylinders. Those but cvd are for the cpu.
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub energy: energy::Kind,
 
@@ -227,10 +226,10 @@ impl Parameters {
         self.optimize == Optimize::On && self.algorithm != Algorithm::Hr
     }
 
-    /// Which pairs merge in parallel rounds: energies by normals leave few out of half of the pairs where costs jump.
+    /// Which pairs merge in parallel rounds: energies other than cvd leave few out of half of the pairs where costs jump.
     pub fn merging_pairs(&self) -> Pairs {
         match self.pairs {
-            Pairs::CheaperHalf if self.energy.is_of_normals() => Pairs::Eighth,
+            Pairs::CheaperHalf if self.energy != energy::Kind::default() => Pairs::Eighth,
             pairs => pairs,
         }
     }

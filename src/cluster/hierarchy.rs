@@ -80,13 +80,13 @@ pub struct Options {
 
 /// What a round did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RoundRow {
+pub struct RoundRow<Energy = LatticeEnergy> {
     /// Number of the round, from 1.
     pub round: u32,
     /// Clusters left after it.
     pub clusters: u64,
     /// Energy after it.
-    pub energy: LatticeEnergy,
+    pub energy: Energy,
     /// Pairs that merged.
     pub merges: u64,
     /// Faces that belong elsewhere after the optimisation than after the merges.
@@ -198,7 +198,7 @@ impl<E: Functional> Rounds<'_, E> {
             relocated.iter().for_each(|labels| self.builder.relocated(labels));
         }
         let energy = energy.map_or_else(|| steps.energy(), Ok)?;
-        self.builder.end_round(self.left, energy);
+        self.builder.end_round(self.left, self.builder.items.energy(energy));
         let moves = moves.len() as u64;
         (self.on_round)(RoundRow { round, clusters: self.left, energy, merges, moves, is_level });
         Ok(relocated)

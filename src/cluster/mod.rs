@@ -35,4 +35,4 @@ pub mod run;
 pub mod seeds;
 pub mod snapshots;
 pub mod teleport;
-mod tree_builder;
+pub(crate) mod tree_builder;

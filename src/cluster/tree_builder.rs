@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use crate::energy::{Functional, LatticeEnergy, Merged, Sums};
+use crate::energy::{Functional, Merged, Sums};
 use crate::hierarchy::{FaceMove, Merge, Round, Tree};
 use crate::surface::{Items, Loose};
 
@@ -11,7 +11,7 @@ use crate::surface::{Items, Loose};
 const MERGES_A_THREAD: usize = 256;
 
 /// Builds the tree of a run.
-pub(super) struct Builder<'a, E: Functional> {
+pub(crate) struct Builder<'a, E: Functional> {
     pub items: &'a Items<E>,
     pub tree: Tree,
     /// Σ w·|g|² of each cluster, exactly.
@@ -62,14 +62,7 @@ impl<'a, E: Functional> Builder<'a, E> {
 
     /// Records merges (from, into), with the sums of both ends before, in either order.
     pub fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[E::Sums; 2]]) {
-        for &(from, into) in pairs {
-            self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
-        }
-        if !self.loose_in.is_empty() {
-            for &(from, into) in pairs {
-                self.loose_in[into as usize] += std::mem::take(&mut self.loose_in[from as usize]);
-            }
-        }
+        pairs.iter().for_each(|&pair| self.unite(pair));
         let Self { items, tree, moments, component_of_cluster, loose_in, .. } = self;
         let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
             let mut made = items.merged(a, b, moments[into as usize], component_of_cluster[into as usize]);
@@ -78,6 +71,21 @@ impl<'a, E: Functional> Builder<'a, E> {
             Merge { into, from, made }
         });
         tree.merges.par_extend(records);
+    }
+
+    /// Records a merge (from, into), given what it makes but for loose faces.
+    pub fn record(&mut self, (from, into): (u32, u32), made: Merged) {
+        self.unite((from, into));
+        let faces = made.faces + self.loose_in.get(into as usize).copied().unwrap_or(0);
+        let [into, from] = [into, from].map(|cluster| self.items.upload_face[cluster as usize]);
+        self.tree.merges.push(Merge { into, from, made: Merged { faces, ..made } });
+    }
+
+    fn unite(&mut self, (from, into): (u32, u32)) {
+        self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
+        if !self.loose_in.is_empty() {
+            self.loose_in[into as usize] += std::mem::take(&mut self.loose_in[from as usize]);
+        }
     }
 
     /// Records moves: (face, from, to).
@@ -111,10 +119,11 @@ impl<'a, E: Functional> Builder<'a, E> {
         }
     }
 
-    pub fn end_round(&mut self, clusters: u64, energy: LatticeEnergy) {
+    /// Ends a round with so many clusters and this energy, source units.
+    pub fn end_round(&mut self, clusters: u64, energy: f64) {
         self.tree.rounds.push(Round {
             clusters: clusters as u32,
-            energy: self.items.energy(energy),
+            energy,
             merges_end: self.tree.merges.len() as u32,
             moves_end: self.tree.moves.len() as u64,
         });

@@ -2,6 +2,8 @@
 
 use std::fmt::Debug;
 
+use super::shape_kind::Kind as ShapeKind;
+
 /// The parts of an energy.
 pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     /// Its name in reports, and that of its file in `shaders/energy/`.
@@ -193,6 +195,8 @@ pub struct Merged {
     pub weight: f64,
     /// Its weighted mean point, the first three coordinates.
     pub proxy: [f64; 3],
+    /// The type of its shape, of energies that have some.
+    pub shape: Option<ShapeKind>,
 }
 
 /// What the proxies explain of the constant part of the energy, exactly.

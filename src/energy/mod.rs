@@ -13,6 +13,7 @@
 pub mod cvd;
 mod functional;
 mod kind;
+pub mod shape_kind;
 pub mod shared;
 
 pub use self::functional::{Bounds, Functional, LatticeEnergy, Merged, RoughEnd, Side, Sums, WideSums};

@@ -13,6 +13,7 @@ use utoipa::ToSchema;
 use super::stored::Stored;
 use super::{Level, Nodes, Tree, contradiction};
 use crate::energy::Merged;
+use crate::energy::shape_kind::Kind as ShapeKind;
 use crate::error::names::Name;
 use crate::error::{Error, Result};
 
@@ -69,6 +70,10 @@ pub struct Node {
     pub weight: f64,
     /// Its area-weighted mean centroid, source units; with the energy l21, its mean normal.
     pub proxy: [f64; 3],
+    /// The type of its shape, with the energies planes and shapes; absent otherwise.
+    #[serde(rename = "type", skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub shape: Option<ShapeKind>,
 }
 
 /// Which part of a hierarchy is written: the levels and nodes that leave a number of clusters within limits.
@@ -183,7 +188,7 @@ impl Tree {
                 round += 1;
             }
             let (id, children) = nodes.merge(merge);
-            let Merged { cost, energy, faces, weight, proxy } = merge.made;
+            let Merged { cost, energy, faces, weight, proxy, shape } = merge.made;
             Node {
                 id,
                 children,
@@ -194,6 +199,7 @@ impl Tree {
                 faces,
                 weight,
                 proxy,
+                shape,
             }
         })
     }

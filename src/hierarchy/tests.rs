@@ -7,7 +7,8 @@ use super::stored::{Header, Stored};
 use super::*;
 
 fn merge(into: u32, from: u32, cost: f64, faces: u32) -> Merge {
-    let made = Merged { cost, energy: 2.0 * cost, faces, weight: f64::from(faces), proxy: [0.0, 0.5, 1.0] };
+    let made =
+        Merged { cost, energy: 2.0 * cost, faces, weight: f64::from(faces), proxy: [0.0, 0.5, 1.0], shape: None };
     Merge { into, from, made }
 }
 

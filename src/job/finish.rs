@@ -176,8 +176,8 @@ impl Energies {
 
     fn of_shapes(shaped: &Shaped, fitted: &Fitted, labels: &[u32], clusters: usize) -> Self {
         let l21 = shaped.surface.l21(labels, clusters);
-        let [initial, last] = fitted.energies;
-        Self { initial: Some(initial), last, total: None, hexagon_ratio: None, l21 }
+        let (initial, last) = fitted.energies;
+        Self { initial, last, total: None, hexagon_ratio: None, l21 }
     }
 
     fn of_faces<E: OfFaces>(surface: &Surface<E>, initial: Option<&[u32]>, labels: &[u32], clusters: usize) -> Self {

@@ -42,7 +42,7 @@ pub(super) fn run<E: Functional>(
         iterations.add(row);
     };
     let mut keep_round = |row: RoundRow| {
-        if let Some(level) = levels.add(row, || finite(items.energy(row.energy))) {
+        if let Some(level) = levels.add(&row, || finite(items.energy(row.energy))) {
             (told.borrow_mut())(Row::Round(level));
         }
     };
@@ -111,8 +111,8 @@ pub(super) fn number(labels: &mut [u32], expected: usize) -> Result<()> {
 }
 
 /// The rows of the report: every round while there are few clusters, and enough of them above.
-struct Levels {
-    rows: Vec<Level>,
+pub(super) struct Levels {
+    pub(super) rows: Vec<Level>,
     /// Clusters left in the last row.
     listed: u64,
     /// Clusters left at the end.
@@ -123,12 +123,12 @@ struct Levels {
 }
 
 impl Levels {
-    fn new(faces: u64, target: u64) -> Self {
+    pub(super) fn new(faces: u64, target: u64) -> Self {
         Self { rows: Vec::new(), listed: faces, target, merges: 0, moves: 0 }
     }
 
     /// Adds a round; gives the row that it completes, if any.
-    fn add(&mut self, row: RoundRow, energy: impl FnOnce() -> Option<f64>) -> Option<Level> {
+    pub(super) fn add<E>(&mut self, row: &RoundRow<E>, energy: impl FnOnce() -> Option<f64>) -> Option<Level> {
         self.merges += row.merges;
         self.moves += row.moves;
         let is_listed = row.clusters <= EVERY_ROUND_AT
@@ -163,7 +163,7 @@ mod tests {
             let clusters = 1_000_000 - u64::from(round);
             let energy = LatticeEnergy { explained: 0 };
             let row = RoundRow { round, clusters, energy, merges: 1, moves: 2, is_level: clusters == 777_777 };
-            levels.add(row, || Some(1.0));
+            levels.add(&row, || Some(1.0));
         }
         let rows = &levels.rows;
         assert!(rows.len() < 15_000, "{} rows", rows.len());

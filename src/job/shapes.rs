@@ -1,9 +1,12 @@
 //! Clusterings by shapes as jobs.
 
+use std::cell::RefCell;
 use std::time::{Duration, Instant};
 
+use super::hierarchical::Levels;
 use super::iterations::Iterations;
 use super::{Clustered, Clustering, Prepared, finite};
+use crate::cluster::hierarchy::{self, RoundRow};
 use crate::cluster::record::Record;
 use crate::cluster::seeds;
 use crate::device::{Cancel, DeviceInfo};
@@ -14,6 +17,7 @@ use crate::parameters::{Length, Parameters, Shapes};
 use crate::report::{self, Iteration, Row};
 use crate::shapes::faces::Faces;
 use crate::shapes::kind::Kind;
+use crate::shapes::merging::tree;
 use crate::shapes::run::{self, Options, Step, Wanted};
 use crate::shapes::shape::Shape;
 use crate::shapes::table::{ClusterShape, table};
@@ -35,6 +39,8 @@ pub struct Shaped {
     pub surface: Surface,
     samples: Samples,
     corners: Corners,
+    /// Number of clusters that a hierarchy ends with.
+    pub target: Option<u64>,
 }
 
 /// What shapes clusters may have, and how many there are.
@@ -49,20 +55,23 @@ pub struct ShapesSpec {
 }
 
 /// How many shapes there are.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum WantedShapes {
     /// So many.
     Clusters(u64),
     /// Few, such that all corners are within this distance.
     Within(Length),
+    /// All numbers of a hierarchy.
+    Tree(hierarchy::Options),
 }
 
 impl ShapesSpec {
     /// Fills in what the parameters leave out.
-    pub(super) fn new(parameters: &mut Parameters) -> Result<Self> {
-        let wanted = match parameters.tolerance {
-            Some(tolerance) => WantedShapes::Within(tolerance),
-            None => WantedShapes::Clusters(parameters.flat_clusters()?),
+    pub(super) fn new(parameters: &mut Parameters, tree: Option<hierarchy::Options>) -> Result<Self> {
+        let wanted = match (tree, parameters.tolerance) {
+            (Some(options), _) => WantedShapes::Tree(options),
+            (None, Some(tolerance)) => WantedShapes::Within(tolerance),
+            (None, None) => WantedShapes::Clusters(parameters.flat_clusters()?),
         };
         if parameters.energy != energy::Kind::Shapes {
             let Shapes(kinds) = Shapes::planes();
@@ -74,11 +83,20 @@ impl ShapesSpec {
         Ok(Self { kinds, resolution, wanted })
     }
 
-    /// The number of clusters; none if a tolerance decides it.
+    /// The number of clusters; none if a tolerance decides it, and for a whole hierarchy.
     pub fn clusters(&self) -> Option<u64> {
-        match self.wanted {
-            WantedShapes::Clusters(clusters) => Some(clusters),
+        match &self.wanted {
+            WantedShapes::Clusters(clusters) => Some(*clusters),
             WantedShapes::Within(_) => None,
+            WantedShapes::Tree(options) => options.clusters,
+        }
+    }
+
+    /// What to build, of a hierarchy.
+    pub fn tree(&self) -> Option<&hierarchy::Options> {
+        match &self.wanted {
+            WantedShapes::Tree(options) => Some(options),
+            WantedShapes::Clusters(_) | WantedShapes::Within(_) => None,
         }
     }
 }
@@ -88,8 +106,8 @@ impl ShapesSpec {
 pub(super) struct Fitted {
     /// One a cluster, in units of moments.
     pub shapes: Vec<Shape>,
-    /// F before and after, source units.
-    pub energies: [f64; 2],
+    /// F before, if there was a flat clustering, and after; source units.
+    pub energies: (Option<f64>, f64),
     /// How far corners may be from them.
     pub tolerance: Option<TakenTolerance>,
 }
@@ -106,14 +124,17 @@ impl Shaped {
     pub(super) fn new(surface: Surface, mesh: MeshView<'_>, clustering: &Clustering) -> Result<Self> {
         let corners = surface.corners(mesh);
         let samples = rayon::scope(|_| surface.samples(&corners));
-        let shaped = Self { surface, samples, corners };
-        shaped.check(clustering)?;
+        let mut shaped = Self { surface, samples, corners, target: None };
+        shaped.replan(clustering)?;
         Ok(shaped)
     }
 
-    pub(super) fn check(&self, clustering: &Clustering) -> Result<()> {
-        match clustering.clusters() {
-            Some(clusters) => seeds::shares(&self.surface.items, clusters).map(|_| ()),
+    pub(super) fn replan(&mut self, clustering: &Clustering) -> Result<()> {
+        let items = &self.surface.items;
+        let tree = clustering.tree_of_shapes();
+        self.target = tree.map(|options| hierarchy::check(items, options)).transpose()?;
+        match clustering.clusters().filter(|_| tree.is_none()) {
+            Some(clusters) => seeds::shares(items, clusters).map(|_| ()),
             None => Ok(()),
         }
     }
@@ -151,7 +172,7 @@ impl Shaped {
 
     /// F in source units. It counts the squared distance of a triangle three times.
     fn energy(&self, energy: i128) -> f64 {
-        self.surface.source_of_lattice(energy) / 3.0
+        self.surface.source_of_lattice(energy as f64) / 3.0
     }
 
     /// Runs a job.
@@ -162,22 +183,17 @@ impl Shaped {
         cancel: &Cancel,
         on_row: &mut dyn FnMut(Row),
     ) -> Result<Clustered> {
+        if let Some(options) = prepared.spec.clustering.tree_of_shapes() {
+            return self.hierarchy(prepared, options, device, cancel, on_row);
+        }
         let started = Instant::now();
         let parameters = prepared.spec.reported();
-        let faces = Faces { graph: &self.surface.graph, samples: &self.samples };
         let (options, tolerance) = self.options(prepared)?;
         let mut iterations = Iterations::default();
         let mut record = Record::new(prepared.spec.snapshots.clone());
         let mut number = 0;
         let mut on_step = |step: Step, labels: &[u32]| {
-            let row = Iteration {
-                iteration: number,
-                phase: step.phase,
-                round: None,
-                energy: finite(self.energy(step.energy)),
-                moves: step.moves,
-                elapsed_us: started.elapsed().as_micros() as u64,
-            };
+            let row = self.iteration(number, None, step, started);
             on_row(Row::Iteration(row.clone()));
             iterations.add(row);
             if let Some(viewer) = prepared.viewer.as_ref().filter(|viewer| viewer.is_due()) {
@@ -187,7 +203,7 @@ impl Shaped {
             number += 1;
         };
         let run::Clustering { initial, labels, shapes, energies, ending } =
-            run::cluster(faces, &options, cancel, &mut on_step)?;
+            run::cluster(self.faces(), &options, cancel, &mut on_step)?;
         Ok(Clustered {
             device: device.clone(),
             clusters: shapes.len(),
@@ -198,29 +214,114 @@ impl Shaped {
             levels: Vec::new(),
             warnings: super::flat::warnings(parameters.max_iterations, ending, &record),
             snapshots: record,
-            shapes: Some(Fitted { shapes, energies: energies.map(|energy| self.energy(energy)), tolerance }),
+            shapes: Some(Fitted {
+                shapes,
+                energies: (Some(self.energy(energies[0])), self.energy(energies[1])),
+                tolerance,
+            }),
             upload: Duration::ZERO,
             cluster: started.elapsed(),
         })
     }
 
-    fn options<'a>(&'a self, prepared: &'a Prepared) -> Result<(Options<'a>, Option<TakenTolerance>)> {
-        let Clustering::Shapes(spec) = &prepared.spec.clustering else {
-            return Err(Error::new(error::Kind::Internal, "a job of shapes has another clustering"));
+    /// Runs a job that makes a hierarchy.
+    fn hierarchy(
+        &self,
+        prepared: &Prepared,
+        options: &hierarchy::Options,
+        device: &DeviceInfo,
+        cancel: &Cancel,
+        on_row: &mut dyn FnMut(Row),
+    ) -> Result<Clustered> {
+        let started = Instant::now();
+        let spec = self.spec(prepared)?;
+        let input = tree::Input {
+            surface: &self.surface,
+            faces: self.faces(),
+            kinds: &spec.kinds,
+            resolution: self.resolution(spec),
+            options,
         };
-        let on_lattice = |length: Length| self.surface.on_lattice(|diagonal| length.share_of(diagonal));
+        let mut levels = Levels::new(self.surface.faces() as u64, self.target.unwrap_or_default());
+        let (mut iterations, mut number) = (Iterations::default(), 0);
+        let on_row = RefCell::new(on_row);
+        let mut on_step = |round: u32, step: Step| {
+            number += 1;
+            let row = self.iteration(number, Some(round), step, started);
+            (on_row.borrow_mut())(Row::Iteration(row.clone()));
+            iterations.add(row);
+        };
+        let mut on_round = |row: RoundRow<f64>| {
+            if let Some(level) = levels.add(&row, || finite(row.energy)) {
+                (on_row.borrow_mut())(Row::Round(level));
+            }
+        };
+        let tree::Hierarchy { tree, labels, shapes, energy, ending } =
+            tree::hierarchy(input, cancel, &mut on_step, &mut on_round)?;
+        let record = Record::default();
+        Ok(Clustered {
+            device: device.clone(),
+            clusters: shapes.len(),
+            labels,
+            initial: None,
+            tree: Some(tree),
+            iterations: iterations.rows,
+            levels: levels.rows,
+            warnings: super::flat::warnings(None, ending, &record),
+            snapshots: record,
+            shapes: Some(Fitted { shapes, energies: (None, self.energy(energy)), tolerance: None }),
+            upload: Duration::ZERO,
+            cluster: started.elapsed(),
+        })
+    }
+
+    fn faces(&self) -> Faces<'_> {
+        Faces { graph: &self.surface.graph, samples: &self.samples }
+    }
+
+    fn iteration(&self, number: u32, round: Option<u32>, step: Step, started: Instant) -> Iteration {
+        Iteration {
+            iteration: number,
+            phase: step.phase,
+            round,
+            energy: finite(self.energy(step.energy)),
+            moves: step.moves,
+            elapsed_us: started.elapsed().as_micros() as u64,
+        }
+    }
+
+    fn spec<'a>(&self, prepared: &'a Prepared) -> Result<&'a ShapesSpec> {
+        match &prepared.spec.clustering {
+            Clustering::Shapes(spec) => Ok(spec),
+            _ => Err(Error::new(error::Kind::Internal, "a job of shapes has another clustering")),
+        }
+    }
+
+    fn on_lattice(&self, length: Length) -> f64 {
+        self.surface.on_lattice(|diagonal| length.share_of(diagonal))
+    }
+
+    fn resolution(&self, spec: &ShapesSpec) -> f64 {
+        spec.resolution.map_or(0.0, |length| self.on_lattice(length))
+    }
+
+    fn options<'a>(&'a self, prepared: &'a Prepared) -> Result<(Options<'a>, Option<TakenTolerance>)> {
+        let spec = self.spec(prepared)?;
         let (wanted, tolerance) = match spec.wanted {
             WantedShapes::Clusters(clusters) => (Wanted::Clusters(clusters as usize), None),
             WantedShapes::Within(asked) => {
-                let distance = on_lattice(asked);
+                let distance = self.on_lattice(asked);
                 let tolerance = TakenTolerance { asked, distance };
                 (Wanted::Within(self.within(distance)), Some(tolerance))
+            }
+            WantedShapes::Tree(_) => {
+                return Err(Error::new(error::Kind::Internal, "a hierarchy is no flat clustering"));
             }
         };
         let options = Options {
             wanted,
             kinds: spec.kinds.clone(),
-            resolution: spec.resolution.map_or(0.0, on_lattice),
+            resolution: self.resolution(spec),
             most_steps: prepared.spec.reported().max_iterations,
         };
         Ok((options, tolerance))

@@ -55,7 +55,7 @@ pub enum Clustering {
     },
     /// A hierarchy.
     Hierarchy(hierarchy::Options),
-    /// A flat clustering by shapes, from single faces that merge.
+    /// A clustering by shapes, flat or a hierarchy, from single faces that merge.
     Shapes(ShapesSpec),
 }
 
@@ -204,7 +204,15 @@ impl JobSpec {
 impl Clustering {
     /// Whether it makes a hierarchy.
     pub fn is_hierarchical(&self) -> bool {
-        matches!(self, Self::Hierarchy(_))
+        matches!(self, Self::Hierarchy(_)) || self.tree_of_shapes().is_some()
+    }
+
+    /// What to build, of a hierarchy by shapes.
+    pub(super) fn tree_of_shapes(&self) -> Option<&hierarchy::Options> {
+        match self {
+            Self::Shapes(spec) => spec.tree(),
+            Self::Coarse(_) | Self::Seeded { .. } | Self::Hierarchy(_) => None,
+        }
     }
 
     /// Whether it begins with a cluster a face, which takes memory.
@@ -229,9 +237,10 @@ impl Clustering {
     /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
     pub fn is_sequential(&self) -> bool {
         match self {
-            Self::Coarse(_) | Self::Shapes(_) => false,
+            Self::Coarse(_) => false,
             Self::Seeded { method, .. } => *method != Method::BoundaryBased,
             Self::Hierarchy(options) => options.sequential_at == u64::MAX,
+            Self::Shapes(spec) => spec.tree().is_some_and(|options| options.sequential_at == u64::MAX),
         }
     }
 
@@ -254,18 +263,20 @@ impl Clustering {
     }
 
     fn new(parameters: &mut Parameters, listed: Option<Vec<u32>>) -> Result<Self, Error> {
-        if parameters.energy.is_of_shapes() {
-            return ShapesSpec::new(parameters).map(Self::Shapes);
-        }
-        let method = match parameters.algorithm {
-            Algorithm::Bb => Method::BoundaryBased,
-            Algorithm::Acvd => Method::Acvd,
-            Algorithm::Vc => Method::Variational,
-            Algorithm::Pml => {
-                return Ok(Self::Hierarchy(hierarchical(parameters, parameters.switch_to_ml_at.unwrap_or(0))));
-            }
-            Algorithm::Ml | Algorithm::Hr => return Ok(Self::Hierarchy(hierarchical(parameters, u64::MAX))),
+        let (method, sequential_at) = match parameters.algorithm {
+            Algorithm::Bb => (Method::BoundaryBased, None),
+            Algorithm::Acvd => (Method::Acvd, None),
+            Algorithm::Vc => (Method::Variational, None),
+            Algorithm::Pml => (Method::BoundaryBased, Some(parameters.switch_to_ml_at.unwrap_or(0))),
+            Algorithm::Ml | Algorithm::Hr => (Method::BoundaryBased, Some(u64::MAX)),
         };
+        let tree = sequential_at.map(|sequential_at| hierarchical(parameters, sequential_at));
+        if parameters.energy.is_of_shapes() {
+            return ShapesSpec::new(parameters, tree).map(Self::Shapes);
+        }
+        if let Some(options) = tree {
+            return Ok(Self::Hierarchy(options));
+        }
         let coarse = CoarseSpec {
             clusters: parameters.flat_clusters()?,
             seed: parameters.seed,

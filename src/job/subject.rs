@@ -130,7 +130,7 @@ impl Subject {
         match self {
             Self::Mesh(_, plan) => plan.target(),
             Self::Normals(_, plan) => plan.target(),
-            Self::Shapes(_) => None,
+            Self::Shapes(shaped) => shaped.target,
             Self::Points(points) => with_planned!(&points.planned, |planned| planned.plan.target()),
         }
     }
@@ -183,7 +183,7 @@ impl Subject {
         match self {
             Self::Mesh(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
             Self::Normals(surface, of_mesh) => *of_mesh = plan(&surface.items, clustering)?,
-            Self::Shapes(shaped) => shaped.check(clustering).map_err(Refusal::of(InputFile::Mesh))?,
+            Self::Shapes(shaped) => shaped.replan(clustering).map_err(Refusal::of(InputFile::Mesh))?,
             Self::Points(points) => with_planned!(&mut points.planned, |planned| {
                 planned.plan = plan(&planned.items, clustering)?;
             }),

@@ -144,9 +144,9 @@ impl Parameters {
                 None => Ok(()),
             };
         }
-        if self.algorithm != Algorithm::Bb {
+        if self.algorithm.is_reference() {
             return Err(Error::parameter(format_args!(
-                "the energy {} goes with the algorithm bb, not with {}",
+                "the energy {} goes with the algorithms bb, pml, ml and hr, not with {}",
                 self.energy.name(),
                 self.algorithm.name()
             )));
@@ -158,6 +158,10 @@ impl Parameters {
             (Name::SEEDS, listed || !matches!(self.seeds, Seeds::Coarse | Seeds::Merged)),
             (Name::SEED, self.seed != 0),
             (Name::ALLOW_DISCONNECTED, self.allow_disconnected),
+            (Name::OPTIMIZE_ITERATIONS, self.optimize_iterations.is_some()),
+            (Name::COLLAPSE_FRACTION, self.collapse_fraction.is_some()),
+            (Name::TIES, self.ties != Ties::Hash),
+            (Name::PAIRS, !matches!(self.pairs, Pairs::CheaperHalf | Pairs::Eighth)),
         ];
         match others.into_iter().find(|&(_, is_given)| is_given) {
             Some((name, _)) => Err(self.is_not_of_shapes(name)),
@@ -193,6 +197,7 @@ impl Parameters {
             (Name::SEEDS, listed || self.seeds != Seeds::Coarse),
             (Name::SEED, self.seed != 0),
             (Name::MAX_ITERATIONS, self.max_iterations.is_some()),
+            (Name::TOLERANCE, self.tolerance.is_some()),
             (Name::SNAPSHOTS, self.snapshots.is_some()),
             (Name::SUBDIVIDE, self.subdivide.is_some()),
         ]

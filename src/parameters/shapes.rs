@@ -84,9 +84,13 @@ impl Length {
 
 impl fmt::Display for Length {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Length::Share(share) => write!(f, "{share}"),
-            Length::Units(length) => write!(f, "{length}u"),
+        let (number, unit) = match self {
+            Length::Share(share) => (share, ""),
+            Length::Units(length) => (length, "u"),
+        };
+        match (1e-6..1e16).contains(number) {
+            true => write!(f, "{number}{unit}"),
+            false => write!(f, "{number:e}{unit}"),
         }
     }
 }
@@ -225,6 +229,10 @@ mod tests {
             let value = serde_json::to_value(length).expect("JSON");
             assert_eq!(serde_json::from_value::<Length>(value).expect("JSON"), length);
         }
+        assert_eq!(
+            ["1e-300u", "0.00004u", "3e200u"].map(|text| text.parse::<Length>().expect(text).to_string()),
+            ["1e-300u", "0.00004u", "3e200u"]
+        );
         for text in ["", "0", "-1", "1.5", "u", "0u", "nan", "infu", "1 u", "1mm"] {
             let error = text.parse::<Length>().expect_err(text);
             assert!(error.message.contains("0.5u"), "{error}");

@@ -41,6 +41,8 @@ pub struct Candidates {
 pub struct Best {
     /// Its energy: weight × squared units of moments.
     pub energy: f64,
+    /// Its type.
+    pub kind: Kind,
     /// Its axis, of a cylinder.
     pub axis: Option<DVec3>,
     /// Whether its mean square is within the tolerance.
@@ -117,14 +119,16 @@ impl Candidates {
     /// The first with the smallest energy of those within the tolerance, or of all if none is.
     pub fn best(&self) -> Best {
         let weight = self.central.weight;
-        let plane = Best { energy: self.plane, axis: None, is_within: self.plane <= self.most * weight };
+        let is_within = self.plane <= self.most * weight;
+        let plane = Best { energy: self.plane, kind: Kind::Plane, axis: None, is_within };
         self.curved.iter().flatten().fold(plane, |best, candidate| {
             let is_within = candidate.fit.mean_square <= self.most;
             let is_better = match is_within == best.is_within {
                 true => candidate.energy < best.energy,
                 false => is_within,
             };
-            let other = || Best { energy: candidate.energy, axis: candidate.fit.shape.axis(), is_within };
+            let shape = &candidate.fit.shape;
+            let other = || Best { energy: candidate.energy, kind: shape.kind(), axis: shape.axis(), is_within };
             if is_better { other() } else { best }
         })
     }

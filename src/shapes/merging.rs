@@ -13,7 +13,10 @@
 //! neighbour whether or not that chose it, which leaves at most half of the clusters of each component after a round.
 //! (The edges that are the cheapest at one end form no circle, since no two have the same rank.)
 
+mod multilevel;
+mod one_by_one;
 mod starts;
+pub mod tree;
 mod within;
 
 use glam::DVec3;
@@ -22,12 +25,14 @@ use rayon::prelude::*;
 pub use self::starts::{merged, merged_on};
 pub use self::within::{Begun, MergedWithin, merged_within};
 use super::best::{Allowed, Best, Candidates, FEWEST_FACES};
+use super::circles::Circles;
 use super::faces::Faces;
+use super::kind::Kind;
 use super::moments::{Higher, Moments};
 use crate::cluster::merging::an_eighth;
 use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties, from_into, keep_first};
-use crate::error::{Error, Kind, Result};
+use crate::error::{self, Error, Result};
 use crate::union_find;
 
 /// How much the distance of the means counts beside the energy.
@@ -67,7 +72,7 @@ pub fn merged_in_groups(
 ) -> Result<Merged> {
     let mut merging = Merging::new(faces, allowed);
     merging.merge_all(group_of_face, surplus, cancel, &mut |_, _| ())?;
-    Ok(merging.clusters())
+    Ok(merging.clusters(None))
 }
 
 /// A dual edge by its price.
@@ -79,21 +84,34 @@ struct Part {
     moments: Moments,
     /// The energy of its best shape: weight × squared units of moments.
     energy: f64,
-    /// The axis of that, if it has one.
+    /// The type of that.
+    kind: Kind,
+    /// Its axis, if it has one.
     axis: Option<DVec3>,
     faces: u32,
     component: u32,
 }
 
-struct Merging<'a> {
+/// Two clusters that became one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Union {
+    /// The one that ended.
+    pub from: u32,
+    /// The one that goes on.
+    pub into: u32,
+    /// What that raised the energy by, prices aside, in units of moments and of the finest component.
+    pub rise: f64,
+}
+
+/// Clusters that merge.
+pub(super) struct Merging<'a> {
     faces: Faces<'a>,
     allowed: Allowed<'a>,
     /// One a number of a cluster, which is that of a face at first.
     parts: Vec<Part>,
     /// Higher moments of clusters of [`KEPT_FROM`] faces; empty for planes.
     higher: Vec<Option<Box<Higher>>>,
-    /// The next face of the same cluster, in a circle.
-    next_face: Vec<u32>,
+    members: Circles,
     /// The cluster that each one became part of; its own number while it is left.
     into: Vec<u32>,
     /// Whether a cluster merged in this round.
@@ -114,14 +132,14 @@ impl<'a> Merging<'a> {
                 [_, _, _] => 0.0,
                 _ => allowed.fits(component, &moments, || None, &[]).best().energy,
             };
-            Part { moments, energy, axis: None, faces: 1, component }
+            Part { moments, energy, kind: Kind::Plane, axis: None, faces: 1, component }
         };
         Self {
             faces,
             allowed,
             parts: numbers.par_iter().zip(&component_of_face).map(part).collect(),
             higher: if allowed.are_curved() { vec![None; count] } else { Vec::new() },
-            next_face: numbers.clone(),
+            members: Circles::new(count),
             into: numbers,
             has_merged: vec![false; count],
             cheapest: vec![NONE; count],
@@ -143,11 +161,7 @@ impl<'a> Merging<'a> {
             cancel.check()?;
             on_round(self, left);
             looks_left = looks_left.saturating_sub(edges.len());
-            let chosen = self.choose(&edges, left, looks_left == 0);
-            if chosen.is_empty() {
-                return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
-            }
-            for edge in chosen {
+            for edge in self.choose_some(&edges, left, looks_left == 0)? {
                 let of_group = &mut surplus[group_of_face[edge.ends().0 as usize] as usize];
                 if *of_group > 0 {
                     self.merge(edge.ends());
@@ -159,6 +173,15 @@ impl<'a> Merging<'a> {
             self.contract(&mut edges, &mut Vec::new());
         }
         Ok(())
+    }
+
+    /// As [`choose`](Self::choose); an error if there are none.
+    fn choose_some(&mut self, edges: &[Edge], surplus: usize, one_end_suffices: bool) -> Result<Vec<Edge>> {
+        let chosen = self.choose(edges, surplus, one_end_suffices);
+        match chosen.is_empty() {
+            true => Err(Error::new(error::Kind::Internal, "no two clusters chose each other")),
+            false => Ok(chosen),
+        }
     }
 
     /// The edges inside groups in which there are merges, between clusters that are parts of no others.
@@ -196,8 +219,7 @@ impl<'a> Merging<'a> {
         let mean = |part: &Part| DVec3::from(part.moments.first.map(|sum| sum as f64 / part.moments.weight as f64));
         let apart = (mean(a) - mean(b)).length_squared();
         let nearness = NEARNESS * weight_a * weight_b / (weight_a + weight_b) * apart;
-        let shift = self.faces.graph.components[a.component as usize].energy_shift;
-        (rise + nearness) * f64::from(1u32 << shift)
+        (rise + nearness) * self.scale(a.component)
     }
 
     /// The moments of two clusters together, and their fits.
@@ -216,14 +238,8 @@ impl<'a> Merging<'a> {
             return **higher;
         }
         let mut higher = Higher::default();
-        self.faces_of(cluster).for_each(|face| higher.add(&Higher::of(&self.faces, face)));
+        self.members.of(cluster).for_each(|face| higher.add(&Higher::of(&self.faces, face)));
         higher
-    }
-
-    /// The faces of a cluster, from the one with its number on.
-    fn faces_of(&self, cluster: u32) -> impl Iterator<Item = u32> + Clone {
-        let after = move |&face: &u32| Some(self.next_face[face as usize]).filter(|&next| next != cluster);
-        std::iter::successors(Some(cluster), after)
     }
 
     /// The edges whose clusters merge in a round, the cheapest first.
@@ -248,15 +264,16 @@ impl<'a> Merging<'a> {
     }
 
     /// Merges the clusters that two have become.
-    fn merge(&mut self, (low, high): (u32, u32)) {
+    fn merge(&mut self, (low, high): (u32, u32)) -> Union {
         let [a, b] = [low, high].map(|cluster| self.root(cluster));
         let (low, high) = (a.min(b), a.max(b));
         let (moments, candidates) = self.union(low, high);
-        self.unite((low, high), moments, candidates.best());
+        self.unite((low, high), moments, candidates.best())
     }
 
-    /// Makes one of two clusters, given its moments and best shape. Returns its number.
-    fn unite(&mut self, (low, high): (u32, u32), moments: Moments, best: Best) -> u32 {
+    /// Makes one of two clusters, given its moments and best shape.
+    fn unite(&mut self, (low, high): (u32, u32), moments: Moments, best: Best) -> Union {
+        let before = self.cost(low) + self.cost(high);
         let faces = [low, high].map(|cluster| self.parts[cluster as usize].faces);
         let all = faces[0] + faces[1];
         let (from, into) = from_into((low, high), faces);
@@ -266,13 +283,24 @@ impl<'a> Merging<'a> {
             self.higher[into as usize] = Some(Box::new(higher));
         }
         let part = &mut self.parts[into as usize];
-        let Best { energy, axis, .. } = best;
-        *part = Part { moments, energy, axis, faces: all, component: part.component };
-        self.next_face.swap(low as usize, high as usize);
+        let Best { energy, kind, axis, .. } = best;
+        *part = Part { moments, energy, kind, axis, faces: all, component: part.component };
+        self.members.unite(low, high);
         self.into[from as usize] = into;
         self.has_merged[from as usize] = true;
         self.has_merged[into as usize] = true;
-        into
+        Union { from, into, rise: self.cost(into) - before }
+    }
+
+    /// The energy of a cluster without its price, in units of moments and of the finest component.
+    fn cost(&self, cluster: u32) -> f64 {
+        let part = &self.parts[cluster as usize];
+        let price = self.allowed.prices[part.component as usize].of_kind(part.kind);
+        (part.energy - price) * self.scale(part.component)
+    }
+
+    fn scale(&self, component: u32) -> f64 {
+        f64::from(1u32 << self.faces.graph.components[component as usize].energy_shift)
     }
 
     /// The cluster that one has become.
@@ -305,13 +333,13 @@ impl<'a> Merging<'a> {
         edges.par_extend(changed.into_par_iter().map(|ends| self.edge(ends)));
     }
 
-    /// The clusters so far.
-    fn clusters(&mut self) -> Merged {
+    /// The clusters so far; with labels, numbers that clusters of faces have or had, if faces have moved.
+    fn clusters(&mut self, labels: Option<&[u32]>) -> Merged {
         let mut number_of = vec![NONE; self.parts.len()];
         let (mut component_of_cluster, mut axes, mut energies) = (Vec::new(), Vec::new(), Vec::new());
         let mut numbers = Vec::new();
         let labels = (0..self.parts.len() as u32).map(|face| {
-            let cluster = self.root(face) as usize;
+            let cluster = self.root(labels.map_or(face, |labels| labels[face as usize])) as usize;
             if number_of[cluster] == NONE {
                 number_of[cluster] = axes.len() as u32;
                 component_of_cluster.push(self.parts[cluster].component);

@@ -15,12 +15,13 @@
 //! | a shape as integers, and what a face costs | [`proxy`] |
 //! | the best shape of a cluster | [`best`] |
 //! | how far corners may be from it | [`tolerance`] |
-//! | merges from single faces | [`merging`] |
+//! | merges from single faces | [`merging`], [`circles`] |
 //! | the shape that a cluster takes | [`fitted`] |
 //! | moves of faces | [`moves`] |
 //! | moves of whole clusters | [`swaps`] |
 //! | clusters whose faces go to those beside them | [`dissolve`] |
 //! | the whole way | [`run`] |
+//! | hierarchies | [`merging::tree`] |
 //! | what reports say of shapes, fitted to corners | [`mod@table`] |
 //!
 //! A fit may use any method that computes the same bits on every machine: what decides is the energy of proxies, in
@@ -32,13 +33,13 @@
 
 pub mod best;
 pub mod central;
+mod circles;
 pub mod dissolve;
 pub mod eigen;
 pub mod faces;
 pub mod fit;
 pub mod fitted;
 pub mod geometric;
-pub mod kind;
 pub mod merging;
 pub mod moments;
 pub mod monomials;
@@ -50,3 +51,5 @@ pub mod shape;
 pub mod swaps;
 pub mod table;
 pub mod tolerance;
+
+pub use crate::energy::shape_kind as kind;

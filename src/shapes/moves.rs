@@ -42,6 +42,8 @@ pub struct Clusters<'a> {
     pub costs: Vec<i128>,
     /// Clusters that gained or lost a face since the last fit.
     pub has_changed: Vec<bool>,
+    /// Moves as they were made, if they are kept: (face, from, to).
+    pub log: Option<Vec<(u32, u32, u32)>>,
     tolerance: Option<Tolerance<'a>>,
     sizes: Vec<u32>,
     connection: Connection,
@@ -62,11 +64,27 @@ impl<'a> Clusters<'a> {
             proxies: fits.iter().map(|fit| fit.proxy).collect(),
             costs: fits.iter().map(|fit| fit.cost).collect(),
             has_changed: vec![true; fits.len()],
+            log: None,
             tolerance,
             sizes,
             connection,
             looks_left,
         }
+    }
+
+    /// Makes one of two clusters, given its faces and their shape.
+    pub fn join(&mut self, from: u32, into: u32, members: &[u32], fit: Fitted) {
+        let Fitted { shape, proxy, cost } = fit;
+        members.iter().for_each(|&face| self.labels[face as usize] = into);
+        self.look(members.len());
+        self.sizes[from as usize] = 0;
+        self.sizes[into as usize] = members.len() as u32;
+        (self.shapes[into as usize], self.proxies[into as usize], self.costs[into as usize]) = (shape, proxy, cost);
+    }
+
+    /// Counts looks at faces as if passes had made them.
+    pub fn look(&mut self, looks: usize) {
+        self.looks_left = self.looks_left.saturating_sub(looks as u64);
     }
 
     /// Whether a bound on work has ended passes, or searches of the connection.
@@ -86,7 +104,7 @@ impl<'a> Clusters<'a> {
 
     /// Makes a pass over faces, ascending. Returns how many moved, and the faces for the next pass.
     pub fn pass(&mut self, faces: &[u32]) -> (u64, Vec<u32>) {
-        self.looks_left = self.looks_left.saturating_sub(self.faces.looks(faces) as u64);
+        self.look(self.faces.looks(faces));
         if self.looks_left == 0 {
             return (0, Vec::new());
         }
@@ -162,6 +180,9 @@ impl<'a> Clusters<'a> {
         self.has_changed[from as usize] = true;
         self.has_changed[to as usize] = true;
         self.connection.moved(self.faces.graph, face);
+        if let Some(log) = &mut self.log {
+            log.push((face, from, to));
+        }
     }
 }
 

@@ -15,7 +15,7 @@ pub struct Prices {
     unit: f64,
 }
 
-/// The number of clusters that prices are for where a tolerance decides it.
+/// The number of clusters that prices are for where a tolerance decides it, and of whole hierarchies.
 const LIKELY: usize = 100;
 
 /// No resolution counts as larger: the diagonal of the lattice.
@@ -36,8 +36,15 @@ impl Prices {
     /// Those of each component, for clusters within a tolerance. Large resolutions are cut, so that the prices of a
     /// cluster a face sum up to no more than those of the largest resolution.
     pub fn within(graph: &DualGraph, resolution: f64) -> Vec<Self> {
-        let most = LARGEST * (LIKELY as f64 / graph.faces() as f64).sqrt();
-        Self::of(graph, LIKELY, resolution.min(most))
+        Self::of_tree(graph, None, resolution)
+    }
+
+    /// Those of each component, for a hierarchy that ends with so many clusters, if it does. Large resolutions are cut
+    /// as in [`within`](Self::within).
+    pub fn of_tree(graph: &DualGraph, clusters: Option<u64>, resolution: f64) -> Vec<Self> {
+        let clusters = clusters.map_or(LIKELY, |clusters| clusters as usize);
+        let most = LARGEST * (clusters as f64 / graph.faces() as f64).sqrt();
+        Self::of(graph, clusters, resolution.min(most))
     }
 
     /// The price of a type in units of moments.

@@ -31,6 +31,7 @@ use super::proxy::Proxy;
 use super::shape::Shape;
 use super::swaps::{Swapped, Swaps};
 use super::tolerance::Tolerance;
+use crate::cluster::numbers;
 use crate::cluster::run::Phase;
 use crate::device::{Cancel, Ending};
 use crate::error::{self, Error, Result};
@@ -128,7 +129,31 @@ pub fn cluster(
     }
 }
 
-struct Run<'a> {
+/// Clusters as they are, with their best shapes.
+///
+/// # Errors
+/// A cluster that lies in several components.
+pub fn as_given(
+    faces: Faces<'_>,
+    kinds: &[Kind],
+    resolution: f64,
+    labels: Vec<u32>,
+    clusters: usize,
+) -> Result<Clustering> {
+    let prices = Prices::of(faces.graph, clusters, resolution);
+    let allowed = Allowed { kinds, prices: &prices, tolerance: None };
+    let mut component_of_cluster = vec![None; clusters];
+    for (&label, component) in labels.iter().zip(faces.graph.component_of_face()) {
+        if *component_of_cluster[label as usize].get_or_insert(component) != component {
+            return Err(Error::parameter(format_args!("a cluster lies in several connected components: {label}")));
+        }
+    }
+    let component_of_cluster = component_of_cluster.into_iter().map(Option::unwrap_or_default).collect();
+    Ok(Run::fitted(faces, allowed, labels, component_of_cluster, &vec![None; clusters])?.as_it_is())
+}
+
+/// Clusters on the way.
+pub(super) struct Run<'a> {
     allowed: Allowed<'a>,
     component_of_cluster: Vec<u32>,
     clusters: Clusters<'a>,
@@ -138,7 +163,7 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     /// Of clusters to which shapes are fitted.
-    fn fitted(
+    pub(super) fn fitted(
         faces: Faces<'a>,
         allowed: Allowed<'a>,
         labels: Vec<u32>,
@@ -178,7 +203,7 @@ impl<'a> Run<'a> {
     }
 
     /// Converges, as do other starts; then the best of them swaps clusters as long as that pays.
-    fn with_swaps(
+    pub(super) fn with_swaps(
         mut self,
         mut others: impl Iterator<Item = Result<Self>>,
         mut most_steps: u32,
@@ -214,7 +239,9 @@ impl<'a> Run<'a> {
 
     /// Becomes another run of as many clusters, whose energy is lower. Where no face moves, shapes are better alone.
     fn replace(&mut self, other: Self, phase: Phase, on_step: &mut dyn FnMut(Step, &[u32])) {
-        let moves = self.clusters.labels.iter().zip(&other.clusters.labels).filter(|(a, b)| a != b).count() as u64;
+        let before = &self.clusters.labels;
+        let after = numbers::kept(before, &other.clusters.labels);
+        let moves = before.iter().zip(&after).filter(|(a, b)| a != b).count() as u64;
         let phase = if moves == 0 { Phase::Refit } else { phase };
         *self = other;
         on_step(Step { phase, energy: self.energy(), moves }, &self.clusters.labels);
@@ -258,6 +285,12 @@ impl<'a> Run<'a> {
     fn begun(&self, on_step: &mut dyn FnMut(Step, &[u32])) -> (Vec<u32>, i128) {
         on_step(Step { phase: Phase::Boundary, energy: self.energy(), moves: 0 }, &self.clusters.labels);
         (self.clusters.labels.clone(), self.costs())
+    }
+
+    /// The clustering without any step.
+    pub(super) fn as_it_is(self) -> Clustering {
+        let (initial, before) = (self.clusters.labels.clone(), self.costs());
+        self.ended(initial, before, Ending::Converged)
     }
 
     fn ended(self, initial: Vec<u32>, before: i128, ending: Ending) -> Clustering {
@@ -355,42 +388,4 @@ impl<'a> Run<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::dev::sample::generate_part;
-    use crate::surface::Surface;
-
-    #[test]
-    fn the_energy_that_is_kept_is_that_of_the_labels_and_a_shape_must_be_better_by_one_unit() {
-        let (mesh, _) = generate_part(1500, 0.3).expect("a part");
-        let surface = Surface::build(&mesh).expect("a surface");
-        let samples = surface.samples(&surface.corners((&mesh).into()));
-        let faces = Faces { graph: &surface.graph, samples: &samples };
-        let prices = Prices::of(faces.graph, 13, 1e5);
-        let allowed = Allowed { kinds: &Kind::ALL, prices: &prices, tolerance: None };
-        let (merged, _) = merged(faces, allowed, 13, &Cancel::default()).expect("clusters");
-        let mut run =
-            Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes).expect("shapes");
-        let (mut steps, mut last) = (0, run.energy());
-        run.converge(&mut u32::MAX.clone(), &Cancel::default(), &mut |step, _| {
-            assert!(step.energy < last, "{step:?} {last}");
-            (steps, last) = (steps + 1, step.energy);
-        })
-        .expect("an end");
-        assert!(steps > 2 && last == run.energy());
-        // nothing is left to move
-        let all: Vec<u32> = (0..faces.count() as u32).collect();
-        assert_eq!(run.clusters.pass(&all).0, 0);
-        let members = members(&run.clusters.labels, 13, |_| true);
-        for (number, members) in members.iter().enumerate() {
-            let proxy = &run.clusters.proxies[number];
-            let cost_of = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));
-            assert_eq!(run.clusters.costs[number], members.iter().map(cost_of).sum::<i128>());
-        }
-        let axis = run.clusters.shapes[0].axis();
-        let again = |so_far| fitted(faces, allowed, 0, &members[0], axis, so_far);
-        let found = again(None).expect("a shape");
-        let with = |cost| Some((found.proxy.kind, cost));
-        assert!(again(with(found.cost)).is_none() && again(with(found.cost + 1)).is_some());
-    }
-}
+mod tests;

@@ -55,8 +55,8 @@ impl<E: OfFaces> Surface<E> {
     }
 
     /// A sum of weight × squared lattice length, in units of the finest component, in source units.
-    pub fn source_of_lattice(&self, energy: i128) -> f64 {
-        libm::ldexp(energy as f64, self.units.weight_exponent - 2 * self.frame.exponent) * self.units.density
+    pub fn source_of_lattice(&self, energy: f64) -> f64 {
+        libm::ldexp(energy, self.units.weight_exponent - 2 * self.frame.exponent) * self.units.density
     }
 
     /// A length in lattice units, given its share of the diagonal of the bounding box for that in the source; at most

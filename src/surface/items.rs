@@ -120,6 +120,7 @@ impl<E: Functional> Items<E> {
             faces: sums.faces(),
             weight: libm::ldexp(sums.weight() as f64, self.units.weight_exponent + shift) * self.units.density,
             proxy,
+            shape: None,
         }
     }
 }

@@ -23,3 +23,4 @@ mod sample;
 mod shapes;
 mod snapshots;
 mod tolerance;
+mod trees;

@@ -3,11 +3,13 @@
 use std::collections::BTreeSet;
 
 use crate::common::zoo;
+use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::snapshots::Snapshots;
 use tesserae_mesh::dev::sample::{Sample, generate, generate_part};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::dual_edge::Ties;
 use tesserae_mesh::energy::Kind;
 use tesserae_mesh::job::{self, InMemory, Outcome, Prepared, Refusal, Request};
 use tesserae_mesh::mesh::{Format, Limits, PolygonMesh};
@@ -199,7 +201,11 @@ fn what_makes_no_sense_is_refused() {
     for (parameters, words) in [
         (Parameters { shapes: Some("plane".parse().expect("a list")), ..planes() }, "energy=shapes"),
         (Parameters { resolution: Some("0.1u".parse().expect("a length")), ..Parameters::default() }, "energy=shapes"),
-        (Parameters { algorithm: Algorithm::Pml, ..planes() }, "algorithm bb"),
+        (Parameters { algorithm: Algorithm::Acvd, ..planes() }, "bb, pml, ml and hr"),
+        (Parameters { algorithm: Algorithm::Ml, collapse_fraction: Some(5.0), ..planes() }, "collapse_fraction"),
+        (Parameters { algorithm: Algorithm::Ml, optimize_iterations: Some(5), ..planes() }, "optimize_iterations"),
+        (Parameters { algorithm: Algorithm::Pml, pairs: Pairs::All, ..planes() }, "pairs"),
+        (Parameters { algorithm: Algorithm::Hr, ties: Ties::LargestId, ..planes() }, "ties"),
         (Parameters { quality: Quality::Best, ..planes() }, "quality"),
         (Parameters { seeds: Seeds::Random, ..planes() }, "seeds"),
         (Parameters { allow_disconnected: true, ..planes() }, "allow_disconnected"),

@@ -9,7 +9,7 @@ use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::energy::Kind;
 use tesserae_mesh::job::{self, InMemory, Outcome, Request};
 use tesserae_mesh::mesh::{Format, Limits, PolygonMesh};
-use tesserae_mesh::parameters::{Features, Length, Parameters};
+use tesserae_mesh::parameters::{Algorithm, Features, Length, Parameters};
 use tesserae_mesh::report::{Input, Phase};
 use tesserae_mesh::shapes::table::ClusterShape;
 
@@ -201,6 +201,7 @@ fn contradictions_are_refused() {
         (Parameters { clusters: Some(3), ..planes() }, ["clusters", "tolerance"]),
         (Parameters { energy: Kind::Cvd, ..planes() }, ["tolerance", "energy=planes"]),
         (Parameters { energy: Kind::L21, ..planes() }, ["tolerance", "l21"]),
+        (Parameters { algorithm: Algorithm::Pml, ..planes() }, ["tolerance", "pml"]),
         (Parameters { snapshots: Some("3".parse().expect("a number")), ..planes() }, ["snapshots", "tolerance"]),
         (Parameters { subdivide: Some("auto".parse().expect("a number")), ..planes() }, ["subdivide", "tolerance"]),
     ] {

@@ -331,9 +331,7 @@ class Report(TypedDict):
     warnings: list[str]
 
 
-class Node(TypedDict):
-    """Two clusters that became one."""
-
+class _Node(TypedDict):
     id: int
     children: list[int]
     round: int
@@ -343,6 +341,12 @@ class Node(TypedDict):
     faces: int
     weight: float | None
     proxy: list[float]
+
+
+class Node(_Node, total=False):
+    """Two clusters that became one."""
+
+    type: Literal["plane", "sphere", "cylinder"]
 
 
 class CutNodes(TypedDict):

@@ -7,6 +7,7 @@ use super::blocks::{BLOCK, SUM};
 use super::*;
 use crate::device::FREE;
 use crate::energy::Merged;
+use crate::energy::shape_kind::Kind as ShapeKind;
 use crate::hierarchy::tests::small;
 use crate::hierarchy::{FaceMove, Merge};
 
@@ -64,7 +65,7 @@ fn long() -> Stored {
         for &[into, from] in living.as_chunks().0.iter().step_by(2) {
             let cost = f64::from(into) + 0.5;
             let (energy, weight) = (2.0 * cost, f64::from(from));
-            let made = Merged { cost, energy, faces: 2, weight, proxy: [cost, 0.0, -1.0] };
+            let made = Merged { cost, energy, faces: 2, weight, proxy: [cost, 0.0, -1.0], shape: None };
             merges.push(Merge { into, from, made });
             lives[from as usize] = false;
         }
@@ -117,6 +118,19 @@ fn what_was_written_is_read() {
     assert_eq!(read(&file(), 7), Ok(small()));
     assert_eq!(read(&file_of(&masked()), 10), Ok(masked()));
     assert_eq!(read(&file_of(&masked()), 9).expect_err("10 items").kind, Kind::TooLarge);
+}
+
+#[test]
+fn types_of_shapes_are_kept_and_checked() {
+    let mut stored = small();
+    stored.tree.merges[1].made.shape = Some(ShapeKind::Sphere);
+    let mut file = Vec::new();
+    stored.write(&mut file).expect("a vector takes everything");
+    assert_eq!((file.len() as u64, read(&file, 7)), (stored.bytes(), Ok(stored)));
+    let mut bytes = content(&file);
+    *bytes.last_mut().expect("a type") = 9;
+    let error = read(&summed(&bytes), 7).expect_err("no such type");
+    assert!(error.message.contains("type of shape 9"), "{error}");
 }
 
 #[test]

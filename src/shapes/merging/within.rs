@@ -93,7 +93,7 @@ pub fn merged_within(
         is_bounded = looks > 2 * most || within.looks_left == 0;
     }
     let Within { mut merging, shapes, .. } = within;
-    let merged = merging.clusters();
+    let merged = merging.clusters(None);
     let shapes = merged.numbers.iter().map(|&number| shapes[number as usize]).collect();
     Ok(MergedWithin { merged, shapes, is_bounded })
 }
@@ -129,7 +129,7 @@ impl Within<'_> {
         let ends = (a.min(b), a.max(b));
         let (moments, candidates) = self.merging.union(ends.0, ends.1);
         let Some(shape) = self.shape_of(ends, &candidates) else { return false };
-        let into = self.merging.unite(ends, moments, candidates.best());
+        let Union { into, .. } = self.merging.unite(ends, moments, candidates.best());
         self.shapes[into as usize] = shape;
         true
     }
@@ -143,7 +143,7 @@ impl Within<'_> {
         let Self { merging, tolerance, shapes, .. } = self;
         let looks = Cell::new(0);
         let look = |&face: &u32| looks.set(looks.get() + tolerance.corners.of(face).len());
-        let faces_of = |cluster| merging.faces_of(cluster).inspect(look);
+        let faces_of = |cluster| merging.members.of(cluster).inspect(look);
         let both = || faces_of(low).chain(faces_of(high));
         let has_proxy = |shape: &Shape| Proxy::new(shape, candidates.mean()).is_some();
         let fits: Vec<Shape> = candidates.within().iter().map(|candidate| candidate.fit.shape).collect();

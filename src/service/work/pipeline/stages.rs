@@ -201,8 +201,8 @@ struct Upload {
 fn cost(faces: u64, clustering: &Clustering) -> u64 {
     let factor = match clustering {
         clustering if clustering.is_sequential() => 16,
-        Clustering::Hierarchy(_) => 4,
-        Clustering::Coarse(_) | Clustering::Seeded { .. } | Clustering::Shapes(_) => 1,
+        clustering if clustering.is_hierarchical() => 4,
+        _ => 1,
     };
     faces.saturating_mul(factor)
 }
