@@ -111,6 +111,11 @@ impl MeshFile {
         Self { source: Source::from(path.to_owned()), format }
     }
 
+    /// A file whose format its name or content says.
+    pub fn at(path: &Path) -> Self {
+        Self::new(path, FormatFlag { format: None })
+    }
+
     /// Its name without folder and extensions; `stdin` for standard input.
     pub fn stem(&self) -> &OsStr {
         match &self.source {

@@ -51,6 +51,36 @@ fn a_tolerance_decides_how_many_clusters_there_are() {
 }
 
 #[test]
+fn hierarchies_have_types_cuts_and_a_linkage_matrix() {
+    let folder = Folder::new();
+    run(&folder, "sample part --faces 600 p.obj");
+    let command = "cluster p.obj --algorithm pml --optimize none --energy shapes --hierarchy h.tsr --linkage z.npy";
+    assert!(run(&folder, command).starts_with("a hierarchy of "));
+    assert!(run(&folder, "cut h.tsr -k 13 --hierarchy h.json -o l.npy").starts_with("13 clusters of "));
+    let nodes = folder.json("h.json")["nodes"].as_array().cloned().expect("nodes");
+    for kind in ["plane", "cylinder"] {
+        assert!(nodes.iter().any(|node| node["type"] == kind), "{kind}");
+    }
+    // files without types stay as they were
+    run(&folder, "cluster p.obj --algorithm hr --hierarchy c.tsr");
+    assert_eq!((folder.read("c.tsr")[8], folder.read("h.tsr")[8]), (2, 3));
+    let said = run(&folder, "cluster p.obj --algorithm ml -k 13 --levels 40 --energy shapes --shapes-out s.json");
+    assert!(said.starts_with("13 clusters of "), "{said}");
+    assert_eq!(folder.json("s.json").as_array().map(Vec::len), Some(13));
+}
+
+#[test]
+fn shapes_are_evaluated_beside_labels() {
+    let folder = Folder::new();
+    run(&folder, "sample part --faces 600 --truth t.npy p.obj");
+    let table = run(&folder, "evaluate shapes p.obj --truth t.npy --labels again=t.npy");
+    let rows: Vec<&str> = table.lines().filter(|row| row.contains("| 13 | 0 | 7 | 1 | 5 |")).collect();
+    assert_eq!(rows.len(), 3, "{table}");
+    assert!(rows.iter().any(|row| row.contains("again")), "{table}");
+    folder.run(&["evaluate", "shapes", "p.obj"]).expect_usage_error(&["--truth"]);
+}
+
+#[test]
 fn noise_moves_the_corners_of_the_part_alone() {
     let folder = Folder::new();
     run(&folder, "sample part --faces 1500 a.obj");

@@ -8,6 +8,7 @@
 //! | energy against the number of clusters | `figure` |
 //! | what the paper says about it | `statements` |
 //! | the report as Markdown | `markdown` |
+//! | clusterings by shapes beside those of other programs | [`shapes`] |
 //!
 //! It uses [`crate::job`] as any other caller could.
 
@@ -15,6 +16,7 @@ mod figure;
 mod markdown;
 pub mod printed;
 mod runs;
+pub mod shapes;
 mod statements;
 
 use std::path::Path;
