@@ -33,7 +33,8 @@
 
 use std::io::{self, Write};
 
-use self::blocks::{BlockReader, BlockWriter, Unreadable};
+use self::blocks::{BlockReader, BlockWriter};
+use self::errors::{cannot_read, malformed, unreadable};
 use self::records::{FIXED, LABEL, MOVE, NODE, PAIR, Pair, ROUND, Sizes, u32_at};
 use super::replay::{CutPlan, Replay, check_range};
 use super::{Cut, Round, Tree, contradiction};
@@ -44,6 +45,7 @@ pub use self::header::Header;
 pub use self::mask::Mask;
 
 mod blocks;
+mod errors;
 mod header;
 mod mask;
 mod records;
@@ -382,26 +384,6 @@ impl<R: Input> Reader<R> {
             Ok(())
         })
     }
-}
-
-fn unreadable(reason: Unreadable) -> Error {
-    match reason {
-        Unreadable::Io(error) => cannot_read(error),
-        Unreadable::Damaged => {
-            Error::new(Kind::BadRequest, "the hierarchy cannot be read: it was changed or damaged: a checksum is wrong")
-        }
-    }
-}
-
-fn cannot_read(error: io::Error) -> Error {
-    match error.kind() {
-        io::ErrorKind::UnexpectedEof => Error::new(Kind::BadRequest, "the hierarchy cannot be read: it ends early"),
-        _ => Error::io("the hierarchy cannot be read", error),
-    }
-}
-
-fn malformed<T>(what: impl std::fmt::Display) -> Result<T> {
-    Err(Error::new(Kind::BadRequest, format_args!("the hierarchy cannot be read: {what}")))
 }
 
 #[cfg(test)]
