@@ -95,7 +95,8 @@ int main(int count, char** words) {
     }
     const Labels labels =
         std::string(words[3]) == "vsa" ? vsa(mesh, std::stoul(words[4])) : ransac(mesh, std::stod(words[4]));
-    std::string header = "{'descr': '<u4', 'fortran_order': False, 'shape': (" + std::to_string(labels.size()) + ",), }";
+    const std::string count_of_labels = std::to_string(labels.size());
+    std::string header = "{'descr': '<u4', 'fortran_order': False, 'shape': (" + count_of_labels + ",), }";
     header.resize((10 + header.size()) / 64 * 64 + 53, ' ');
     header += '\n';
     std::ofstream out(words[2], std::ios::binary);

@@ -226,7 +226,8 @@ impl Parameters {
         self.optimize == Optimize::On && self.algorithm != Algorithm::Hr
     }
 
-    /// Which pairs merge in parallel rounds: energies other than cvd leave few out of half of the pairs where costs jump.
+    /// Which pairs merge in parallel rounds: energies other than cvd leave few out of half of the pairs where costs
+    /// jump.
     pub fn merging_pairs(&self) -> Pairs {
         match self.pairs {
             Pairs::CheaperHalf if self.energy != energy::Kind::default() => Pairs::Eighth,

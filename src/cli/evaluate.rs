@@ -64,8 +64,8 @@ struct Paper {
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Without a mesh: the part of `tesserae sample part --faces 12528` at 0 to 0.5 percent noise. Ours has as many clusters as \
-the truth, or else as the first labels.
+Without a mesh: the part of `tesserae sample part --faces 12528` at 0 to 0.5 percent noise. Ours has as many clusters \
+as the truth, or else as the first labels.
 
 Example:
   g++ -O2 -std=c++17 benches/cgal_shapes.cpp -o cgal_shapes -lgmp -lmpfr

@@ -118,8 +118,8 @@ fn compact(labels: &[u32]) -> (Vec<u32>, usize) {
     (labels, number_of_label.len())
 }
 
-/// Faces outside the patch that stands for their cluster. Each patch stands for one cluster at most: pairs with the most
-/// faces in common first.
+/// Faces outside the patch that stands for their cluster. Each patch stands for one cluster at most: pairs with the
+/// most faces in common first.
 fn wrong(truth: &[u32], labels: &[u32]) -> usize {
     let mut common = BTreeMap::<(u32, u32), usize>::new();
     truth.iter().zip(labels).for_each(|(&patch, &label)| *common.entry((patch, label)).or_default() += 1);
