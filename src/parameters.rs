@@ -61,7 +61,7 @@ pub struct Parameters {
     ///
     /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared
     /// distance of the unit normal to the mean normal, for clusters that are as flat as can be. planes: area × squared
-    /// distance to a plane. shapes: the same with planes, spheres and cylinders. Those but cvd are for the cpu.
+    /// distance to a plane. shapes: the same with planes, spheres and cylinders. Planes and shapes are for the cpu.
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub energy: energy::Kind,
 

@@ -99,7 +99,7 @@ def cluster(
     energy : {"cvd", "l21", "planes", "shapes"}
         What clusters have little of: ``"cvd"``, area x squared distance to their mean place, for compact clusters;
         ``"l21"``, area x squared distance of the unit normal to their mean normal, for flat ones; ``"planes"``, area x
-        squared distance to a plane; ``"shapes"``, to a plane, sphere or cylinder. Those but cvd work on the cpu.
+        squared distance to a plane; ``"shapes"``, to a plane, sphere or cylinder. Planes and shapes work on the cpu.
         ``Clustering.report["shapes"]`` has the shapes.
     shapes : str, optional
         Energy shapes: types that clusters may have, ``"plane,sphere,cylinder"`` when left out; planes always.
