@@ -1,8 +1,8 @@
 //! Hierarchies: the merges from single faces on, recorded, with optimisation at stops.
 //!
 //! Rounds are those of [`super`], in which several pairs merge, or of one merge each ([`super::one_by_one`]). At stops,
-//! the levels and the last number of clusters, faces move and clusters swap as in flat runs ([`crate::shapes::run`]); in
-//! rounds of one merge, faces move after each ([`super::multilevel`]). Prices are those of the number of clusters
+//! the levels and the last number of clusters, faces move and clusters swap as in flat runs ([`crate::shapes::run`]).
+//! In rounds of one merge, faces move after each ([`super::multilevel`]). Prices are those of the number of clusters
 //! that the run ends with, or of 100 for whole trees.
 //!
 //! Energies of the tree are those of the best shapes by moments, without prices. Where moves after merges reach their
