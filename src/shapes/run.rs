@@ -149,7 +149,7 @@ pub fn as_given(
         }
     }
     let component_of_cluster = component_of_cluster.into_iter().map(Option::unwrap_or_default).collect();
-    Ok(Run::fitted(faces, allowed, labels, component_of_cluster, &vec![None; clusters])?.as_it_is())
+    Ok(Run::fitted(faces, allowed, labels, component_of_cluster, &vec![None; clusters])?.ended_at_once())
 }
 
 /// Clusters on the way.
@@ -288,7 +288,7 @@ impl<'a> Run<'a> {
     }
 
     /// The clustering without any step.
-    pub(super) fn as_it_is(self) -> Clustering {
+    pub(super) fn ended_at_once(self) -> Clustering {
         let (initial, before) = (self.clusters.labels.clone(), self.costs());
         self.ended(initial, before, Ending::Converged)
     }

@@ -78,7 +78,7 @@ fn every_cut_has_its_number_of_connected_clusters() {
 #[test]
 fn energies_of_rounds_are_those_of_their_cuts_from_scratch() {
     let (part, _) = generate_part(600, 0.3).expect("a part");
-    let kinds = vec![Shape::Plane, Shape::Sphere];
+    let kinds = [Shape::Plane, Shape::Sphere];
     for mesh in [part, generate(Sample::Cube, 300).expect("quads"), generate(Sample::Knot, 500).expect("a sample")] {
         let surface = Surface::build(&mesh).expect("a surface");
         let samples = surface.samples(&surface.corners((&mesh).into()));

@@ -279,7 +279,7 @@ impl<'a> Growing<'a> {
     fn end(mut self) -> Result<Hierarchy> {
         let clustering = match self.last.take() {
             Some(clustering) => clustering,
-            None => self.run()?.1.as_it_is(),
+            None => self.run()?.1.ended_at_once(),
         };
         let Clustering { mut labels, shapes, energies: [_, energy], .. } = clustering;
         let mut number_of_cluster = vec![NONE; shapes.len()];
