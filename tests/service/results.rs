@@ -72,7 +72,7 @@ async fn shapes_are_in_the_report() {
         let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
         refused(request.body(sphere(1000)), 422, "invalid-parameter")
     };
-    assert!(refused("clusters=9&energy=planes&algorithm=hr").await.contains("algorithm bb"));
+    assert!(refused("clusters=9&energy=planes&algorithm=vc").await.contains("bb, pml, ml and hr"));
     assert!(refused("clusters=9&shapes=sphere").await.contains("energy=shapes"));
     assert!(refused("clusters=9&energy=shapes&resolution=2").await.contains("resolution and tolerance must be"));
     assert!(refused("clusters=9&energy=shapes&tolerance=0.1").await.contains("clusters does not go with tolerance"));
@@ -82,6 +82,8 @@ async fn shapes_are_in_the_report() {
     assert_eq!(tolerance["asked"], "0.05u");
     assert!(tolerance["largest"].as_f64() <= tolerance["length"].as_f64(), "{tolerance}");
     assert_eq!(report["shapes"].as_array().map(|rows| rows.len() as u64), report["clusters"].as_u64());
+    let job = service.ended(&service.submit("energy=planes&algorithm=hr", sphere(1000)).await).await;
+    assert_eq!(json(service.get(&format!("{}/hierarchy", path(&job)))).await["nodes"][0]["type"], "plane");
 }
 
 #[tokio::test]
