@@ -130,11 +130,6 @@ impl Tree {
         self.moves.is_empty()
     }
 
-    /// Whether merges have types of shapes.
-    pub fn has_shapes(&self) -> bool {
-        self.merges.iter().any(|merge| merge.made.shape.is_some())
-    }
-
     /// The labels at exactly `clusters` clusters.
     ///
     /// A number that a round ended with gives that round's state. Any other takes the state of the last round that

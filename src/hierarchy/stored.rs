@@ -5,7 +5,7 @@
 //! | at | size | |
 //! |---|---|---|
 //! | 0 | 8 | `89 54 53 52 0D 0A 1A 0A`: no text; a change of line ends changes it |
-//! | 8 | 4 | version of the format: 3, or 4 with types of shapes |
+//! | 8 | 4 | version of the format: 3 |
 //! | 12 | 4 | H, the length of the header |
 //! | 16 | 4 | F, the number of faces, 1 … 2³¹ |
 //! | 20 | 4 | M, the number of merges, less than F |
@@ -17,8 +17,7 @@
 //! | | ⌈N/8⌉ | if N > F: whether each item takes part, the first one in the lowest bit of the first byte |
 //! | | 32·R | rounds: clusters left u32, end of merges u32, end of moves u64, energy f64, has a checkpoint u32, 0 u32 |
 //! | | 16·M + 8·V + 4·F·C | records of each round, see below |
-//! | | 44·M | what each merge made: faces u32, energy f64, weight f64, proxy 3 × f64 |
-//! | | M | version 4: the type of its shape: 0 none, 1 plane, 2 sphere, 3 cylinder |
+//! | | 48·M | what each merge made: faces u32, energy f64, weight f64, proxy 3 × f64, type of its shape or 0, u32 |
 //!
 //! The records of a round are its merges (into u32, from u32, cost f64), its moves (face u32, its new cluster u32) and,
 //! if it has one, its checkpoint: for each face the living cluster that it is in, u32. [`Round`], [`super::Merge`] and
@@ -35,7 +34,7 @@ use std::io::{self, Write};
 
 use self::blocks::{BlockReader, BlockWriter};
 use self::errors::{cannot_read, malformed, unreadable};
-use self::records::{FIXED, LABEL, MOVE, NODE, PAIR, Pair, ROUND, Sizes, u32_at};
+use self::records::{FIXED, LABEL, MOVE, NODE, PAIR, Pair, ROUND, Sizes, VERSION, u32_at};
 use super::replay::{CutPlan, Replay, check_range};
 use super::{Cut, Round, Tree, contradiction};
 use crate::error::{Error, Kind, Result};
@@ -100,9 +99,6 @@ impl Stored {
             }
         }
         merges.iter().try_for_each(|merge| out.put(&records::node_bytes(merge)))?;
-        if self.tree.has_shapes() {
-            merges.iter().try_for_each(|merge| out.put(&records::shape_byte(merge)))?;
-        }
         out.finish()
     }
 
@@ -121,7 +117,6 @@ impl Stored {
             rounds: self.tree.rounds.len() as u32,
             checkpoints: count(has_checkpoint),
             moves: self.tree.moves.len() as u64,
-            has_shapes: self.tree.has_shapes(),
         }
     }
 
@@ -169,22 +164,16 @@ impl Stored {
                 })?;
             }
         }
-        let mut incomplete = tree.merges.iter_mut();
+        let mut incomplete = tree.merges.iter_mut().enumerate();
         reader.each::<NODE>(merges, |nodes| {
-            nodes.iter().zip(&mut incomplete).for_each(|(node, merge)| records::complete(merge, node));
+            for (node, (at, merge)) in nodes.iter().zip(&mut incomplete) {
+                if !records::complete(merge, node, faces) {
+                    return contradiction("merge", at);
+                }
+            }
             Ok(())
         })?;
-        let mut without_shape = tree.merges.iter_mut();
-        reader.each::<1>(reader.sizes.shapes(), |bytes| {
-            bytes.iter().zip(&mut without_shape).try_for_each(|(byte, merge)| {
-                merge.made.shape = records::shape_of(byte).or_else(|byte| contradiction("type of shape", byte))?;
-                Ok(())
-            })
-        })?;
-        match tree.merges.iter().position(|merge| !(2..=faces).contains(&merge.made.faces)) {
-            Some(merge) => contradiction("merge", merge),
-            None => Ok(Self { header, mask, tree }),
-        }
+        Ok(Self { header, mask, tree })
     }
 }
 
@@ -265,12 +254,13 @@ impl<R: Input> Reader<R> {
             return malformed("it is no hierarchy file (.tsr)");
         }
         let Some(first) = first.first_chunk() else { return malformed("it ends early") };
-        let Some(sizes) = Sizes::of(first) else {
+        let version = u32_at(first, 8);
+        if version != VERSION {
             return malformed(format_args!(
-                "only versions 3 and 4 of the format are read, make the hierarchy again: it has version {}",
-                u32_at(first, 8)
+                "only version {VERSION} of the format is read, make the hierarchy again: it has version {version}"
             ));
-        };
+        }
+        let sizes = Sizes::of(first);
         let expected = sizes.file_bytes();
         if u128::from(length) != expected {
             return malformed(format_args!("it should have {expected} bytes, but has {length}"));

@@ -6,14 +6,13 @@ use super::blocks::framed;
 use crate::energy::Merged;
 use crate::energy::shape_kind::Kind as ShapeKind;
 
-/// The version of files without types of shapes, and that of those with them.
-pub(super) const VERSIONS: [u32; 2] = [3, 4];
+pub(super) const VERSION: u32 = 3;
 pub(super) const FIXED: usize = 44;
 pub(super) const ROUND: usize = 32;
 pub(super) const PAIR: usize = 16;
 pub(super) const MOVE: usize = 8;
 pub(super) const LABEL: usize = 4;
-pub(super) const NODE: usize = 44;
+pub(super) const NODE: usize = 48;
 
 /// A number at an offset within a record, whose length the caller knows.
 pub(super) fn u32_at(record: &[u8], at: usize) -> u32 {
@@ -51,24 +50,18 @@ pub(super) struct Sizes {
     pub rounds: u32,
     pub checkpoints: u32,
     pub moves: u64,
-    /// Whether merges have types of shapes.
-    pub has_shapes: bool,
 }
 
 impl Sizes {
     pub fn bytes(&self) -> [u8; FIXED] {
-        let Self { header, faces, items, merges, rounds, checkpoints, moves, has_shapes } = *self;
-        let version = VERSIONS[usize::from(has_shapes)];
-        let numbers = [version, header, faces, merges, rounds, checkpoints].map(u32::to_le_bytes);
+        let Self { header, faces, items, merges, rounds, checkpoints, moves } = *self;
+        let numbers = [VERSION, header, faces, merges, rounds, checkpoints].map(u32::to_le_bytes);
         record(&[&MAGIC, numbers.as_flattened(), &moves.to_le_bytes(), &items.to_le_bytes()])
     }
 
-    /// Nothing for a version that is not known.
-    pub fn of(first: &[u8; FIXED]) -> Option<Self> {
-        let [version, header, faces, merges, rounds, checkpoints, items] =
-            [8, 12, 16, 20, 24, 28, 40].map(|at| u32_at(first, at));
-        let has_shapes = VERSIONS.iter().position(|&known| known == version)? == 1;
-        Some(Self { header, faces, items, merges, rounds, checkpoints, moves: u64_at(first, 32), has_shapes })
+    pub fn of(first: &[u8; FIXED]) -> Self {
+        let [header, faces, merges, rounds, checkpoints, items] = [12, 16, 20, 24, 28, 40].map(|at| u32_at(first, at));
+        Self { header, faces, items, merges, rounds, checkpoints, moves: u64_at(first, 32) }
     }
 
     /// Length of the mask in bytes.
@@ -76,17 +69,11 @@ impl Sizes {
         if self.items > self.faces { u64::from(self.items).div_ceil(8) } else { 0 }
     }
 
-    /// Bytes of types of shapes.
-    pub fn shapes(&self) -> u64 {
-        if self.has_shapes { self.merges.into() } else { 0 }
-    }
-
     /// Length of the file in bytes.
     pub fn file_bytes(&self) -> u128 {
         let Self { header, faces, merges, rounds, checkpoints, moves, .. } = *self;
         let of = |count: u64, size: usize| u128::from(count) * size as u128;
         let records = of(rounds.into(), ROUND) + of(merges.into(), PAIR + NODE) + of(moves, MOVE);
-        let records = records + u128::from(self.shapes());
         let head = FIXED as u128 + u128::from(header) + u128::from(self.mask_bytes());
         framed(head + records + u128::from(checkpoints) * of(faces.into(), LABEL))
     }
@@ -153,25 +140,16 @@ pub(super) fn move_of(record: &[u8; MOVE]) -> FaceMove {
 /// The part of a merge that describes what it made.
 pub(super) fn node_bytes(Merge { made, .. }: &Merge) -> [u8; NODE] {
     let numbers = [made.energy, made.weight, made.proxy[0], made.proxy[1], made.proxy[2]].map(f64::to_le_bytes);
-    record(&[&made.faces.to_le_bytes(), numbers.as_flattened()])
-}
-
-/// Completes a merge.
-pub(super) fn complete(Merge { made, .. }: &mut Merge, record: &[u8; NODE]) {
-    let [energy, weight, proxy @ ..] = [4, 12, 20, 28, 36].map(|at| f64_at(record, at));
-    *made = Merged { cost: made.cost, energy, faces: u32_at(record, 0), weight, proxy, shape: None };
-}
-
-/// The type of shape that a merge made: its place among all, from 1 on; 0 for none.
-pub(super) fn shape_byte(Merge { made, .. }: &Merge) -> [u8; 1] {
     let place = made.shape.and_then(|kind| ShapeKind::ALL.iter().position(|&other| other == kind));
-    [place.map_or(0, |place| place as u8 + 1)]
+    let shape = place.map_or(0, |place| place as u32 + 1);
+    record(&[&made.faces.to_le_bytes(), numbers.as_flattened(), &shape.to_le_bytes()])
 }
 
-/// What [`shape_byte`] made; an error for bytes that it does not make.
-pub(super) fn shape_of(&[byte]: &[u8; 1]) -> Result<Option<ShapeKind>, u8> {
-    match byte.checked_sub(1) {
-        None => Ok(None),
-        Some(place) => ShapeKind::ALL.get(usize::from(place)).copied().map(Some).ok_or(byte),
-    }
+/// Completes a merge of a tree of so many faces; false for bytes that [`node_bytes`] does not make.
+pub(super) fn complete(Merge { made, .. }: &mut Merge, record: &[u8; NODE], tree_faces: u32) -> bool {
+    let [energy, weight, proxy @ ..] = [4, 12, 20, 28, 36].map(|at| f64_at(record, at));
+    let (faces, shape_number) = (u32_at(record, 0), u32_at(record, 44));
+    let shape = shape_number.checked_sub(1).and_then(|place| ShapeKind::ALL.get(place as usize).copied());
+    *made = Merged { cost: made.cost, energy, faces, weight, proxy, shape };
+    (2..=tree_faces).contains(&faces) && shape.is_some() == (shape_number > 0)
 }
