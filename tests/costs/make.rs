@@ -283,7 +283,7 @@ pub fn hierarchy(bytes: usize, a_round: usize, merge: impl Fn(u32) -> (u32, u32)
     let merges: Vec<Merge> = (0..faces - 1)
         .map(|number| {
             let (into, from) = merge(number);
-            let made = Merged { cost: 1.0, energy: 1.0, faces: 2, weight: 1.0, proxy: [0.0; 3] };
+            let made = Merged { cost: 1.0, energy: 1.0, faces: 2, weight: 1.0, proxy: [0.0; 3], shape: None };
             Merge { into, from, made }
         })
         .collect();
