@@ -67,7 +67,7 @@ def cluster_points(
     seeds : {"coarse", "morton", "random"} or array_like of int
         Where flat clusters start, or at which items. Cluster i then is the one of seed i.
     device, adapter, progress
-        As of `tesserae_mesh.cluster`. A gpu takes points of up to 3 coordinates.
+        As of `tesserae_mesh.cluster`. A gpu takes points of up to 8 coordinates.
     **parameters
         Others of `tesserae_mesh.cluster`, but those of meshes: `algorithm`, `quality`, `bridge_components`, `levels`,
         ...

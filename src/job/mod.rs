@@ -33,7 +33,7 @@ pub use points::{
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
-pub use shapes::{Shaped, ShapesSpec};
+pub use shapes::{RESOLUTION, Shaped, ShapesSpec};
 pub use spec::{Clustering, CoarseSpec, JobSpec, Method};
 pub use subject::{Planned, Points, Subject, Width};
 pub use weight_list::check_head as check_head_of_weights;

@@ -26,8 +26,8 @@ use crate::surface::Surface;
 use crate::surface::corners::Corners;
 use crate::surface::samples::Samples;
 
-/// Resolution where the caller gives none.
-const RESOLUTION: Length = Length::Share(3e-4);
+/// Resolution where the caller gives none, a share of the diagonal.
+pub const RESOLUTION: f64 = 3e-4;
 
 /// A tolerance over the resolution, where the caller gives the tolerance alone.
 const IN_TOLERANCE: f64 = 10.0;
@@ -77,7 +77,7 @@ impl ShapesSpec {
             let Shapes(kinds) = Shapes::planes();
             return Ok(Self { kinds, resolution: None, wanted });
         }
-        let usual = parameters.tolerance.map_or(RESOLUTION, |tolerance| tolerance.over(IN_TOLERANCE));
+        let usual = parameters.tolerance.map_or(Length::Share(RESOLUTION), |tolerance| tolerance.over(IN_TOLERANCE));
         let resolution = Some(*parameters.resolution.get_or_insert(usual));
         let Shapes(kinds) = parameters.shapes.get_or_insert_default().clone();
         Ok(Self { kinds, resolution, wanted })

@@ -117,6 +117,15 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     take_files(from, to).map_err(cannot_write)?;
     link(from, to, Path::new(OWNER)).map_err(cannot_write)?;
     let is_elsewhere = !to.join(OWNER).exists();
+    if is_elsewhere && !all_files(to).is_empty() {
+        return Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "the data folder has files of jobs and no file {OWNER}: start a service there first: {}",
+                from.display()
+            ),
+        ));
+    }
     for round in 1..=ROUNDS {
         copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
         let wanted = match is_elsewhere {

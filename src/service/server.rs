@@ -124,6 +124,9 @@ impl Server {
         };
         let check = async {
             files.probe_elsewhere().await?;
+            if !store.is_shared() && store.is_durable() && !store.was_used().await? {
+                files.check_unused_store().await?;
+            }
             match store.is_durable() {
                 true => files.take_place(store.name(), store.newest().await?.is_some()).await,
                 false => Ok(()),

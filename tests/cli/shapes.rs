@@ -61,9 +61,6 @@ fn hierarchies_have_types_cuts_and_a_linkage_matrix() {
     for kind in ["plane", "cylinder"] {
         assert!(nodes.iter().any(|node| node["type"] == kind), "{kind}");
     }
-    // files without types stay as they were
-    run(&folder, "cluster p.obj --algorithm hr --hierarchy c.tsr");
-    assert_eq!((folder.read("c.tsr")[8], folder.read("h.tsr")[8]), (3, 4));
     let said = run(&folder, "cluster p.obj --algorithm ml -k 13 --levels 40 --energy shapes --shapes-out s.json");
     assert!(said.starts_with("13 clusters of "), "{said}");
     assert_eq!(folder.json("s.json").as_array().map(Vec::len), Some(13));

@@ -9,7 +9,7 @@ use tesserae_mesh::device::{Cancel, pieces};
 use tesserae_mesh::energy::Kind;
 use tesserae_mesh::error;
 use tesserae_mesh::hierarchy::Tree;
-use tesserae_mesh::job::{self, InMemory, Outcome};
+use tesserae_mesh::job::{self, InMemory, Outcome, RESOLUTION};
 use tesserae_mesh::mesh::{Limits, PolygonMesh};
 use tesserae_mesh::parameters::{Algorithm, Features, Levels, Optimize, Parameters, Shapes};
 use tesserae_mesh::shapes::best::{Allowed, FEWEST_FACES};
@@ -89,7 +89,7 @@ fn energies_of_rounds_are_those_of_their_cuts_from_scratch() {
                 let levels = Some(Levels(vec![50]));
                 let parameters = Parameters { shapes: of_shapes.clone(), levels, ..tree_of(energy, algorithm) };
                 let outcome = run(&mesh, &parameters);
-                let prices = Prices::of_tree(faces.graph, None, surface.on_lattice(|_| 3e-4));
+                let prices = Prices::of_tree(faces.graph, None, surface.on_lattice(|_| RESOLUTION));
                 let allowed = Allowed { kinds, prices: &prices, tolerance: None };
                 let from_scratch = |labels: &[u32], clusters: usize| -> f64 {
                     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();

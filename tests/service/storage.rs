@@ -37,8 +37,11 @@ fn found(folder: &Path, name: &str) -> Vec<std::path::PathBuf> {
 #[tokio::test]
 async fn results_outlast_a_store_that_was_lost() {
     let mut service = Service::start().await;
+    service.stopped().await;
     let folder = service.folder();
     let store = folder.path().join("jobs.sqlite3");
+    let older = std::fs::read(&store).expect("a store");
+    let mut service = service.again(|_| {}).await;
     let job = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     assert_eq!(service.ended(&job).await["state"], "succeeded");
     service.stopped().await;
@@ -47,14 +50,14 @@ async fn results_outlast_a_store_that_was_lost() {
     let mut another = Service::start().await;
     another.stopped().await;
     let other = std::fs::read(another.folder().path().join("jobs.sqlite3")).expect("a store");
-    // removed, emptied, and another one
+    // removed, emptied, from before its jobs, and another one
     std::fs::remove_file(&store).expect("removed");
-    for content in [None, Some(Vec::new()), Some(other)] {
+    for content in [None, Some(Vec::new()), Some(older), Some(other)] {
         if let Some(content) = content {
             std::fs::write(&store, content).expect("written");
         }
         let why = refusal(&folder).await;
-        assert!(why.contains("missing, empty, or another one") && why.contains("move uploads, results"), "{why}");
+        assert!(why.contains("missing, empty, older than its files") && why.contains("move uploads, results"), "{why}");
         assert_eq!(found(&folder.path().join("results"), "labels.npy").len(), 1);
     }
     // put back, all is as before
@@ -84,7 +87,7 @@ async fn a_store_of_small_jobs_that_was_lost_is_missed() {
     let folder = service.folder();
     std::fs::remove_file(folder.path().join("jobs.sqlite3")).expect("removed");
     let why = refusal(&folder).await;
-    assert!(why.contains("missing, empty, or another one") && why.contains("empty store"), "{why}");
+    assert!(why.contains("missing, empty, older") && why.contains("empty store"), "{why}");
     for name in ["owner", "ballast"] {
         std::fs::remove_file(folder.path().join(name)).expect("removed");
     }

@@ -7,9 +7,9 @@ import { type Job, type Labels, output, request } from "./api";
 const [BLOCK, SUM] = [1 << 16, 32];
 
 /** Bytes of the first numbers, of a round, a merge, a move, a label and of what a merge made. */
-const [FIXED, ROUND, MERGE, MOVE, LABEL] = [40, 32, 16, 8, 4];
+const [FIXED, ROUND, MERGE, MOVE, LABEL] = [44, 32, 16, 8, 4];
 
-const VERSION = 2;
+const VERSION = 3;
 
 /** Rounds after which labels are kept, at most: a cut begins at the last of them. */
 const KEPT = 16;
@@ -101,6 +101,7 @@ export class Hierarchy {
       number,
     ];
     const moves = Number(first.getBigUint64(32, true));
+    if (number(40) > faces) throw new Error("the hierarchy is of points with a mask, which only the service cuts");
     const length = FIXED + header + rounds * ROUND + merges * MERGE + moves * MOVE + checkpoints * faces * LABEL;
     const file = new Uint8Array(await source.bytes(framed(length)));
     const content = new Uint8Array(length);

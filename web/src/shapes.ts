@@ -22,9 +22,9 @@ const SHARP = 40;
 
 /** The angle in degrees of the edges that say something of clusters; null where the page can find none. */
 export function angleOf(job: Job): number | null {
-  const features = job.parameters["features"] ?? (hasShapes(job) ? SHARP : null);
-  const angle = /[\d.]+/.exec(String(features));
-  return angle && Number(angle[0]);
+  const angle = /[\d.]+/.exec(String(job.parameters["features"] ?? ""));
+  if (angle) return Number(angle[0]);
+  return hasShapes(job) ? SHARP : null;
 }
 
 /** Four bytes a cluster, of its type. */

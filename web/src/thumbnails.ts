@@ -30,7 +30,11 @@ export function keepThumbnail(job: string, picture: HTMLCanvasElement | ImageBit
   } catch {
     // there is no room
     for (const key of Object.keys(sessionStorage)) if (key.startsWith(PREFIX)) sessionStorage.removeItem(key);
-    keep();
+    try {
+      keep();
+    } catch {
+      // others have taken all room
+    }
   }
 }
 

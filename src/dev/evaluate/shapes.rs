@@ -10,7 +10,7 @@ use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::energy;
 use crate::error::Result;
-use crate::job::{self, InMemory};
+use crate::job::{self, InMemory, RESOLUTION};
 use crate::mesh::{Limits, PolygonMesh};
 use crate::parameters::Parameters;
 use crate::shapes::faces::Faces;
@@ -23,9 +23,6 @@ pub const FACES: u64 = 12_528;
 
 /// Noise of the part, percent of the diagonal.
 pub const NOISE: [f64; 5] = [0.0, 0.05, 0.1, 0.2, 0.5];
-
-/// Resolution of the shapes of given labels: the default, a share of the diagonal.
-const RESOLUTION: f64 = 3e-4;
 
 /// Labels of a mesh.
 #[derive(Debug, Clone)]

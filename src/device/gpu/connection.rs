@@ -42,8 +42,8 @@ pub(super) struct Connection {
     pub(super) has_chains: bool,
     /// Compiled kernels, by name and number of axes.
     pipelines: Mutex<HashMap<(&'static str, usize), Compiled>>,
-    /// Numbers of axes whose kernels passed the self-test.
-    pub(super) tested: Mutex<Vec<usize>>,
+    /// What the self-test of the kernels for each number of axes ended with.
+    pub(super) tested: Mutex<HashMap<usize, Result<()>>>,
     /// Name of the adapter.
     pub(super) name: String,
     /// What surfaces are uploaded through.

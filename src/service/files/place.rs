@@ -29,12 +29,20 @@ impl Files {
         if had_one && !is_there { Err(self.lost_store()) } else { Ok(()) }
     }
 
+    /// Checks a store of jobs that never knew a job: there are no results then.
+    pub async fn check_unused_store(&self) -> Result<()> {
+        match self.is_shared() || self.jobs_in(RESULTS).await?.is_empty() {
+            true => Ok(()),
+            false => Err(self.lost_store()),
+        }
+    }
+
     fn lost_store(&self) -> Error {
         Error::new(
             Kind::Conflict,
             format_args!(
-                "the store of jobs of this data folder is missing, empty, or another one: put it back, from a backup \
-                 for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, {OWNER} and {BALLAST} out \
+                "the store of jobs of this data folder is missing, empty, older than its files, or another one: put it \
+                 back, from a backup for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, {OWNER} and {BALLAST} out \
                  of the data folder: {}",
                 self.root.path.display()
             ),
@@ -68,7 +76,13 @@ impl Files {
                      or, if they were moved, move the file {OWNER} too: {place}"
                 ));
             }
-            None => self.blobs.put(&BlobPath::from(OWNER), Bytes::copy_from_slice(store.as_bytes())).await?,
+            None => {
+                self.blobs.put(&BlobPath::from(OWNER), Bytes::copy_from_slice(store.as_bytes())).await?;
+                // of two new stores at one place, the last one has it
+                if self.owner().await?.as_deref() != Some(store) {
+                    return conflict(format!("another store of jobs takes this place at the same time: {place}"));
+                }
+            }
         }
         self.owner = Some(store.to_owned());
         Ok(())

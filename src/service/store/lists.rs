@@ -69,6 +69,12 @@ impl Store {
         Ok(Page { jobs, next })
     }
 
+    /// Whether a job was ever added to the file, deleted ones included.
+    pub async fn was_used(&self) -> Result<bool> {
+        let sql = "SELECT 1 FROM sqlite_sequence WHERE name = 'jobs' AND seq > 0";
+        Ok(self.read("open", move |rows| rows.first(sql, Vec::new())).await?.is_some())
+    }
+
     /// When the newest job was accepted; none when there is no job.
     pub async fn newest(&self) -> Result<Option<SystemTime>> {
         let sql = "SELECT created_at FROM jobs ORDER BY number DESC LIMIT 1";

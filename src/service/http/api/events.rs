@@ -96,7 +96,7 @@ pub(crate) struct StreamEvent {
 ///
 /// With `labels=true` there are events `labels` ({faces, changes}) without an id while the job is clustered: at most
 /// four a second, for meshes of up to 300,000 faces that are not subdivided, where this process runs the job. There are
-/// none of `acvd` and `vc`, and of a stream while 32 others have them.
+/// none of `acvd`, `vc` and hierarchies of planes and shapes, and of a stream while 32 others have them.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(

@@ -39,11 +39,13 @@ impl Leases {
     pub async fn keep(&self, store: &Store, worker: &str, device: &str, stop: CancellationToken) {
         let beats = async {
             loop {
-                if let Err(error) = store.announce(worker, device).await {
+                let is_kept = self.beat(store).await;
+                // nothing depends on it, so that it may not delay the next beat
+                let announced = tokio::time::timeout(AGAIN, store.announce(worker, device));
+                if let Ok(Err(error)) = announced.await {
                     tracing::debug!(%error, "the worker cannot be announced now");
                 }
-                let pause = if self.beat(store).await { TERM / PARTS } else { AGAIN };
-                tokio::time::sleep(pause).await;
+                tokio::time::sleep(if is_kept { TERM / PARTS } else { AGAIN }).await;
             }
         };
         stop.run_until_cancelled(beats).await;

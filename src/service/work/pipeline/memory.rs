@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use tesserae_mesh::data::{MOST_DIMENSIONS, Size};
 use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::Clustering;
 use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
 use super::small::{SMALL_BYTES, SMALL_FACES};
@@ -23,6 +24,10 @@ const BYTES_A_FACE: u64 = 275;
 /// The same for what begins with a cluster a face: hierarchies, which record every merge and move, and merged starts.
 /// 630 were measured for `pml` with optimisation, 540 without, 610 for `hr`; normals take 24 more, sums of them 100.
 const BYTES_A_FACE_OF_HIERARCHY: u64 = 775;
+
+/// The same for planes and shapes, whose moments are kept for each cluster: 971 were measured for `ml` of shapes, 735
+/// for `hr`.
+const BYTES_A_FACE_OF_SHAPES: u64 = 1100;
 
 /// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks
 /// of 100,000 items, without their file, were 128 bytes an item (5 coordinates, grid), 742 (16, grid), 1,323 (64,
@@ -130,9 +135,13 @@ impl Reading {
 }
 
 impl Needed {
-    /// That of faces, in a flat clustering or in a hierarchy.
-    pub fn of_faces(faces: u64, is_hierarchical: bool) -> Self {
-        let bytes_a_face = if is_hierarchical { BYTES_A_FACE_OF_HIERARCHY } else { BYTES_A_FACE };
+    /// That of faces, clustered in this way.
+    pub fn of_faces(faces: u64, clustering: &Clustering) -> Self {
+        let bytes_a_face = match clustering {
+            Clustering::Shapes(_) => BYTES_A_FACE_OF_SHAPES,
+            clustering if clustering.merges_faces() => BYTES_A_FACE_OF_HIERARCHY,
+            _ => BYTES_A_FACE,
+        };
         Self { bytes: faces.saturating_mul(bytes_a_face), items: faces, noun: "faces" }
     }
 
