@@ -56,7 +56,12 @@ impl Stored {
                 Name::CLUSTERS
             ));
         }
-        Ok(Linkage::of(tree))
+        let linkage = Linkage::of(tree);
+        // the last merge costs most
+        match linkage.rows.last().is_some_and(|row| row.cost.is_infinite()) {
+            true => conflict("a linkage matrix needs costs below 10³⁰⁸, scale the coordinates down".to_owned()),
+            false => Ok(linkage),
+        }
     }
 }
 

@@ -11,7 +11,7 @@ from farm_replica import BINARY, MANY, TOKENS, WORK, Replica, ended, submitted
 from service import resident
 
 
-# streams from one address
+# streams from one address: a service takes 2,048 connections from one
 FROM_ADDRESS = 1000
 
 

@@ -248,6 +248,27 @@ async fn answers_that_nobody_takes_are_given_up() {
 }
 
 #[tokio::test]
+async fn an_address_has_so_many_connections_and_others_are_served() {
+    let service = with(|traffic| traffic.constants.connections_per_address = 3).await;
+    let mut open = Vec::new();
+    for _ in 0..3 {
+        let mut stream = TcpStream::connect(service.address).await.expect("connected");
+        stream.write_all(b"GET /readyz HTTP/1.1\r\nHost: localhost\r\n\r\n").await.expect("sent");
+        let mut some = [0; 12];
+        stream.read_exact(&mut some).await.expect("answered");
+        assert_eq!(&some, b"HTTP/1.1 200");
+        open.push(stream);
+    }
+    let mut fourth = TcpStream::connect(service.address).await.expect("connected");
+    let _ = fourth.write_all(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n").await;
+    let mut answer = Vec::new();
+    let _ = fourth.read_to_end(&mut answer).await;
+    assert!(answer.is_empty(), "{}", String::from_utf8_lossy(&answer));
+    open.pop();
+    until(async || service.get("/healthz").send().await.is_ok()).await;
+}
+
+#[tokio::test]
 async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
     const STREAMS: usize = 1000;
     let files = rlimit::increase_nofile_limit(4096).expect("a limit");

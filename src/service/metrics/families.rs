@@ -138,7 +138,7 @@ metrics! {
         store_commit_seconds: Seconds, "store_commit" [Seconds], "Time that the store spent in transactions";
         rejections: Family<ByReason, Counter>, "rejections", "Requests answered with an error, by kind of problem";
         connections: Gauge, "connections", "Open connections";
-        connections_refused: Counter, "connections_refused", "Connections closed because there was no place for them";
+        connections_refused: Counter, "connections_refused", "Connections closed because their address had too many";
         streams: Gauge, "event_streams", "Open event streams";
         upload_bytes: Counter, "upload" [Bytes], "Bytes of meshes of accepted jobs";
         ready: Gauge, "ready", "1 when jobs are taken";

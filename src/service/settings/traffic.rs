@@ -70,6 +70,8 @@ pub struct TrafficConstants {
     pub streams: u32,
     /// Connections at a time: an eighth of the open files that the process requests.
     pub connections: u32,
+    /// Connections from one address at a time: one client leaves room for three others.
+    pub connections_per_address: u32,
     /// Time for the head of a request, on a connection that is new or used before: it fits into few packets.
     pub header_timeout: Duration,
     /// Time without a byte of an upload: TCP repeats a lost packet several times within it.
@@ -85,6 +87,7 @@ impl Default for TrafficConstants {
             streams_per_client: 1024,
             streams: 4096,
             connections: 8192,
+            connections_per_address: 2048,
             header_timeout: Duration::from_secs(15),
             body_timeout: Duration::from_secs(30),
             write_timeout: Duration::from_secs(60),

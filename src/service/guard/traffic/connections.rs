@@ -5,8 +5,9 @@
 //! a probe for liveness is answered whatever those threads do, and however many connections they have. The route makes
 //! its answer of nothing, and no other request is served here, also not the next one of the same connection.
 
+use std::collections::HashMap;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -16,6 +17,7 @@ use axum::extract::{ConnectInfo, Request};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use parking_lot::Mutex;
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Handle};
@@ -26,6 +28,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt;
 
+use super::origin;
 use crate::metrics::Metrics;
 use crate::settings::{BEGINNINGS, TrafficSettings};
 
@@ -84,6 +87,7 @@ async fn accept(
     let tasks = TaskTracker::new();
     let places = Arc::new(Semaphore::new(settings.constants.connections as usize));
     let beginnings = Arc::new(Semaphore::new(BEGINNINGS));
+    let by_address = Arc::new(ByAddress::default());
     loop {
         let accepted = async {
             let beginning = Arc::clone(&beginnings).acquire_owned().await;
@@ -98,6 +102,16 @@ async fn accept(
                 tokio::time::sleep(BREATHER).await;
                 continue;
             }
+        };
+        let ip = address.ip().to_canonical();
+        // a proxy brings the connections of many clients
+        let limit = match origin::is_proxy(ip, &settings.trusted_proxies) {
+            true => u32::MAX,
+            false => settings.constants.connections_per_address,
+        };
+        let Some(counted) = by_address.enter(ip, limit) else {
+            metrics.families.connections_refused.inc();
+            continue;
         };
         let _ = stream.set_nodelay(true);
         let (settings, metrics) = (Arc::clone(&settings), Arc::clone(&metrics));
@@ -123,7 +137,7 @@ async fn accept(
                 metrics.families.connections.inc();
                 connection(stream, begun, address, router, &settings, is_probe, close).await;
                 metrics.families.connections.dec();
-                drop(place);
+                drop((place, counted));
             };
             match is_probe {
                 true => serve.await,
@@ -208,4 +222,40 @@ async fn connection(
 async fn linger(mut socket: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<u64> {
     socket.shutdown().await?;
     tokio::io::copy(&mut socket, &mut tokio::io::sink()).await
+}
+
+/// Connections that are open, by the address at the other end.
+#[derive(Debug, Default)]
+struct ByAddress(Mutex<HashMap<IpAddr, u32>>);
+
+/// A connection that is counted until this is dropped.
+#[derive(Debug)]
+struct Counted {
+    counts: Arc<ByAddress>,
+    address: IpAddr,
+}
+
+impl ByAddress {
+    /// Counts one more, unless there are as many as may be.
+    fn enter(self: &Arc<Self>, address: IpAddr, limit: u32) -> Option<Counted> {
+        let mut counts = self.0.lock();
+        let count = counts.entry(address).or_default();
+        if *count >= limit {
+            return None;
+        }
+        *count += 1;
+        Some(Counted { counts: Arc::clone(self), address })
+    }
+}
+
+impl Drop for Counted {
+    fn drop(&mut self) {
+        let mut counts = self.counts.0.lock();
+        if let Some(count) = counts.get_mut(&self.address) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.address);
+            }
+        }
+    }
 }

@@ -13,7 +13,7 @@ use ipnet::IpNet;
 const FORWARDED: &str = "x-forwarded-for";
 
 /// Whether an address is that of a proxy.
-fn is_proxy(address: IpAddr, proxies: &[IpNet]) -> bool {
+pub(crate) fn is_proxy(address: IpAddr, proxies: &[IpNet]) -> bool {
     proxies.iter().any(|network| network.contains(&address))
 }
 
