@@ -42,8 +42,8 @@ impl Files {
             Kind::Conflict,
             format_args!(
                 "the store of jobs of this data folder is missing, empty, older than its files, or another one: put it \
-                 back, from a backup for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, {OWNER} and {BALLAST} out \
-                 of the data folder: {}",
+                 back, from a backup for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, \
+                 {OWNER}, {BALLAST} and what there is of jobs.sqlite3 out of the data folder: {}",
                 self.root.path.display()
             ),
         )
@@ -69,11 +69,14 @@ impl Files {
                      own folder or prefix (--blobs), or remove the file {OWNER} here if that store is gone: {place}"
                 ));
             }
-            Some(_) => return Err(self.lost_store()),
+            Some(_) => {
+                let Error { message, .. } = self.lost_store();
+                return conflict(format!("{message}; or, if only the file {OWNER} is wrong, write {store} into it"));
+            }
             None if has_jobs => {
                 return conflict(format!(
                     "the files of the jobs of this store do not lie here: give --blobs with the place where they lie, \
-                     or, if they were moved, move the file {OWNER} too: {place}"
+                     or, if they do, write {store} into a file {OWNER} there: {place}"
                 ));
             }
             None => {
