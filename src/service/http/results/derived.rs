@@ -39,7 +39,7 @@ pub(crate) async fn made(
     };
     let faces = summary.faces;
     // what is in memory meanwhile counts like the mesh of a job
-    let memory = shared.memory.read(mesh.length()).await?.build(Needed::of_faces(faces, false)).await?;
+    let memory = shared.memory.read(mesh.length()).await?.build(Needed::of_faces(faces, None)).await?;
     let source = match clusters {
         Some(_) => HIERARCHY_TSR.file,
         None => LABELS_NPY.file,

@@ -135,11 +135,11 @@ impl Reading {
 }
 
 impl Needed {
-    /// That of faces, clustered in this way.
-    pub fn of_faces(faces: u64, clustering: &Clustering) -> Self {
+    /// That of faces, clustered in this way; of a flat clustering where none is given.
+    pub fn of_faces(faces: u64, clustering: Option<&Clustering>) -> Self {
         let bytes_a_face = match clustering {
-            Clustering::Shapes(_) => BYTES_A_FACE_OF_SHAPES,
-            clustering if clustering.merges_faces() => BYTES_A_FACE_OF_HIERARCHY,
+            Some(Clustering::Shapes(_)) => BYTES_A_FACE_OF_SHAPES,
+            Some(clustering) if clustering.merges_faces() => BYTES_A_FACE_OF_HIERARCHY,
             _ => BYTES_A_FACE,
         };
         Self { bytes: faces.saturating_mul(bytes_a_face), items: faces, noun: "faces" }
@@ -187,6 +187,9 @@ fn machine() -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use futures_util::FutureExt as _;
+    use tesserae_mesh::energy;
+    use tesserae_mesh::job::JobSpec;
+    use tesserae_mesh::parameters::{Algorithm, Parameters};
 
     use super::*;
 
@@ -198,12 +201,12 @@ mod tests {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 6 * LARGE / BYTES_A_FACE;
         let first =
-            memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, false)).await.expect("it fits");
+            memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, None)).await.expect("it fits");
         let reading = memory.read(LARGE).await.expect("it fits");
         assert!(memory.read(LARGE).now_or_never().is_none(), "one at a time reads");
         let small = memory.read(1).now_or_never().expect("but for small ones").expect("it fits");
-        small.build(Needed::of_faces(SMALL_FACES as u64, false)).now_or_never().expect("at once").expect("it fits");
-        let mut second = Box::pin(reading.build(Needed::of_faces(faces, false)));
+        small.build(Needed::of_faces(SMALL_FACES as u64, None)).now_or_never().expect("at once").expect("it fits");
+        let mut second = Box::pin(reading.build(Needed::of_faces(faces, None)));
         assert!(second.as_mut().now_or_never().is_none(), "the first has it");
         drop(first);
         let second = second.await.expect("it fits now");
@@ -223,15 +226,14 @@ mod tests {
     async fn a_hierarchy_takes_more() {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 9 * LARGE / BYTES_A_FACE;
-        let flat = memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, false)).await;
+        let flat = memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, None)).await;
         drop(flat.expect("it fits"));
-        let error = memory
-            .read(LARGE)
-            .await
-            .expect("it fits")
-            .build(Needed::of_faces(faces, true))
-            .await
-            .expect_err("too much");
-        assert_eq!(error.kind, Kind::TooLarge);
+        for energy in [energy::Kind::Cvd, energy::Kind::Shapes] {
+            let parameters = Parameters { algorithm: Algorithm::Pml, energy, ..Parameters::default() };
+            let spec = JobSpec::new(&parameters, None).expect("a job");
+            let needed = Needed::of_faces(faces, Some(&spec.clustering));
+            let error = memory.read(LARGE).await.expect("it fits").build(needed).await.expect_err("too much");
+            assert_eq!(error.kind, Kind::TooLarge, "{energy:?}");
+        }
     }
 }

@@ -44,7 +44,7 @@ pub(super) fn open(
         InputFormat::Mesh(format) => {
             let resources = &Parts::new(&spec.buffers, buffers.iter().cloned());
             let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
-            let needed = |opened: &job::Opened<'_>| Needed::of_faces(opened.faces(), &opened.spec().clustering);
+            let needed = |opened: &job::Opened<'_>| Needed::of_faces(opened.faces(), Some(&opened.spec().clustering));
             let build = |opened: job::Opened<'_>| match admits(needed(&opened))? {
                 true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
                 false => Ok(None),
