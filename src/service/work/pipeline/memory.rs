@@ -187,8 +187,10 @@ fn machine() -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use futures_util::FutureExt as _;
+    use tesserae_mesh::dev::sample::{Sample, generate};
     use tesserae_mesh::energy;
-    use tesserae_mesh::job::JobSpec;
+    use tesserae_mesh::job::{InMemory, prepare_in_memory};
+    use tesserae_mesh::mesh::Limits;
     use tesserae_mesh::parameters::{Algorithm, Parameters};
 
     use super::*;
@@ -228,10 +230,13 @@ mod tests {
         let faces = 9 * LARGE / BYTES_A_FACE;
         let flat = memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, None)).await;
         drop(flat.expect("it fits"));
+        let mesh = generate(Sample::Part, 400).expect("a sample");
         for energy in [energy::Kind::Cvd, energy::Kind::Shapes] {
-            let parameters = Parameters { algorithm: Algorithm::Pml, energy, ..Parameters::default() };
-            let spec = JobSpec::new(&parameters, None).expect("a job");
-            let needed = Needed::of_faces(faces, Some(&spec.clustering));
+            let parameters = &Parameters { algorithm: Algorithm::Pml, energy, ..Parameters::default() };
+            let (mesh, limits) = ((&mesh).into(), Limits::default());
+            let job = InMemory { mesh, limits, parameters, seeds: None, weights: None };
+            let prepared = prepare_in_memory(&job).expect("a job");
+            let needed = Needed::of_faces(faces, Some(&prepared.spec.clustering));
             let error = memory.read(LARGE).await.expect("it fits").build(needed).await.expect_err("too much");
             assert_eq!(error.kind, Kind::TooLarge, "{energy:?}");
         }
