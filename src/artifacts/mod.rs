@@ -193,6 +193,11 @@ impl Artifact {
         self.needs(Need::Mesh) || self.needs(Need::Image)
     }
 
+    /// Whether it is made of a hierarchy or a cut of one, without the mesh: shapes are fitted to that.
+    pub fn is_made_of_hierarchy(&self) -> bool {
+        !self.is_made_of_input() && !self.needs(Need::Shapes)
+    }
+
     /// Whether it is made of something.
     pub fn needs(&self, need: Need) -> bool {
         self.needs.contains(&need)

@@ -45,7 +45,7 @@ pub trait Writes: Debug + Send + Sync + 'static {
 #[derive(Debug)]
 pub struct OfJob;
 
-/// A command that reads a hierarchy has those that are not made of a mesh; shapes are fitted to one.
+/// A command that reads a hierarchy has those that need no mesh.
 #[derive(Debug)]
 pub struct OfHierarchy;
 
@@ -63,7 +63,7 @@ impl Writes for OfJob {
 
 impl Writes for OfHierarchy {
     fn writes(artifact: &Artifact) -> bool {
-        !artifact.is_made_of_input() && !artifact.needs(Need::Shapes)
+        artifact.is_made_of_hierarchy()
     }
 }
 

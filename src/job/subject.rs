@@ -202,7 +202,8 @@ impl Subject {
         if self.is_for_cpu() && device.info().kind == DeviceKind::Gpu {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
-                "the device must be cpu or auto for the energies planes and shapes, and for points of more than 8 coordinates",
+                "the device must be cpu or auto for the energies planes and shapes, and for points of more than 8 \
+                 coordinates",
             ));
         }
         let mut cpu = CpuDevice::new();

@@ -45,7 +45,8 @@ fn every_output_of_the_table_has_its_flags() {
         for flag in artifact.flags {
             assert!(flag.forms(artifact).next().is_some(), "{} writes nothing", flag.name);
             let of_mesh = artifact.needs.contains(&Need::Mesh);
-            for (command, has_it) in [("cluster", true), ("cut", !artifact.is_made_of_input()), ("export", of_mesh)] {
+            let of_hierarchy = artifact.is_made_of_hierarchy();
+            for (command, has_it) in [("cluster", true), ("cut", of_hierarchy), ("export", of_mesh)] {
                 let command = cli.find_subcommand(command).expect("a command");
                 let found = help(command, |argument| argument.get_long() == Some(flag.long()));
                 // labels and hierarchies are inputs of `export`
