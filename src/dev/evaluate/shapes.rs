@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::cluster::numbers;
 use crate::dev::markdown::{line, table_head};
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
@@ -29,7 +30,7 @@ pub const NOISE: [f64; 5] = [0.0, 0.05, 0.1, 0.2, 0.5];
 pub struct Given {
     /// What the table calls them.
     pub name: String,
-    /// One a face, upload order.
+    /// One a face, upload order, below the number of faces.
     pub labels: Vec<u32>,
 }
 
@@ -106,13 +107,9 @@ fn measured(mesh: &PolygonMesh, given: Given) -> Result<Row> {
 
 /// Labels without gaps, and how many there are.
 fn compact(labels: &[u32]) -> (Vec<u32>, usize) {
-    let mut number_of_label = BTreeMap::new();
-    let mut number = |&label: &u32| {
-        let next = number_of_label.len() as u32;
-        *number_of_label.entry(label).or_insert(next)
-    };
-    let labels = labels.iter().map(&mut number).collect();
-    (labels, number_of_label.len())
+    let labels = numbers::compact(labels);
+    let count = labels.iter().max().map_or(0, |&most| most as usize + 1);
+    (labels, count)
 }
 
 /// Faces outside the patch that stands for their cluster. Each patch stands for one cluster at most: pairs with the

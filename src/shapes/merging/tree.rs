@@ -44,7 +44,7 @@ pub struct Input<'a> {
 pub struct Hierarchy {
     /// The merges and moves.
     pub tree: Tree,
-    /// The last clusters; one a face, numbered by their first faces.
+    /// The last clusters; one a face.
     pub labels: Vec<u32>,
     /// Their shapes, in units of moments.
     pub shapes: Vec<Shape>,
@@ -281,20 +281,10 @@ impl<'a> Growing<'a> {
             Some(clustering) => clustering,
             None => self.run()?.1.ended_at_once(),
         };
-        let Clustering { mut labels, shapes, energies: [_, energy], .. } = clustering;
-        let mut number_of_cluster = vec![NONE; shapes.len()];
-        let mut in_order = Vec::with_capacity(shapes.len());
-        for label in &mut labels {
-            let number = &mut number_of_cluster[*label as usize];
-            if *number == NONE {
-                *number = in_order.len() as u32;
-                in_order.push(shapes[*label as usize]);
-            }
-            *label = *number;
-        }
+        let Clustering { labels, shapes, energies: [_, energy], .. } = clustering;
         let is_bounded = self.is_bounded || self.is_exhausted || self.may_settle != self.options.optimise;
         let ending = if is_bounded { Ending::WorkLimit } else { Ending::Converged };
-        Ok(Hierarchy { tree: self.builder.tree, labels, shapes: in_order, energy, ending })
+        Ok(Hierarchy { tree: self.builder.tree, labels, shapes, energy, ending })
     }
 
     fn in_source_units(&self, energy: f64) -> f64 {

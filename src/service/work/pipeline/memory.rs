@@ -25,8 +25,8 @@ const BYTES_A_FACE: u64 = 275;
 /// 630 were measured for `pml` with optimisation, 540 without, 610 for `hr`; normals take 24 more, sums of them 100.
 const BYTES_A_FACE_OF_HIERARCHY: u64 = 775;
 
-/// The same for planes and shapes, whose moments are kept for each cluster: 971 were measured for `ml` of shapes, 735
-/// for `hr`.
+/// The same for hierarchies of planes and shapes, whose moments are kept for each cluster: 971 were measured for `ml`
+/// of shapes, 735 for `hr`.
 const BYTES_A_FACE_OF_SHAPES: u64 = 1100;
 
 /// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks
@@ -138,7 +138,7 @@ impl Needed {
     /// That of faces, clustered in this way; of a flat clustering where none is given.
     pub fn of_faces(faces: u64, clustering: Option<&Clustering>) -> Self {
         let bytes_a_face = match clustering {
-            Some(Clustering::Shapes(_)) => BYTES_A_FACE_OF_SHAPES,
+            Some(shapes @ Clustering::Shapes(_)) if shapes.is_hierarchical() => BYTES_A_FACE_OF_SHAPES,
             Some(clustering) if clustering.merges_faces() => BYTES_A_FACE_OF_HIERARCHY,
             _ => BYTES_A_FACE,
         };
