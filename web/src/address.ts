@@ -1,7 +1,5 @@
-// What the page shows is its address:
-// `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&up=z&over=edges&colours=area`, of an image
-// `?cluster=C&layer=means`. It is the whole state of the page that is not the service's, so a reload, a bookmark and a
-// copied link show the same.
+// The address: `#/jobs/ID?clusters=K&cluster=C&with=OTHER&parting=wipe&line=0.5&up=z&over=edges&colours=area`, of an
+// image `?cluster=C&layer=means`, of the first visit `#/?clusters=K`. A reload, a bookmark and a link show the same.
 
 import { LAYERS, type Layer } from "./layers";
 
@@ -18,6 +16,8 @@ export interface Address {
   with: string | null;
   /** How the two are shown; beside each other where it is null. */
   parting: "wipe" | null;
+  /** Where the line of a wipe is, as a part of the width. */
+  line: number | null;
   /** Which way is up; as guessed where it is null. */
   up: "y" | "z" | null;
   /** What is shown of an image; the first that there is where it is null. */
@@ -42,6 +42,7 @@ export function read(): Address {
     cluster: number("cluster"),
     with: /^[0-9a-f-]+$/.test(other ?? "") ? other : null,
     parting: one("parting", ["wipe"]),
+    line: /^(0(\.\d{1,3})?|1)$/.test(search.get("line") ?? "") ? Number(search.get("line")) : null,
     up: one("up", ["y", "z"]),
     layer: one("layer", LAYERS),
     over: one("over", OVERLAYS),
@@ -54,8 +55,7 @@ export const ofJob = (id: string): string => `#/jobs/${id}`;
 /** Changes parts of the address without a step back in the history. */
 export function amend(change: Partial<Address>): void {
   const { job, ...rest } = { ...read(), ...change };
-  if (job === null) return;
   const given = Object.entries(rest).filter(([, value]) => value !== null);
   const search = new URLSearchParams(given.map(([key, value]) => [key, String(value)]));
-  history.replaceState(null, "", `${ofJob(job)}${search.size > 0 ? `?${search}` : ""}`);
+  history.replaceState(null, "", `${job === null ? "#/" : ofJob(job)}${search.size > 0 ? `?${search}` : ""}`);
 }

@@ -3,7 +3,7 @@
 
 import * as address from "./address";
 import { type Job, isHierarchical, nameOf, output, request } from "./api";
-import { announce, make, notice } from "./dom";
+import { announce, make, report } from "./dom";
 import { WORDS, kindOf } from "./kinds";
 import { send } from "./send";
 import { OUTPUTS, settings } from "./take";
@@ -49,15 +49,21 @@ export function explain(job: Job): { words: string; repairs: Repair[] } {
   return { words: detail, repairs: [] };
 }
 
-/** Buttons that send the mesh or the image of a failed job again; files that are missing are chosen first. */
+/**
+ * Buttons that send the mesh or the image of a job that failed or was cancelled again; files that are missing are chosen
+ * first.
+ */
 export function repairs(job: Job, files: File[], onSent: (job: Job, files: File[]) => void): HTMLElement[] {
-  return explain(job).repairs.map(({ text, change }) => {
+  const found = job.state === "cancelled" ? [{ text: "Cluster again", change: {} }] : explain(job).repairs;
+  return found.map(({ text, change }) => {
     const once = (all: File[]): void => void again(job, typeof change === "string" ? {} : change, all, onSent);
     if (typeof change !== "string" && files.length > 0)
       return make("button", { type: "button", class: "mend", onclick: () => once(files) }, text);
     const input = make("input", { type: "file", multiple: true, class: "hidden-text" });
     input.addEventListener("change", () => once([...files, ...(input.files ?? [])]));
-    return make("label", { class: "mend button" }, text, input);
+    const joined = typeof change === "string" ? ` and ${change}` : `, ${text[0]?.toLowerCase()}${text.slice(1)}`;
+    const chosen = files.length > 0 ? text : `Choose the ${kindOf(job)}${joined}`;
+    return make("label", { class: "mend button" }, chosen, input);
   });
 }
 
@@ -67,26 +73,11 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
   const value = String(isHierarchical(algorithm) ? 400 : (clusters ?? 400));
   const field = make("input", { type: "number", id: "again-clusters", min: "1", step: "1", required: true, value });
   const kind = kindOf(job);
-  const usual = String(job.parameters["compactness"] ?? USUAL_COMPACTNESS);
-  const compactness = make("input", {
-    type: "number",
-    id: "again-compactness",
-    min: "0.001",
-    step: "any",
-    value: usual,
-  });
-  const form = make(
-    "form",
-    { id: "again" },
-    make("h3", {}, "Again with"),
-    make(
-      "div",
-      { class: "tools" },
-      pair(field, WORDS[kind].clusters),
-      ...(kind === "image" ? [pair(compactness, "compactness")] : []),
-      make("button", {}, "Cluster"),
-    ),
-  );
+  const compactness = make("input", { type: "number", id: "again-compactness", min: "0.001", step: "any" });
+  compactness.value = String(job.parameters["compactness"] ?? USUAL_COMPACTNESS);
+  const fields = [pair(field, WORDS[kind].clusters), ...(kind === "image" ? [pair(compactness, "compactness")] : [])];
+  const tools = make("div", { class: "tools" }, ...fields, make("button", {}, "Cluster"));
+  const form = make("form", { id: "again" }, make("h3", {}, "Again with"), tools);
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     const flat = isHierarchical(algorithm) ? { algorithm: "bb" } : {};
@@ -112,18 +103,12 @@ async function again(
     const kept = kind === "image" ? { outputs: OUTPUTS } : { keep_mesh: true };
     const parameters: Parameters = { algorithm, ...kept, ...Object.fromEntries(settings(job)), ...change };
     const files = given.length > 0 ? given : [await fetchKept(job)];
-    const sent = await send(
-      files,
-      parameters,
-      new AbortController().signal,
-      () => {},
-      () => {},
-      given.length > 0 ? null : "ply",
-    );
+    const [{ signal }, idle] = [new AbortController(), (): void => {}];
+    const sent = await send(files, parameters, signal, idle, idle, given.length > 0 ? null : "ply");
     onSent(sent, given);
     location.hash = address.ofJob(sent.id);
   } catch (error) {
-    notice(error instanceof Error ? error.message : String(error));
+    report(error);
   }
 }
 

@@ -3,6 +3,7 @@
 import { notice } from "./dom";
 import { kindOf } from "./kinds";
 import type { Shape } from "./shapes";
+import * as storage from "./storage";
 
 export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled";
 
@@ -94,8 +95,8 @@ export const GONE = "The service does not answer. The page goes on when it is ba
 const TOKEN = "tesserae-token";
 
 export const token = {
-  get: (): string => sessionStorage.getItem(TOKEN) ?? "",
-  set: (text: string): void => (text === "" ? sessionStorage.removeItem(TOKEN) : sessionStorage.setItem(TOKEN, text)),
+  get: (): string => storage.get(TOKEN) ?? "",
+  set: (text: string): void => (text === "" ? storage.remove(TOKEN) : storage.set(TOKEN, text)),
 };
 
 export const isLive = (job: Job): boolean => job.state === "queued" || job.state === "running";
@@ -105,21 +106,28 @@ export const nameOf = (job: Job): string => job.mesh.file_name ?? `${kindOf(job)
 /** Waits; an abort ends it with an error. */
 export const pause = (ms: number, signal?: AbortSignal | null): Promise<void> =>
   new Promise((resolve, reject) => {
-    const timer = setTimeout(resolve, ms);
     const stop = (): void => {
       clearTimeout(timer);
       reject(signal?.reason as Error);
     };
-    signal?.addEventListener("abort", stop, { once: true });
+    const timer = setTimeout(() => {
+      signal?.removeEventListener("abort", stop);
+      resolve();
+    }, ms);
+    signal?.addEventListener("abort", stop);
   });
 
 /** What an answer that is no success says. */
 export const refusal = (status: number, { detail, title }: Partial<Problem>, retryAfter: string | null): Refused =>
   new Refused(
     status,
-    detail ?? title ?? `the service answered ${status}`,
+    status === 401 ? wanted() : (detail ?? title ?? `the service answered ${status}`),
     retryAfter === null ? null : Number(retryAfter) || 1,
   );
+
+/** The message of a 401. */
+const wanted = (): string =>
+  token.get() === "" ? "This service wants a token." : "The service does not know this token. Write another one.";
 
 /** Says that the service has too much to do, and waits as long as it says; any other error is thrown again. */
 export async function untilLater(error: unknown, signal?: AbortSignal | null): Promise<void> {

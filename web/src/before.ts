@@ -4,8 +4,8 @@ import type { LabelsEvent } from "./api";
 import { make } from "./dom";
 import type { Shown } from "./drawable";
 import type { Scene } from "./load";
-import { HUES, ofHues } from "./palette";
 import { pixelsOf } from "./photo";
+import { Coloured, numbered } from "./shown";
 
 /** What draws a mesh or an image. */
 interface Drawing {
@@ -20,7 +20,8 @@ export class Before {
   private readonly figure: HTMLElement;
   private drawing: Drawing | null = null;
   private labels = new Uint32Array();
-  private colours: Uint8Array = new Uint8Array();
+  /** Clusters of the run in hues, with which those of the result go on. */
+  readonly coloured = new Coloured();
   private shown = 0;
 
   constructor(
@@ -40,7 +41,7 @@ export class Before {
       open = await (this.kind === "image" ? this.image(all) : this.mesh(all));
     } catch (error) {
       const why = error instanceof Error ? error.message : String(error);
-      this.figure.textContent = `The ${this.kind} is shown when it is clustered, not before: ${why}.`;
+      this.figure.textContent = `The page cannot draw this file by itself: ${why}.`;
       return;
     }
     if (!this.figure.isConnected) return;
@@ -52,6 +53,7 @@ export class Before {
 
   private async mesh(files: File[]): Promise<() => Drawing> {
     const mesh = await this.scene.preview(files);
+    this.coloured.setMesh(mesh);
     const format = /[^.]*$/.exec(files[0]?.name ?? "")?.[0].toLowerCase();
     return () => new this.scene.View(this.figure, mesh, format);
   }
@@ -73,11 +75,7 @@ export class Before {
 
   /** Takes labels of the run. */
   take({ faces, changes }: LabelsEvent): void {
-    if (this.labels.length !== faces) {
-      this.labels = new Uint32Array(faces);
-      // labels are below the number of faces
-      this.colours = ofHues(Uint8Array.from(this.labels, (_, label) => label % HUES.length));
-    }
+    if (this.labels.length !== faces) this.labels = new Uint32Array(faces);
     const bytes = Uint8Array.from(atob(changes), (character) => character.charCodeAt(0));
     const pairs = new Uint32Array(bytes.buffer);
     for (let i = 0; i < pairs.length; i += 2) this.labels[pairs[i] ?? 0] = pairs[i + 1] ?? 0;
@@ -91,7 +89,9 @@ export class Before {
   /** Polygons are other triangles here than in the service, so only a mesh of triangles has colours. */
   private draw(): void {
     if (!this.drawing || this.labels.length === 0 || this.drawing.items !== this.labels.length) return;
-    this.drawing.show({ labels: this.labels, colours: this.colours });
+    this.coloured.set(numbered(this.labels));
+    this.drawing.canvas.setAttribute("aria-label", `The ${this.kind} with the clusters of the run`);
+    this.drawing.show(this.coloured.shown(null));
     this.figure.dataset["shown"] = String(++this.shown);
   }
 }

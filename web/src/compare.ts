@@ -1,9 +1,11 @@
-// Another job of the same mesh: the choice of it, its labels beside this job's or on the other side of a line that can be
-// moved, and what is to be compared: energies of equally many clusters, or else how compact both are.
+// Another job of the same mesh: the choice of it, its labels beside this job's or on the other side of a line that moves,
+// and what is to be compared: energies of equally many clusters, or else how compact both are.
 
 import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, labels, nameOf, output } from "./api";
 import { count, digits, make, option } from "./dom";
+import { compactness } from "./facts";
+import { isDeleted } from "./trash";
 import { energyOf, manner } from "./words";
 
 /** What is compared. */
@@ -26,8 +28,6 @@ export class Comparison {
   labels: Labels | null = null;
   /** Whether only the line moved since the last change. */
   isParted = false;
-  /** Where the line is, as a part of the width. */
-  part = 0.5;
   private measured: Measured | null = null;
   private jobs: Job[] = [];
   private readonly told = make("p", { id: "compared" });
@@ -53,18 +53,20 @@ export class Comparison {
     min: "0",
     max: "1",
     step: "0.005",
-    value: "0.5",
+    value: String(address.read().line ?? 0.5),
     "aria-label": "Line between the two jobs",
     oninput: () => {
       this.isParted = true;
-      this.part = Number(this.line.value);
-      this.captions.style.setProperty("--part", String(this.part));
+      this.captions.style.setProperty("--part", this.line.value);
       this.onArrange();
     },
+    // not at every move, as a browser may refuse many changes of the address
+    onchange: () => address.amend({ line: Number(this.line.value) }),
   });
 
   constructor(private readonly job: Job) {
     this.wipe.checked = address.read().parting === "wipe";
+    this.captions.style.setProperty("--part", this.line.value);
     const title = make("h3", { id: "compare-title" }, "Compare");
     const label = make("label", { for: "other", class: "hidden-text" }, "Compare with");
     const wipe = make("label", { for: "wipe", class: "check" }, this.wipe, "with a line to move");
@@ -72,16 +74,16 @@ export class Comparison {
   }
 
   get parting(): "beside" | number {
-    return this.wipe.checked ? this.part : "beside";
+    return this.wipe.checked ? Number(this.line.value) : "beside";
   }
 
   /** Finds the jobs of equally many faces from a file of the same name, and offers them. */
   async offer(signal: AbortSignal): Promise<void> {
     const { jobs } = await json<{ jobs: Job[] }>("/v1/jobs?state=succeeded&limit=200", { signal });
     const { job } = this;
-    this.jobs = jobs.filter(
-      (other) => other.id !== job.id && other.result?.faces === job.result?.faces && nameOf(other) === nameOf(job),
-    );
+    const isAlike = (other: Job): boolean =>
+      other.result?.faces === job.result?.faces && nameOf(other) === nameOf(job) && !isDeleted(other.id);
+    this.jobs = jobs.filter((other) => other.id !== job.id && isAlike(other));
     this.element.hidden = this.jobs.length === 0 || !job.keep_mesh;
     this.choice.replaceChildren(
       option("", "with no other job"),
@@ -97,13 +99,13 @@ export class Comparison {
     if (!job) return;
     const cut = isHierarchical(job.parameters.algorithm) ? (clusters ?? this.job.result?.clusters ?? null) : null;
     const shown = await labels(job, cut, signal);
-    const { energy } = await json<Report>(output(job, "report"), { signal });
+    const report = await json<Report>(output(job, "report"), { signal });
     this.labels = shown;
     const isAlike = energyOf(job) === energyOf(this.job);
     this.measured = {
       clusters: cut ?? job.result?.clusters ?? 0,
-      energy: !isAlike ? null : cut === null ? energy.final : shown.energy,
-      compactness: cut === null ? (energy.hexagon_ratio ?? null) : null,
+      energy: !isAlike ? null : cut === null ? report.energy.final : shown.energy,
+      compactness: cut === null ? compactness(report) : null,
     };
     this.captions.replaceChildren(make("span", {}, brief(this.job)), make("span", {}, brief(job)), this.line);
   }

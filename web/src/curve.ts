@@ -5,6 +5,7 @@ import uPlot from "uplot";
 
 import type { IterationRow, RoundRow } from "./api";
 import { digits, make } from "./dom";
+import { wordOf } from "./words";
 
 /** Phases that move faces, and at the end all that move or replace whole clusters. */
 const SERIES = ["boundary", "refine", "repair", "regrow", "clusters"];
@@ -59,7 +60,7 @@ export class Curve {
     this.x = [];
     for (const series of this.y) series.length = 0;
     this.previous = null;
-    this.key.replaceChildren(...(this.isOfClusters ? ["against the number of clusters, both logarithmic"] : []));
+    this.key.replaceChildren(...(this.isOfClusters ? ["from many clusters to few, in equal factors"] : []));
     this.box.setAttribute("aria-label", "No energies yet");
     delete this.box.dataset["points"];
     this.reset();
@@ -78,7 +79,7 @@ export class Curve {
     }
     this.previous = row.phase;
     this.tell(
-      `Energy ${row.energy === null ? "unknown" : digits(row.energy)} after iteration ${row.iteration}, ${row.phase}`,
+      `Energy ${row.energy === null ? "unknown" : digits(row.energy)} after iteration ${row.iteration}, ${wordOf(row.phase)}`,
     );
   }
 
@@ -105,7 +106,7 @@ export class Curve {
   }
 
   private name(series: number): void {
-    const name = SERIES[series] ?? "";
+    const name = wordOf(SERIES[series] ?? "");
     if ([...this.key.children].some((phase) => phase.textContent === name)) return;
     const line = make("span", { class: "stroke" });
     line.style.background = STROKES[series] ?? "";

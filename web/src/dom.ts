@@ -38,6 +38,15 @@ export function notice(text: string): void {
   element.hidden = text === "";
 }
 
+/** Shows what an error says. */
+export const report = (error: unknown): void => notice(error instanceof Error ? error.message : String(error));
+
+/** Calls at Escape that closed no menu. */
+export const onEscape = (work: () => void, signal: AbortSignal): void =>
+  document.addEventListener("keydown", (event) => event.key === "Escape" && !event.defaultPrevented && work(), {
+    signal,
+  });
+
 export function count(number: number): string {
   return number.toLocaleString("en");
 }

@@ -12,6 +12,7 @@ interface Row {
   extensions: string[];
 }
 
+const SPLIT = ["glb", "zip", "stl.zip", "obj.zip", "npz"];
 const GROUPS: [string, Row[]][] = [
   [
     "Look",
@@ -20,10 +21,7 @@ const GROUPS: [string, Row[]][] = [
       { word: "image of mean colours", output: "means", extensions: ["png"] },
     ],
   ],
-  [
-    "Split",
-    [{ word: "a mesh a cluster", output: "submeshes", extensions: ["glb", "zip", "stl.zip", "obj.zip", "npz"] }],
-  ],
+  ["Split", [{ word: "a mesh a cluster", output: "submeshes", extensions: SPLIT }]],
   [
     "Remesh",
     [
@@ -53,30 +51,39 @@ const ALWAYS = ["labels", "report"];
 export function downloads(job: Job, clusters: () => number | null, signal: AbortSignal): HTMLElement {
   const list = make("div", { id: "downloads" });
   const box = make("details", {}, make("summary", {}, "Downloads"), list);
-  box.addEventListener("toggle", () => {
-    if (box.open) void fill(list, job, clusters(), signal);
-  });
+  box.addEventListener("toggle", () => box.open && void fill(list, job, clusters(), signal));
   return box;
+}
+
+/** The mesh with the colours of its clusters, at one click. */
+export function mainDownload(job: Job, clusters: () => number | null, signal: AbortSignal): HTMLElement {
+  const told = make("span", { class: "size" });
+  const button = make("button", { type: "button", id: "glb", class: "main" }, "Download GLB", told);
+  button.addEventListener("click", () => {
+    const { path, file } = place(job, "mesh", "glb", clusters());
+    void fetchFile(path, file, told, signal);
+  });
+  return button;
+}
+
+/** Address and name of a file, of a hierarchy at a number of clusters. */
+function place(job: Job, name: string, extension: string, clusters: number | null): { path: string; file: string } {
+  const cut = NOT_CUT.includes(name) ? null : clusters;
+  const path = output(job, name, { format: name === "report" ? null : extension, clusters: cut });
+  return { path, file: `${stem(job)}-${name}${cut === null ? "" : `-${cut}`}.${extension}` };
 }
 
 /** A row in the words and the formats of this job. */
 function suited(row: Row, job: Job): Row {
   const { items, clusters, cluster } = WORDS[kindOf(job)];
   const isNamed = (extension: string): boolean => job.outputs.includes(`${row.output}.${extension}`);
-  const isOfImage = kindOf(job) === "image";
-  switch (row.output) {
-    case "labels": {
-      const extensions = row.extensions.filter((extension) => extension !== "png" || isOfImage);
-      return { ...row, word: `${cluster} of each ${items.slice(0, -1)}`, extensions };
-    }
-    case "hierarchy":
-    case "report":
-      return row;
-    default: {
-      const word = row.word.replace("clusters", clusters);
-      return { ...row, word, extensions: job.keep_mesh ? row.extensions : row.extensions.filter(isNamed) };
-    }
+  if (NOT_CUT.includes(row.output)) return row;
+  if (row.output === "labels") {
+    const extensions = row.extensions.filter((extension) => extension !== "png" || kindOf(job) === "image");
+    return { ...row, word: `${cluster} of each ${items.slice(0, -1)}`, extensions };
   }
+  const word = row.word.replace("clusters", clusters);
+  return { ...row, word, extensions: job.keep_mesh ? row.extensions : row.extensions.filter(isNamed) };
 }
 
 const isMade = (job: Job, name: string): boolean =>
@@ -85,10 +92,8 @@ const isMade = (job: Job, name: string): boolean =>
 async function fill(list: HTMLElement, job: Job, clusters: number | null, signal: AbortSignal): Promise<void> {
   const sizes: (() => Promise<void>)[] = [];
   const item = (name: string, extension: string): HTMLElement => {
-    const cut = NOT_CUT.includes(name) ? null : clusters;
-    const path = output(job, name, { format: name === "report" ? null : extension, clusters: cut });
+    const { path, file } = place(job, name, extension, clusters);
     const told = make("span", { class: "size" });
-    const file = `${stem(job)}-${name}${cut === null ? "" : `-${cut}`}.${extension}`;
     const get = (): void => void fetchFile(path, file, told, signal);
     const button = make("button", { type: "button", onclick: get }, extension.toUpperCase());
     button.setAttribute("aria-label", `Download ${name} as ${extension}`);
@@ -98,24 +103,15 @@ async function fill(list: HTMLElement, job: Job, clusters: number | null, signal
     });
     return make("span", { class: "file" }, button, told);
   };
-  const groups = GROUPS.map(([title, rows]): [string, Row[]] => [
-    title,
-    rows.filter((row) => isMade(job, row.output)).map((row) => suited(row, job)),
-  ]);
-  list.replaceChildren(
-    ...groups.flatMap(([title, rows]) => {
-      if (rows.length === 0) return [];
-      const files = rows.map(({ word, output: name, extensions }) =>
-        make(
-          "div",
-          {},
-          make("p", {}, word),
-          make("div", { class: "files" }, ...extensions.map((one) => item(name, one))),
-        ),
-      );
-      return [make("h4", {}, title), ...files];
-    }),
-  );
+  list.replaceChildren();
+  for (const [title, all] of GROUPS) {
+    const rows = all.filter((row) => isMade(job, row.output)).map((row) => suited(row, job));
+    const files = rows.map(({ word, output: name, extensions }) => {
+      const buttons = make("div", { class: "files" }, ...extensions.map((one) => item(name, one)));
+      return make("div", {}, make("p", {}, word), buttons);
+    });
+    if (rows.length > 0) list.append(make("h3", {}, title), ...files);
+  }
   // one after the other: the service makes some of them for this
   for (const ask of sizes) await ask().catch(() => {});
 }

@@ -3,9 +3,19 @@
 import { type Job, type Report, isHierarchical } from "./api";
 import { count, digits, duration, make } from "./dom";
 import { WORDS, kindOf } from "./kinds";
+import { warned } from "./words";
 
 /** Part of the energy at the start by which it is lower at least, to be worth a line. */
 const LEAST_FALL = 1e-4;
+
+/**
+ * How compact clusters are, as a part of a honeycomb. Null above 1: clusters of parts that lie apart, or as large as
+ * their parts, have less energy than any tiling of one plane, and the comparison says nothing.
+ */
+export function compactness({ energy }: Report): number | null {
+  const { hexagon_ratio: ratio } = energy;
+  return ratio != null && ratio <= 1 ? ratio : null;
+}
 
 export class Facts {
   readonly element = make("section", { "aria-label": "Result" });
@@ -13,7 +23,7 @@ export class Facts {
   private readonly energy = make("dd", { id: "cut-energy" });
 
   constructor(job: Job, report: Report) {
-    const { initial, final, hexagon_ratio: ratio, explained } = report.energy;
+    const { initial, final, explained } = report.energy;
     const { faces, items, masked, dimensions, graph } = report.input;
     const isFlat = !isHierarchical(job.parameters.algorithm);
     const kind = kindOf(job);
@@ -23,7 +33,8 @@ export class Facts {
     if (kind === "points" && dimensions !== undefined) this.row("Columns", count(dimensions));
     if (kind === "points" && graph !== undefined) this.row("Neighbours", graph);
     if (kind !== "mesh" && isFlat && report.clusters !== null) this.row(titled(clusters), count(report.clusters));
-    if (isFlat && ratio != null) this.row("Compactness", `${Math.round(100 * ratio)} % of a honeycomb`);
+    const part = compactness(report);
+    if (isFlat && part !== null) this.row("Compactness", `${Math.round(100 * part)} % of a honeycomb`);
     this.list.append(make("div", {}, make("dt", {}, "Energy"), this.energy));
     if (isFlat && final != null) this.tell(final);
     if (isFlat && explained != null) this.row("Explained", `${digits(100 * explained, 4)} %`);
@@ -31,7 +42,7 @@ export class Facts {
       this.row("Since the start", `${digits(100 * (1 - final / initial), 2)} % lower`);
     this.row("Clustered in", duration(report.timings_ms["cluster"] ?? 0));
     this.element.append(this.list);
-    for (const warning of report.warnings) this.element.append(make("p", { class: "warning" }, warning));
+    for (const warning of report.warnings) this.element.append(make("p", { class: "warning" }, warned(warning)));
   }
 
   tell(energy: number | null): void {

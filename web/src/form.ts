@@ -3,7 +3,7 @@
 import { type Job, isHierarchical, nameOf } from "./api";
 import { announce, byId, notice, size } from "./dom";
 import { isImage, isMesh } from "./kinds";
-import { refusalOf } from "./limits";
+import { refusalOf, refusalOfClusters } from "./limits";
 import { scene } from "./load";
 import { sizeOf, usualNumber } from "./photo";
 import { type Progress, send } from "./send";
@@ -15,6 +15,8 @@ const hasQuality = (algorithm: string): boolean => ["bb", "pml"].includes(algori
 const value = (id: string): string => byId<HTMLInputElement>(id).value;
 
 export class Form {
+  /** The files of the first job, mesh first, until they are sent. */
+  chosen: File[] = [];
   private files: File[] = [];
   private sending: AbortController | null = null;
   /** Whether a number of clusters was written by hand. */
@@ -26,6 +28,8 @@ export class Form {
     /** Called with each job, and with what was sent, mesh first. */
     private readonly onSent: (job: Job, files: File[]) => Promise<void>,
     private readonly onFail: (error: unknown) => void,
+    /** Called when files are chosen. */
+    private readonly onChosen: () => void,
   ) {
     this.listen();
     this.suit();
@@ -56,14 +60,17 @@ export class Form {
     if (chosen.length === 0) return;
     this.files = chosen;
     const jobs = this.jobs();
-    notice(
-      jobs.length > 0
-        ? ""
-        : `${chosen[0]?.name ?? ""} is no mesh or image that is known here: OBJ, PLY, STL, GLB, glTF, OFF, PNG, JPEG.`,
-    );
+    this.chosen = jobs[0] ?? [];
+    this.onChosen();
+    const others = chosen.filter((file) => !jobs.flat().includes(file)).map(({ name }) => name);
+    const are = others.length > 1 ? "are no meshes or images that are" : "is no mesh or image that is";
+    const kinds = jobs.length > 0 ? "" : ": OBJ, PLY, STL, GLB, glTF, OFF, PNG, JPEG";
+    announce(`${chosen.map(({ name }) => name).join(", ")} chosen`);
+    notice(others.length > 0 ? `${others.join(", ")} ${are} known here${kinds}.` : "");
     byId("file-name").textContent = chosen.map((file) => `${file.name}, ${size(file.size)}`).join("; ");
     const button = byId<HTMLButtonElement>("submit");
     button.textContent = jobs.length > 1 ? `Cluster ${jobs.length} ${this.noun}` : "Cluster";
+    button.hidden = false;
     button.disabled = jobs.length === 0 || this.sending !== null;
     this.checked = this.check(jobs);
     this.suit();
@@ -105,9 +112,12 @@ export class Form {
   }
 
   private async start(): Promise<void> {
-    if (!(await this.checked) || this.sending) return;
+    if (!(await this.checked)) return;
     const button = byId<HTMLButtonElement>("submit");
     const jobs = this.jobs();
+    const refusals = await Promise.all(jobs.map((files) => this.refusalOfNumber(files[0])));
+    if (this.sending) return;
+    if (refusals.some((words) => words !== "")) return notice(refusals.join(" ").trim());
     const what = this.areImages ? "image" : "mesh";
     button.disabled = true;
     this.sending = new AbortController();
@@ -123,6 +133,7 @@ export class Form {
         const job = await send(files, await this.parametersOf(files[0]), signal, tell, gone);
         notice("");
         announce(`${nameOf(job)} is accepted`);
+        this.chosen = [];
         await this.onSent(job, files);
       }
     } catch (error) {
@@ -133,6 +144,12 @@ export class Form {
       byId("sending").hidden = true;
       button.disabled = this.jobs().length === 0;
     }
+  }
+
+  /** Why a mesh cannot have as many clusters as are wanted. */
+  private async refusalOfNumber(file: File | undefined): Promise<string> {
+    const isGiven = !byId<HTMLInputElement>("clusters").disabled;
+    return file && isGiven && isMesh(file.name) ? await refusalOfClusters(file, Number(value("clusters"))) : "";
   }
 
   /** Shows the fields that images, or the algorithm, have. */
@@ -150,16 +167,19 @@ export class Form {
   }
 
   private listen(): void {
-    const drop = byId("drop");
+    const mark = (isOver: boolean): void => void document.body.classList.toggle("over", isOver);
     const input = byId<HTMLInputElement>("file");
     input.addEventListener("change", () => this.choose([...(input.files ?? [])]));
-    for (const name of ["dragover", "drop"]) document.addEventListener(name, (event) => event.preventDefault());
-    document.addEventListener("dragover", () => drop.classList.add("over"));
-    document.addEventListener("dragleave", () => drop.classList.remove("over"));
-    document.addEventListener("drop", (event) => {
-      drop.classList.remove("over");
-      this.choose([...(event.dataTransfer?.files ?? [])]);
-    });
+    for (const name of ["dragover", "drop"] as const)
+      document.addEventListener(name, (event) => {
+        // a link or a text that is dragged is no file
+        if (!event.dataTransfer?.types.includes("Files")) return;
+        event.preventDefault();
+        mark(name === "dragover");
+        if (name === "drop") this.choose([...event.dataTransfer.files]);
+      });
+    // also fired between elements, which have each other as the related one
+    document.addEventListener("dragleave", ({ relatedTarget }) => relatedTarget === null && mark(false));
     for (const button of document.querySelectorAll<HTMLButtonElement>("[data-sample]")) {
       button.addEventListener("click", () => {
         const take = async (): Promise<void> => {

@@ -25,6 +25,9 @@ const UP_IS_Y = ["glb", "gltf"];
 /** The least part of the box's side that a base covers. */
 const LEAST = 0.02;
 
+/** Cosine of the angle between a triangle of a base and the side. A rough rim is steeper. */
+const FLAT = 0.9;
+
 /**
  * Which way is up. glTF defines y. Elsewhere it is z where the base across z is flat and more than twice that across y,
  * unless the mesh were a tower then; without a base it is z for STL and for what is flat across z, as terrains are.
@@ -43,8 +46,10 @@ export function guessUp(positions: Float32Array, format: string): Up {
       const end = (low[axis] ?? 0) + BASE * ((high[axis] ?? 0) - (low[axis] ?? 0));
       const at = (corner: number, along: number): number => positions[i + 3 * corner + along] ?? 0;
       if (at(0, axis) > end || at(1, axis) > end || at(2, axis) > end) continue;
-      const across = (at(1, a) - at(0, a)) * (at(2, b) - at(0, b)) - (at(2, a) - at(0, a)) * (at(1, b) - at(0, b));
-      base[name] += Math.abs(across) / 2;
+      const across = (i: number, j: number): number =>
+        (at(1, i) - at(0, i)) * (at(2, j) - at(0, j)) - (at(2, i) - at(0, i)) * (at(1, j) - at(0, j));
+      const area = Math.abs(across(a, b)) / 2;
+      if (area >= (FLAT / 2) * Math.hypot(across(a, b), across(b, axis), across(axis, a))) base[name] += area;
     }
   }
   const length = (axis: number): number => (high[axis] ?? 0) - (low[axis] ?? 0);

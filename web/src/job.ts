@@ -17,12 +17,13 @@ import {
 import { repairs, withAnother } from "./again";
 import { Before } from "./before";
 import type { Curve } from "./curve";
-import { announce, make, notice } from "./dom";
+import { announce, byId, make, notice, report } from "./dom";
 import { kindOf } from "./kinds";
 import { type Scene, scene } from "./load";
 import type { Places } from "./places";
 import { PointsResult } from "./points";
 import { Result } from "./result";
+import type { Coloured } from "./shown";
 import { Superpixels } from "./superpixels";
 import { remove } from "./trash";
 import { uploaded } from "./uploaded";
@@ -43,8 +44,11 @@ export class JobPage {
   private readonly abort = new AbortController();
   private readonly state = make("p", { id: "state" });
   private readonly actions = make("div", { id: "actions" });
+  /** Buttons of a job without a result. */
+  private readonly mends = make("div", { id: "mends", class: "tools" });
   private readonly energies = make("div", { id: "curve" });
   private readonly history = make("section", { "aria-label": "Energy" });
+  private readonly aside = make("aside", { id: "inspector", "aria-label": "Inspector" });
   private readonly stage = make("div", { id: "stage" });
   private readonly inspector = make("div", { id: "result" });
   private readonly rest = make("div", { id: "rest" });
@@ -62,13 +66,14 @@ export class JobPage {
     private files: File[],
     private readonly scene: Scene,
   ) {
-    const head = make("header", { class: "head" }, make("h2", { id: "job-title" }, nameOf(job)), this.state);
+    const title = make("h2", { id: "job-title" }, nameOf(job));
+    const head = make("header", { class: "head" }, title, this.state, this.mends);
     const manners = make("p", { class: "manner" }, manner(job));
-    const inspector = make("aside", { id: "inspector", "aria-label": "Inspector" });
-    inspector.append(make("div", { class: "bar" }, manners, this.actions), this.inspector, this.history, this.rest);
+    const { aside } = this;
+    aside.append(make("div", { class: "bar" }, manners, this.actions), this.inspector, this.history, this.rest);
     box.replaceChildren(
       make("section", { id: "scene", "aria-label": kindOf(job) === "mesh" ? "Mesh" : "Image" }, this.stage, head),
-      inspector,
+      aside,
     );
     const { algorithm } = job.parameters;
     this.curve = new scene.Curve(this.energies, isHierarchical(algorithm));
@@ -82,6 +87,8 @@ export class JobPage {
    */
   async run(): Promise<void> {
     const { signal } = this.abort;
+    // the time goes on where a phase takes long
+    const timer = setInterval(() => this.showState(), 1000);
     try {
       this.around.onChange();
       if (!isLive(this.job)) await Promise.all([this.whenThere(() => this.showResult()), this.followEvents()]);
@@ -90,8 +97,15 @@ export class JobPage {
         await this.followAttempt();
       }
     } catch (error) {
-      if (!signal.aborted) notice(error instanceof Error ? error.message : String(error));
+      if (!signal.aborted) report(error);
+    } finally {
+      clearInterval(timer);
     }
+  }
+
+  /** Whether the job ended without a result. */
+  private get hasNone(): boolean {
+    return ["failed", "cancelled"].includes(this.job.state);
   }
 
   close(): void {
@@ -130,15 +144,7 @@ export class JobPage {
   }
 
   private async followEvents(): Promise<void> {
-    const { signal } = this.abort;
-    this.last = await follow(
-      this.job.id,
-      this.last,
-      signal,
-      (event) => this.take(event),
-      (why) => notice(why),
-    );
-    if (!signal.aborted) this.history.hidden = this.curve.length === 0;
+    this.last = await follow(this.job.id, this.last, this.abort.signal, (event) => this.take(event), notice);
   }
 
   private take(event: JobEvent): void {
@@ -146,16 +152,12 @@ export class JobPage {
     if (event.name === "state") {
       // another attempt begins anew
       this.curve.clear();
-      this.history.hidden = false;
       Object.assign(progress, { iterations: 0, phase: null, clusters_left: null, energy: null });
       if (isLive(this.job)) this.enter(event.data.state);
     } else if (event.name === "iteration") {
       this.curve.iteration(event.data);
-      Object.assign(progress, {
-        iterations: event.data.iteration + 1,
-        phase: event.data.phase,
-        energy: event.data.energy,
-      });
+      const { iteration, phase, energy } = event.data;
+      Object.assign(progress, { iterations: iteration + 1, phase, energy });
     } else if (event.name === "round") {
       this.curve.round(event.data);
       Object.assign(progress, { clusters_left: event.data.clusters, energy: event.data.energy });
@@ -167,6 +169,7 @@ export class JobPage {
 
   private enter(state: State): void {
     this.job.state = state;
+    if (state === "running") this.job.started_at ??= new Date().toISOString();
     this.around.onChange();
     if (state === "queued") void this.reload().catch(() => {});
   }
@@ -199,19 +202,20 @@ export class JobPage {
 
   private async showResult(): Promise<void> {
     if (this.job.state !== "succeeded") return;
+    const running = this.before?.coloured ?? null;
     this.before?.close();
     this.before = null;
     this.result?.close();
     const places = { stage: this.stage, words: this.state, inspector: this.inspector, rest: this.rest };
-    this.result = this.resultIn(places);
+    this.result = this.resultIn(places, running);
     if (this.job.keep_mesh || (kindOf(this.job) === "image" && this.files.length > 0))
       this.rest.prepend(withAnother(this.job, this.files, this.around.onSent));
     await this.result.load();
   }
 
-  private resultIn(places: Places): Result | Superpixels | PointsResult {
+  private resultIn(places: Places, running: Coloured | null): Result | Superpixels | PointsResult {
     const kind = kindOf(this.job);
-    if (kind === "mesh") return new Result(places, this.job, this.scene);
+    if (kind === "mesh") return new Result(places, this.job, this.scene, running);
     return kind === "image"
       ? new Superpixels(places, this.job, this.scene, this.files[0] ?? null)
       : new PointsResult(places, this.job);
@@ -242,36 +246,42 @@ export class JobPage {
     const button = make("button", { type: "button", id: "remove" }, isRunning ? "Cancel" : "Delete");
     button.addEventListener("click", () => (isRunning ? void this.cancel() : this.remove()));
     const menu = make("details", { class: "menu" }, make("summary", { "aria-label": "More" }, "⋯"), button);
-    this.actions.replaceChildren(isRunning ? button : menu);
-    if (this.job.state === "failed") {
-      const buttons = make("div", { class: "tools" }, ...repairs(this.job, this.files, this.around.onSent));
-      const hint = make("p", {}, `The ${kindOf(this.job)} was not kept. Choose it again.`);
-      if (this.before || this.files.length > 0) this.inspector.replaceChildren(buttons);
-      else this.stage.replaceChildren(make("div", { class: "view" }, make("div", {}, hint, buttons)));
+    const { hasNone } = this;
+    this.actions.replaceChildren(...(hasNone ? [] : [isRunning ? button : menu]));
+    this.mends.replaceChildren(...(hasNone ? [...repairs(this.job, this.files, this.around.onSent), button] : []));
+    const kind = kindOf(this.job);
+    if (hasNone && kind !== "points" && (this.files.length > 0 || this.job.urls["upload"])) this.showMesh();
+    else if (hasNone && !this.before) {
+      const words = kind === "points" ? "Points have no picture." : `The ${kind} was not kept.`;
+      this.stage.replaceChildren(make("p", { class: "view" }, words));
     }
     this.showState();
   }
 
   private showState(): void {
+    const words = describe(this.job);
     // the result says more of a job that has succeeded
-    if (!this.result) this.state.textContent = describe(this.job);
+    if (!this.result && this.state.textContent !== words) this.state.textContent = words;
+    // one point is no curve
+    this.history.hidden = this.curve.length < 2;
+    this.aside.hidden = this.hasNone && this.history.hidden;
     this.state.dataset["state"] = this.job.state;
   }
 
   private remove(): void {
-    const { hash } = location;
-    remove(this.job.id, nameOf(this.job), this.around.onChange, () => (location.hash = hash));
+    remove(this.job.id, nameOf(this.job), this.around.onChange);
+    byId("main").focus({ preventScroll: true });
     location.hash = "#/";
     this.around.onChange();
   }
 
   private async cancel(): Promise<void> {
     try {
-      await request(`/v1/jobs/${this.job.id}`, { method: "DELETE" });
+      await request(`/v1/jobs/${this.job.id}?cancel=true`, { method: "DELETE" });
       announce("The job is being cancelled");
       this.around.onChange();
     } catch (error) {
-      notice(error instanceof Error ? error.message : String(error));
+      report(error);
     }
   }
 }

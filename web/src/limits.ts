@@ -13,6 +13,9 @@ interface Limits {
 /** Bytes of a file in which the number of its faces is looked for. */
 const HEAD = 4096;
 
+/** Bytes above which the faces of an OBJ file are not counted. */
+const MOST_BYTES = 3e7;
+
 /** Bytes before the triangles of a binary STL file, and of each. */
 const [BEFORE, TRIANGLE] = [84, 50];
 
@@ -21,6 +24,8 @@ export async function refusalOf(files: File[]): Promise<string> {
   // a service that does not say takes the mesh, or refuses it itself
   const limits = await json<Limits>("/v1/limits").catch(() => null);
   const [mesh] = files;
+  const empty = files.find((file) => file.size === 0);
+  if (empty) return `${empty.name} is empty.`;
   if (!limits || !mesh) return "";
   const bytes = files.reduce((sum, file) => sum + file.size, 0);
   if (bytes > limits.max_upload_bytes)
@@ -32,6 +37,25 @@ export async function refusalOf(files: File[]): Promise<string> {
   if (faces > limits.max_faces)
     return `${mesh.name} has ${count(faces)} faces. This service clusters ${count(limits.max_faces)} at most.`;
   return "";
+}
+
+/** Why a mesh has fewer faces than clusters are wanted; empty where its faces are not known. */
+export async function refusalOfClusters(mesh: File, clusters: number): Promise<string> {
+  // `send` reports an unreadable file
+  const faces = await facesOf(mesh).then(
+    (found) => found || rowsOf(mesh),
+    () => 0,
+  );
+  const many = faces > 0 && clusters > faces;
+  return many
+    ? `${mesh.name} has ${faces === 1 ? "1 face" : `${count(faces)} faces`}, and there are at most as many clusters.`
+    : "";
+}
+
+/** The faces of an OBJ file that is not large; 0 of any other. */
+async function rowsOf(file: File): Promise<number> {
+  if (!/\.obj$/i.test(file.name) || file.size > MOST_BYTES) return 0;
+  return (await file.text()).match(/^[ \t]*f[ \t]/gm)?.length ?? 0;
 }
 
 /** The faces that the head of a file names; 0 where it names none. */

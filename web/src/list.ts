@@ -4,7 +4,7 @@ import * as address from "./address";
 import { type Job, isHierarchical, isLive, json, nameOf } from "./api";
 import { byId, count, make } from "./dom";
 import { WORDS, kindOf } from "./kinds";
-import { fetchThumbnails, thumbnail } from "./thumbnails";
+import { makeThumbnails, thumbnail } from "./thumbnails";
 import { isDeleted } from "./trash";
 import { describe } from "./words";
 
@@ -18,7 +18,7 @@ const ago = (time: string): string => {
 
 function summary(job: Job): string {
   // the numbers of a running job are beside its picture
-  if (isLive(job)) return describe(job).replace(/:.*/, "");
+  if (isLive(job)) return describe(job).replace(/(:| ·).*/, "");
   if (job.state !== "succeeded") return job.state;
   const { algorithm } = job.parameters;
   return isHierarchical(algorithm)
@@ -26,16 +26,21 @@ function summary(job: Job): string {
     : `${count(job.result?.clusters ?? 0)} ${WORDS[kindOf(job)].clusters}`;
 }
 
-/** Writes the list, where it changed. */
-export async function list(): Promise<void> {
+/** Writes the list, where it changed; gives the jobs that the service names, the newest ones. */
+export async function list(): Promise<Job[]> {
   const { jobs: all } = await json<{ jobs: Job[] }>("/v1/jobs?limit=50");
   const jobs = all.filter((job) => !isDeleted(job.id));
   const box = byId("jobs");
-  fetchThumbnails(jobs);
   const shown = jobs.map((job) => [job.id, summary(job), ago(job.created_at), thumbnail(job.id)?.length]);
   const text = JSON.stringify([shown, location.hash]);
-  if (box.dataset["shown"] === text) return;
+  if (box.dataset["shown"] !== text) write(box, jobs);
   box.dataset["shown"] = text;
+  const isInSight = (item?: Element): boolean => (item?.getBoundingClientRect().top ?? Infinity) < innerHeight;
+  makeThumbnails(jobs.filter((_, i) => isInSight(box.children[i])));
+  return all;
+}
+
+function write(box: HTMLElement, jobs: Job[]): void {
   const current = address.read().job;
   const focused = document.activeElement?.getAttribute("href");
   box.replaceChildren(
@@ -50,7 +55,7 @@ export async function list(): Promise<void> {
       return make("li", {}, link);
     }),
   );
-  if (jobs.length === 0) box.append(make("li", { class: "none" }, "none yet"));
+  if (jobs.length === 0) box.append(make("li", { class: "none" }, "Your jobs appear here."));
   const link = [...box.querySelectorAll("a")].find((a) => a.getAttribute("href") === focused);
   if (focused?.startsWith("#/jobs/")) link?.focus({ preventScroll: true });
 }

@@ -14,11 +14,8 @@ const MANY = 100_000;
 /** Time of a frame up to which there are four samples a pixel in moves too, in milliseconds. */
 const QUICK = 10;
 
-/** Time of a frame for which other labels are drawn in all pixels, and at most this times shrink², in milliseconds. */
-const EASY = 20;
-
-/** Pixels of the screen along one of the canvas, at most. */
-const MOST_SHRUNK = 4;
+/** Time of a frame up to which other labels are drawn in all pixels, in milliseconds. */
+const EASY = 10;
 
 export class Pace {
   isResting = true;
@@ -47,12 +44,9 @@ export class Pace {
     return isFine && (!this.isMoving || this.isQuick) ? 2 : 1;
   }
 
-  /** Pixels of the screen along one of the canvas, a power of two. */
+  /** Pixels of the screen along one of the canvas. More than two would save little: the browser draws them all. */
   get shrink(): number {
-    let shrink = 1;
-    if (this.isResting || this.isMoving) return shrink;
-    while (shrink < MOST_SHRUNK && (this.relabelled ?? 0) > EASY * shrink * shrink) shrink *= 2;
-    return shrink;
+    return !this.isResting && !this.isMoving && (this.relabelled ?? 0) > EASY ? 2 : 1;
   }
 
   /** Samples of what is seen along a pixel of the canvas, of those there are. */

@@ -1,5 +1,5 @@
-// The second pass: the colour of each pixel from the triangle that it shows, a texture of labels, one of colours, thin
-// lines where labels differ, and the shadow on the ground.
+// The second pass: the colour of each pixel from what it shows, a texture of labels, one of colours, and thin lines where
+// labels differ, which are fainter around clusters of a few pixels: they would cover them.
 
 import {
   BufferAttribute,
@@ -7,7 +7,6 @@ import {
   Color,
   DataTexture,
   GLSL3,
-  Matrix4,
   Mesh,
   NearestFilter,
   OrthographicCamera,
@@ -18,10 +17,10 @@ import {
   UnsignedByteType,
   UnsignedIntType,
   Vector2,
-  Vector4,
   type WebGLRenderer,
 } from "three";
 
+import type { Triangles } from "./drawable";
 import { EDGE } from "./seen";
 
 /** Texels in a row of a texture, a power of two; every WebGL 2 device has as many. */
@@ -31,13 +30,18 @@ const WIDTH = 1 << SHIFT;
 /** No cluster. */
 const NONE = 0xffffffff;
 
+/** Width of a cluster in pixels up to which it has no lines, and from which on they are whole. */
+const [NARROW, WIDE] = [2, 9];
+
+/** Part of the canvas at its edges in which a shadow ends. */
+const SHADOW_END = 0.12;
+
+/** Alphas of colours are logarithms of widths: so many a doubling, and 255 at the radius of the mesh. */
+const DOUBLING = 16;
+
 const VERTEX = `
 in vec3 position;
-uniform mat4 toWorld;
-out vec4 near, far;
 void main() {
-  near = toWorld * vec4(position.xy, -1.0, 1.0);
-  far = toWorld * vec4(position.xy, 1.0, 1.0);
   gl_Position = vec4(position, 1.0);
 }`;
 
@@ -45,14 +49,13 @@ const FRAGMENT = `
 precision highp float;
 precision highp int;
 uniform highp usampler2D seen, labels;
-uniform sampler2D colours, shadow;
+uniform sampler2D colours;
 uniform ivec2 size;
 uniform vec2 origin;
-uniform int finer;
+uniform int finer, outline;
+uniform float radius;
 uniform uint selected, hovered;
 uniform vec3 background, faded, ink;
-uniform vec4 ground;
-in vec4 near, far;
 out vec4 colour_out;
 
 const uint BEHIND = 0xfffffffeu;
@@ -72,23 +75,27 @@ bool differs(uint label, ivec2 at) {
   return triangle != ${EDGE}u && label_of(triangle) != label;
 }
 
-vec3 behind() {
-  vec3 from = near.xyz / near.w;
-  vec3 along = far.xyz / far.w - from;
-  if (from.y < ground.y || along.y >= 0.0) return background;
-  vec2 hit = (from + along * (ground.y - from.y) / along.y).xz;
-  vec2 at_shadow = 0.5 + (hit - ground.xz) / ground.w;
-  if (any(greaterThan(abs(at_shadow - 0.5), vec2(0.5)))) return background;
-  return background * (1.0 - texture(shadow, at_shadow).r);
+#ifdef HAS_OUTLINE
+bool ends_within(uint label, ivec2 at, int reach) {
+  int corner = reach * 7 / 10;
+  return differs(label, at + ivec2(reach, 0)) || differs(label, at - ivec2(reach, 0))
+    || differs(label, at + ivec2(0, reach)) || differs(label, at - ivec2(0, reach))
+    || differs(label, at + corner) || differs(label, at - corner)
+    || differs(label, at + ivec2(corner, -corner)) || differs(label, at + ivec2(-corner, corner));
 }
+#endif
 
 vec3 colour_at(ivec2 at, int pace) {
   uvec2 here = texelFetch(seen, at, 0).rg;
-  if (here.r == 0u) return behind();
+  if (here.r == 0u) {
+    // the shadow ends before the canvas does
+    vec2 inside = vec2(min(at, size - at)) / (${SHADOW_END} * vec2(size));
+    return background * (1.0 - float(here.g) / 255.0 * min(1.0, min(inside.x, inside.y)));
+  }
   if (here.r == ${EDGE}u) return ink;
   uint label = label_of(here.r);
-  vec3 base = label == ${NONE}u ? vec3(0.73, 0.73, 0.72)
-    : texelFetch(colours, texel(label), 0).rgb;
+  vec4 cluster = label == ${NONE}u ? vec4(0.73, 0.73, 0.72, 1.0) : texelFetch(colours, texel(label), 0);
+  vec3 base = cluster.rgb;
   bool stands_out = label != ${NONE}u && (label == selected || label == hovered);
   if (selected != ${NONE}u && !stands_out) base = mix(base, faded, 0.72);
   if (label == hovered && label != selected) base = mix(base, vec3(1.0), 0.3);
@@ -99,8 +106,14 @@ vec3 colour_at(ivec2 at, int pace) {
 #if SAMPLES > 1
   if (!is_border) is_border = differs(label, at - ivec2(pace, 0)) || differs(label, at - ivec2(0, pace));
 #endif
+#ifdef HAS_OUTLINE
+  if (stands_out && (is_border || ends_within(label, at, outline))) return ink;
+#endif
   if (!is_border) return lit;
-  return stands_out ? ink : mix(lit, 0.34 * lit, SAMPLES > 1 ? 0.8 : 0.55);
+  // seen from the side, it is narrower
+  float width = light.z * radius * exp2((255.0 * cluster.a - 255.0) / ${DOUBLING}.0);
+  float strength = clamp((width - ${NARROW}.0) / ${WIDE - NARROW}.0, 0.0, 1.0);
+  return mix(lit, 0.34 * lit, strength * (SAMPLES > 1 ? 0.8 : 0.55));
 }
 
 void main() {
@@ -117,13 +130,13 @@ void main() {
 /** What is the same in all panes of a frame. */
 export interface Frame {
   seen: Texture;
-  shadow: Texture;
-  /** Centre of the ground, its height as y, and the side of its shadow. */
-  ground: Vector4;
-  toWorld: Matrix4;
   /** Pixels of the first pass along one of the canvas, and how many of them are looked at. */
   finer: number;
   samples: number;
+  /** Those along the line around a cluster that is selected or under the pointer. */
+  outline: number;
+  /** Pixels of the canvas along the radius of the mesh. */
+  radius: number;
   background: Color;
   faded: Color;
   ink: Color;
@@ -131,21 +144,22 @@ export interface Frame {
 
 /** The mesh in the colours of one set of labels. */
 export class Paint {
+  /** The face of each triangle; null where they are the same. */
+  private readonly faces: Uint32Array | null;
+  private readonly areas: Float32Array;
   private readonly labels: DataTexture;
   private readonly texels: Uint32Array;
   private colours: DataTexture;
   private readonly uniforms: Record<string, { value: unknown }>;
-  /** One for each number of samples: a software renderer computes both sides of a branch. */
+  /** One for each number of samples, with and without an outline: a software renderer computes both sides of a branch. */
   private readonly materials: RawShaderMaterial[];
   private readonly screen: Mesh;
   private readonly camera = new OrthographicCamera();
 
-  constructor(
-    triangles: number,
-    /** The face of each triangle; null where they are the same. */
-    private readonly faces: Uint32Array | null,
-  ) {
-    const rows = Math.max(1, Math.ceil(triangles / WIDTH));
+  constructor({ positions, faces }: Triangles, radius: number) {
+    this.faces = faces;
+    this.areas = areasOf(positions, radius || 1);
+    const rows = Math.max(1, Math.ceil(this.areas.length / WIDTH));
     this.texels = new Uint32Array(WIDTH * rows).fill(NONE);
     this.labels = new DataTexture(this.texels, WIDTH, rows, RedIntegerFormat, UnsignedIntType);
     this.labels.minFilter = this.labels.magFilter = NearestFilter;
@@ -159,15 +173,20 @@ export class Paint {
       size: { value: new Vector2() },
       origin: { value: new Vector2() },
     };
-    this.materials = [1, 2].map(
-      (samples) =>
+    this.materials = [
+      { SAMPLES: 1 },
+      { SAMPLES: 2 },
+      { SAMPLES: 1, HAS_OUTLINE: "" },
+      { SAMPLES: 2, HAS_OUTLINE: "" },
+    ].map(
+      (defines) =>
         new RawShaderMaterial({
           vertexShader: VERTEX,
           fragmentShader: FRAGMENT,
           glslVersion: GLSL3,
           depthTest: false,
           depthWrite: false,
-          defines: { SAMPLES: samples },
+          defines,
           uniforms: this.uniforms,
         }),
     );
@@ -186,7 +205,7 @@ export class Paint {
     else texels.set(labels.subarray(0, texels.length));
     this.labels.needsUpdate = true;
     this.colours.dispose();
-    this.colours = coloursOf(colours);
+    this.colours = coloursOf(this.withWidths(colours));
     this.give("colours", this.colours);
   }
 
@@ -204,7 +223,8 @@ export class Paint {
     for (const [name, value] of Object.entries(values)) this.give(name, value);
     (this.uniforms["origin"]?.value as Vector2).set(x, y);
     (this.uniforms["size"]?.value as Vector2).set(width, height);
-    this.screen.material = this.materials[samples - 1] as RawShaderMaterial;
+    const hasOutline = this.uniforms["selected"]?.value !== NONE || this.uniforms["hovered"]?.value !== NONE;
+    this.screen.material = this.materials[samples - 1 + (hasOutline ? 2 : 0)] as RawShaderMaterial;
     renderer.render(this.screen, this.camera);
   }
 
@@ -215,6 +235,21 @@ export class Paint {
     this.screen.geometry.dispose();
   }
 
+  /** Colours whose alphas say how wide clusters are. */
+  private withWidths(colours: Uint8Array): Uint8Array {
+    const { areas, texels } = this;
+    const sums = new Float32Array(colours.length / 4);
+    // this runs at every frame of a moving slider
+    for (let i = 0; i < areas.length; i++) {
+      const label = texels[i] as number;
+      sums[label] = (sums[label] as number) + (areas[i] as number);
+    }
+    const widths = colours.slice();
+    for (let i = 0; i < sums.length; i++)
+      widths[4 * i + 3] = Math.max(0, Math.min(255, 255 + (DOUBLING / 2) * Math.log2(sums[i] as number)));
+    return widths;
+  }
+
   /** Sets a uniform; whether it changed. */
   private give(name: string, value: unknown): boolean {
     const uniform = (this.uniforms[name] ??= { value: null });
@@ -222,6 +257,19 @@ export class Paint {
     uniform.value = value;
     return changed;
   }
+}
+
+/** The area of each triangle, in squares of a radius. */
+function areasOf(positions: Float32Array, radius: number): Float32Array {
+  const areas = new Float32Array(positions.length / 9);
+  const along = (i: number): number => ((positions[i] as number) - (positions[i - 3] as number)) / radius;
+  for (let t = 0, i = 3; t < areas.length; t++, i += 9) {
+    const x = along(i + 1) * along(i + 5) - along(i + 2) * along(i + 4);
+    const y = along(i + 2) * along(i + 3) - along(i) * along(i + 5);
+    const z = along(i) * along(i + 4) - along(i + 1) * along(i + 3);
+    areas[t] = Math.sqrt(x * x + y * y + z * z) / 2;
+  }
+  return areas;
 }
 
 function coloursOf(bytes: Uint8Array): DataTexture {
@@ -234,12 +282,12 @@ function coloursOf(bytes: Uint8Array): DataTexture {
   return texture;
 }
 
-/** The colours of a box: its borders, which are not drawn, have those of lines and of clusters that are not selected. */
+/** The colours of a box: its borders, which are not drawn, have those of lines, faded clusters and the background. */
 export function themeOf(box: HTMLElement): Pick<Frame, "background" | "faded" | "ink"> {
   const style = getComputedStyle(box);
   const colour = (text: string): Color => new Color().setStyle(text, "srgb-linear");
   return {
-    background: colour(style.backgroundColor),
+    background: colour(style.borderLeftColor),
     faded: colour(style.borderBottomColor),
     ink: colour(style.borderTopColor),
   };

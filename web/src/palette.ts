@@ -42,11 +42,14 @@ export function ofHues(hues: Uint8Array): Uint8Array {
   return colours;
 }
 
-/**
- * Four bytes a cluster, of a number: by its rank, so that a few extremes do not take the whole scale. Numbers that are
- * not known have the colour of no cluster.
- */
-export function ofNumbers(numbers: Float64Array): Uint8Array {
+/** What clusters are coloured by: four bytes a cluster, and the least, the middle and the most of the numbers. */
+export interface Scaled {
+  bytes: Uint8Array;
+  ends: number[];
+}
+
+/** By the ranks of numbers, so that a few extremes do not take the whole scale; gray where a number is not known. */
+export function ofNumbers(numbers: Float64Array): Scaled {
   const known = numbers.filter(Number.isFinite).sort();
   const colours = new Uint8Array(4 * numbers.length);
   for (const [cluster, number] of numbers.entries()) {
@@ -59,5 +62,5 @@ export function ofNumbers(numbers: Float64Array): Uint8Array {
     const place = known.length > 1 ? low / (known.length - 1) : 0.5;
     colours.set(Number.isFinite(number) ? scale(place) : NO_CLUSTER, 4 * cluster);
   }
-  return colours;
+  return { bytes: colours, ends: [0, known.length >> 1, known.length - 1].flatMap((rank) => known[rank] ?? []) };
 }

@@ -28,6 +28,11 @@ export class Picture {
   /** The shape of each cluster, where the energy is of shapes. */
   shapes: Shape[] = [];
   private view: View | null = null;
+  private selected: number | null = null;
+  /** The place whose card is shown. */
+  private pointed: Place | null = null;
+  /** The cluster whose card stays where it was clicked. */
+  clicked: number | null = null;
 
   constructor(
     private readonly job: Job,
@@ -35,6 +40,7 @@ export class Picture {
     private readonly tools: Tools,
     private readonly selection: Selection,
     private readonly rows: Rows,
+    private running: Coloured | null,
     private readonly signal: AbortSignal,
   ) {
     tools.onUp = (up) => this.view?.setUp(up);
@@ -58,8 +64,7 @@ export class Picture {
     this.signal.throwIfAborted();
     this.mesh = mesh;
     const { up } = address.read();
-    const format = /[^.]*$/.exec(this.job.mesh.file_name ?? "")?.[0].toLowerCase() ?? this.job.mesh.format;
-    const view = new this.scene.View(this.element, mesh, format, up);
+    const view = new this.scene.View(this.element, mesh, this.job.mesh.format, up);
     this.view = view;
     this.tools.setUp(up ?? view.guessedUp);
     view.canvas.setAttribute("role", "img");
@@ -67,13 +72,16 @@ export class Picture {
       "aria-label",
       "The mesh with its clusters. Arrow keys turn it, plus and minus zoom, 0 resets. The table has the same clusters.",
     );
-    view.onPick = (place, withShift) => this.onPick(this.clusterAt(place), place.pane === 1, withShift);
+    view.onPick = (place, withShift) => this.pick(place, withShift);
     view.onHover = (place) => this.hover(place);
+    for (const move of ["pointerdown", "wheel", "keydown"])
+      view.canvas.addEventListener(move, () => this.pointAway(), { passive: true });
     this.element.removeAttribute("aria-busy");
-    for (const coloured of [this.mine, this.other]) {
-      coloured.setMesh(mesh);
-      coloured.set(coloured.labels);
-    }
+    this.mine.setMesh(mesh, this.running);
+    this.running = null;
+    this.other.setMesh(mesh);
+    if (this.other.labels.length > 0) this.mine.setBoth(this.mine.labels, this.other, this.other.labels);
+    else this.mine.set(this.mine.labels);
   }
 
   /** Draws the labels of one or two jobs; the first has the given colours, or hues. */
@@ -87,6 +95,8 @@ export class Picture {
   }
 
   select(cluster: number | null, other: number | null): void {
+    this.selected = cluster;
+    if (cluster === null) this.pointAway();
     this.view?.select(cluster, other);
   }
 
@@ -108,20 +118,27 @@ export class Picture {
   }
 
   /** Hands over one cluster as a file. */
-  saveOne(cluster: number): void {
-    if (this.mesh) save(part(this.mesh, this.mine.labels, cluster), `${stem(this.job)}-cluster-${cluster}.obj`);
+  saveOne(cluster: number | null): void {
+    if (this.mesh && cluster !== null)
+      save(part(this.mesh, this.mine.labels, cluster), `${stem(this.job)}-cluster-${cluster}.obj`);
   }
 
   async save(): Promise<void> {
     if (this.view) save(await this.view.picture(), `${stem(this.job)}-${this.mine.hues.length}.png`);
   }
 
-  /** Keeps a picture for the list when it is fine, not of two jobs. */
+  /** Keeps a picture for the list when it is fine, not of two jobs or of a cluster, nor of numbers of clusters. */
   keepThumbnail(): void {
     if (!this.view) return;
     this.view.onSettled = (canvas) => {
-      if (address.read().with === null) keepThumbnail(this.job.id, canvas);
+      const { with: other, colours } = address.read();
+      if (other === null && colours === null && this.selected === null) keepThumbnail(this.job.id, canvas);
     };
+  }
+
+  pointAway(): void {
+    this.clicked = this.pointed = null;
+    this.selection.pointAway();
   }
 
   close(): void {
@@ -133,22 +150,42 @@ export class Picture {
     return face === null ? null : ((pane === 1 ? this.other : this.mine).labels[face] ?? null);
   }
 
+  private pick(place: Place, withShift: boolean): void {
+    const cluster = this.clusterAt(place);
+    this.onPick(cluster, place.pane === 1, withShift);
+    if (cluster === null || place.pane === 1 || cluster !== this.selected) return;
+    this.clicked = cluster;
+    this.point(place, cluster);
+  }
+
   private hover(place: Place | null): void {
     const cluster = place && this.clusterAt(place);
     const isOther = place?.pane === 1;
     this.view?.hover(isOther ? null : cluster, isOther ? cluster : null);
     this.element.style.cursor = cluster === null ? "" : "pointer";
-    if (!place || cluster === null) return this.selection.pointAway();
+    // the pointer may be on its way to the card that stays
+    if (this.clicked !== null && (cluster === null || (cluster === this.clicked && !isOther))) return;
+    this.pointAway();
+    if (place && cluster !== null) this.point(place, cluster);
+  }
+
+  /** Shows the card of a cluster. */
+  private point(place: Place, cluster: number): void {
+    const isOther = place.pane === 1;
     const coloured = isOther ? this.other : this.mine;
     const { faces, area } = coloured.clusters;
     const facts = [`${count(faces[cluster] ?? 0)} faces`, `area ${digits(area[cluster] ?? 0, 3)}`];
     if (!isOther) {
       const [shape, row] = [this.shapes[cluster], this.rows.now?.[cluster]];
       if (shape) facts.unshift(titleOf(shape));
+      // the pointer may rest, so numbers that come later are written here
+      const again = (): void => void (this.rows.now?.[cluster] && this.pointed === place && this.point(place, cluster));
       if (row) facts.push(`${count(row.neighbours)} neighbours`);
-      else if (faces.length <= MOST_ROWS) this.rows.fetch().catch(() => {});
+      else if (faces.length <= MOST_ROWS || this.clicked !== null) this.rows.fetch().then(again, () => {});
     }
-    this.selection.pointAt(place.x, place.y, coloured.css(cluster), `Cluster ${cluster}`, facts.join(" · "));
+    this.pointed = place;
+    const [title, stays] = [`Cluster ${cluster}`, this.clicked !== null];
+    this.selection.pointAt(place.x, place.y, coloured.css(cluster), title, facts.join(" · "), stays);
   }
 
   private async bytes(path: string): Promise<ArrayBuffer> {

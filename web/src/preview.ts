@@ -10,9 +10,13 @@ import { geometry } from "./gltf";
 import { obj } from "./obj";
 import { off } from "./off";
 import type { Triangles } from "./drawable";
+import { weld } from "./weld";
 
 /** Triangles above which nothing is shown before the mesh is clustered. */
 const MOST_TRIANGLES = 5_000_000;
+
+/** Triangles up to which clusters of a running job are shown, and neighbours among them are wanted. */
+const MOST_RUNNING = 300_000;
 
 /** Bytes above which a file is not read as a whole. */
 const MOST_BYTES = 1e9;
@@ -23,7 +27,8 @@ export async function preview(files: File[]): Promise<Triangles> {
   try {
     const positions = await read(file, files);
     if (positions.length === 0) throw new Error("it has no triangles");
-    return { positions, centre: new Vector3(), faces: null, corners: null };
+    const corners = positions.length <= 9 * MOST_RUNNING ? weld(positions) : null;
+    return { positions, centre: new Vector3(), faces: null, corners };
   } catch (error) {
     // what arrays say that are too large
     if (error instanceof RangeError) throw new Error(`it has more than ${count(MOST_TRIANGLES)} triangles`);

@@ -4,16 +4,16 @@ import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, output } from "./api";
 import { coloursOf } from "./colours";
 import { Comparison, counterpart, overlap } from "./compare";
-import { announce, make, notice } from "./dom";
-import { downloads } from "./downloads";
-import { Facts } from "./facts";
+import { announce, make, onEscape, report } from "./dom";
+import { downloads, mainDownload } from "./downloads";
+import { Facts, compactness } from "./facts";
 import { Level } from "./level";
 import type { Scene } from "./load";
 import { Picture } from "./picture";
 import type { Places } from "./places";
 import { Selection, factsOf } from "./selection";
 import { factsOfShape } from "./shapes";
-import { type ClusterRow, Cuts, Rows } from "./shown";
+import { type ClusterRow, type Coloured, Cuts, Rows, firstCut } from "./shown";
 import { ClusterTable } from "./table";
 import { take } from "./take";
 import { Tools } from "./tools";
@@ -26,15 +26,12 @@ const MANY_TRIANGLES = 5_000_000;
 /** Time without a move of the slider after which numbers are fetched, in milliseconds. */
 const REST = 80;
 
-/** Clusters that a hierarchy is shown at first. */
-const FIRST_CUT = 100;
-
 export class Result {
   private readonly abort = new AbortController();
   private cutting = new AbortController();
   private readonly up = make("button", { type: "button", id: "up" }, "Merge");
   private readonly down = make("button", { type: "button", id: "down" }, "Split");
-  private readonly only = make("button", { type: "button", id: "only" }, "Save it");
+  private readonly only = make("button", { type: "button", id: "only" }, "Download this one");
   private readonly comparison: Comparison;
   private readonly table: ClusterTable;
   private readonly level: Level | null;
@@ -53,11 +50,14 @@ export class Result {
   private readonly rows: Rows;
   private timer = 0;
   private frame = 0;
+  private readonly fail = (error: unknown): void => void (this.abort.signal.aborted || report(error));
 
   constructor(
     private readonly places: Places,
     private readonly job: Job,
     scene: Scene,
+    /** Clusters as they were shown while the job ran, whose hues go on. */
+    running: Coloured | null,
   ) {
     const { signal } = this.abort;
     this.cuts = new Cuts(job, signal);
@@ -67,32 +67,28 @@ export class Result {
     this.comparison.onChoose = () => this.try(this.fetchLabels());
     this.comparison.onArrange = () => this.arrange();
     const where = (): { cut: number | null; selected: number | null } => ({ cut: this.cut, selected: this.selected });
-    this.walk = new Walk(
-      job,
-      where,
-      (clusters, labels) => this.cutAt(clusters, labels),
-      (error) => this.fail(error),
-      signal,
-    );
+    this.walk = new Walk(job, where, (clusters, labels) => this.cutAt(clusters, labels), this.fail, signal);
     this.selection = new Selection([...(this.level ? [this.up, this.down] : []), this.only]);
     this.tools = new Tools(job);
-    this.picture = new Picture(job, scene, this.tools, this.selection, this.rows, signal);
+    this.picture = new Picture(job, scene, this.tools, this.selection, this.rows, running, signal);
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
     this.table = new ClusterTable(list, (cluster) => this.picture.mine.css(cluster), ["faces", "area"]);
     this.listen();
     const dock = make("div", { id: "dock" }, ...(this.level ? [this.level.element] : []), this.tools.legend);
     const over = [this.comparison.captions, this.tools.element, dock, this.selection.card];
     places.stage.replaceChildren(this.picture.element, ...over);
-    places.inspector.replaceChildren(this.selection.element);
-    const tree = this.level ? [this.walk.tree.element] : [];
     const cut = (): number | null => this.cut;
-    places.rest.replaceChildren(this.comparison.element, downloads(job, cut, signal), list, ...tree, take(job, cut));
+    const glb = job.keep_mesh ? [mainDownload(job, cut, signal)] : [];
+    places.inspector.replaceChildren(...glb, this.selection.element);
+    const tree = this.level ? [this.walk.tree.element] : [];
+    places.rest.replaceChildren(this.comparison.element, downloads(job, cut, signal), take(job, cut), list, ...tree);
   }
 
   async load(): Promise<void> {
     const { signal } = this.abort;
-    // before anything is shown, which changes the address
+    // from the first labels on, so that the address keeps it
     const { cluster } = address.read();
+    this.selected = cluster;
     this.report = await json<Report>(output(this.job, "report"), { signal });
     this.facts = new Facts(this.job, this.report);
     this.places.inspector.prepend(this.facts.element);
@@ -107,7 +103,7 @@ export class Result {
     if (mesh) await this.draw(mesh);
     else if (this.job.keep_mesh) this.picture.offer(triangles, () => this.try(this.draw(this.picture.fetch(this.cut))));
     else this.picture.element.textContent = "The mesh was not kept with this job, so there is nothing to draw.";
-    if (cluster !== null) this.find(cluster);
+    if (cluster !== null && cluster === this.selected) this.picture.face(cluster);
     await this.cuts.load();
   }
 
@@ -122,14 +118,14 @@ export class Result {
   private listen(): void {
     this.up.onclick = () => this.try(this.walk.step(true));
     this.down.onclick = () => this.try(this.walk.step(false));
-    this.only.onclick = () => this.selected !== null && this.picture.saveOne(this.selected);
+    this.only.onclick = () => this.picture.saveOne(this.selected);
+    this.selection.onDownload = () => this.picture.saveOne(this.picture.clicked);
     this.table.onSelect = (cluster) => (cluster === this.selected ? this.select(null) : this.find(cluster));
     this.tools.onColours = () => this.try(this.paint().then(() => this.tell()));
     this.tools.onOver = () => this.try(this.picture.showOver(this.cut));
     this.tools.onPicture = () => this.try(this.picture.save());
     this.picture.onPick = (cluster, isOther, withShift) => this.pick(cluster, isOther, withShift);
-    const letGo = ({ key }: KeyboardEvent): void => void (key === "Escape" && this.select(null));
-    document.addEventListener("keydown", letGo, { signal: this.abort.signal });
+    onEscape(() => this.select(null), this.abort.signal);
   }
 
   private async draw(bytes: Promise<ArrayBuffer>): Promise<void> {
@@ -169,8 +165,7 @@ export class Result {
         if (labels) this.try(this.take(labels));
       });
     });
-    const asked = address.read().clusters ?? this.job.parameters.clusters;
-    this.cut = level.within(asked ?? Math.min(FIRST_CUT, Math.floor(most / 4)));
+    this.cut = level.within(address.read().clusters ?? firstCut(this.job) ?? least);
     level.set(this.cut);
     return level;
   }
@@ -182,6 +177,7 @@ export class Result {
     this.level?.set(clusters);
     address.amend({ clusters });
     await this.fetchLabels();
+    if (this.abort.signal.aborted) return;
     const { faces } = this.picture.mine.clusters;
     const largest = labels.reduce((a, b) => ((faces[b] ?? 0) > (faces[a] ?? 0) ? b : a));
     if (this.cut === clusters) this.select(largest);
@@ -200,7 +196,6 @@ export class Result {
       if (cutting.signal.aborted) return;
       throw error;
     }
-    if (this.comparison.labels) this.picture.other.set(this.comparison.labels.numbers);
     await this.take(labels);
     this.tell();
     if (this.tools.over === "remesh") await this.picture.showOver(this.cut);
@@ -210,10 +205,11 @@ export class Result {
   private async take(labels: Labels): Promise<void> {
     this.rows.cutAt(this.cut);
     this.energy = labels.energy ?? this.report?.energy.final ?? null;
-    this.picture.mine.set(labels.numbers);
-    this.selection.pointAway();
-    this.facts?.tell(this.energy);
-    this.places.words.textContent = brief(this.job, this.picture.mine.hues.length);
+    const { mine, other } = this.picture;
+    const others = this.comparison.labels?.numbers;
+    other.labels = others ?? new Uint32Array();
+    if (others) mine.setBoth(labels.numbers, other, others);
+    else mine.set(labels.numbers);
     await this.paint();
   }
 
@@ -221,7 +217,8 @@ export class Result {
     const { mine, shapes } = this.picture;
     const colours = await coloursOf(mine, shapes, () => this.rows.fetch());
     if (colours === undefined) return;
-    this.picture.show(colours, this.comparison.labels !== null, this.comparison.parting);
+    this.tools.tell(colours?.ends ?? []);
+    this.picture.show(colours?.bytes ?? null, this.comparison.labels !== null, this.comparison.parting);
   }
 
   private arrange(): void {
@@ -234,6 +231,9 @@ export class Result {
   /** Everything but the picture. */
   private tell(): void {
     const { mine, other } = this.picture;
+    this.picture.pointAway();
+    this.facts?.tell(this.energy);
+    this.places.words.textContent = brief(this.job, mine.hues.length);
     mine.measure();
     if (this.comparison.labels) other.measure();
     this.table.show([mine.clusters.faces, mine.clusters.area]);
@@ -242,8 +242,8 @@ export class Result {
   }
 
   private tellComparison(): void {
-    const compactness = this.level ? null : (this.report?.energy.hexagon_ratio ?? null);
-    this.comparison.tell({ clusters: this.picture.mine.hues.length, energy: this.energy, compactness });
+    const part = this.level || !this.report ? null : compactness(this.report);
+    this.comparison.tell({ clusters: this.picture.mine.hues.length, energy: this.energy, compactness: part });
   }
 
   /** Selects a cluster, and of the job beside it the given one, or that which has most of its faces. */
@@ -289,10 +289,6 @@ export class Result {
   }
 
   private try(work: Promise<void>): void {
-    work.catch((error: unknown) => this.fail(error));
-  }
-
-  private fail(error: unknown): void {
-    if (!this.abort.signal.aborted) notice(error instanceof Error ? error.message : String(error));
+    work.catch(this.fail);
   }
 }

@@ -1,6 +1,6 @@
 // The camera around the mesh: by pointer, by keys, and turning by itself.
 
-import { PerspectiveCamera, type Sphere, Spherical, Vector3 } from "three";
+import { Box3, type BufferGeometry, type Matrix4, PerspectiveCamera, Sphere, Spherical, Vector3 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 /** Angle of a turn by a key. */
@@ -12,16 +12,52 @@ const TURNS = 1.2;
 /** Cosine of the angle between a normal and the camera up to which a cluster is seen well. */
 const SEEN = 0.4;
 
+/** From where a mesh is seen at first. A flat one is seen from further above, by up to `RAISED`. */
 const FIRST = new Vector3(0.5, 0.34, 1);
+const RAISED = 0.6;
+
+/** What is in sight beside the mesh, in parts of it. */
+const MARGIN = 1.04;
+
+/** Most corners that the camera is put around. */
+const MOST_CORNERS = 30_000;
+
+/** Pixels of the view that other things cover, at its upper and its lower end. */
+export interface Covered {
+  top: number;
+  bottom: number;
+}
+
+/** What the camera is put around: corners, 3 numbers each, and the sphere that has them. */
+interface Extent {
+  places: Float32Array;
+  bounds: Sphere;
+}
+
+/** The extent of a mesh in the place where a matrix puts it. */
+function extentOf(geometry: BufferGeometry, matrix: Matrix4): Extent {
+  const positions = geometry.getAttribute("position").array;
+  const pace = 3 * Math.ceil(positions.length / 3 / MOST_CORNERS);
+  const places = new Float32Array(pace === 0 ? 0 : 3 * Math.ceil(positions.length / pace));
+  const place = new Vector3();
+  for (let i = 0; i < places.length; i += 3)
+    place
+      .fromArray(positions, (i / 3) * pace)
+      .applyMatrix4(matrix)
+      .toArray(places, i);
+  return { places, bounds: (geometry.boundingSphere ?? new Sphere()).clone().applyMatrix4(matrix) };
+}
 
 export class Rig {
   /** Called after every move. */
   onMove: () => void = () => {};
-  /** Radius of what is in sight at first, in radii of the mesh. */
-  room = 1.1;
+  /** Radius of what is in sight at first, in radii of the mesh; where it is null, the mesh as it is seen from there. */
+  room: number | null = null;
   readonly camera = new PerspectiveCamera(30, 1, 0.01, 100);
   private readonly controls: OrbitControls;
-  private bounds: Sphere | null = null;
+  private extents: Extent | null = null;
+  /** Parts of the height and of the width, from the middle of what is not covered to its ends. */
+  private free = { high: 1, wide: 1 };
 
   constructor(canvas: HTMLCanvasElement) {
     this.controls = new OrbitControls(this.camera, canvas);
@@ -34,6 +70,30 @@ export class Rig {
 
   get distance(): number {
     return this.camera.position.distanceTo(this.controls.target);
+  }
+
+  /** The part of the height of the picture that a unit of length takes in the middle. */
+  get scale(): number {
+    return (this.camera.projectionMatrix.elements[5] ?? 1) / (2 * this.distance);
+  }
+
+  /** The part of the picture that the mesh is in, at most: its left, lower, right and upper ends, of 0 to 1. */
+  get extent(): [number, number, number, number] {
+    const { camera } = this;
+    if (!this.extents) return [0, 0, 1, 1];
+    const { bounds } = this.extents;
+    const { x, y, z } = bounds.center.clone().applyMatrix4(camera.matrixWorldInverse);
+    const along = (across: number, scale: number, shift: number): [number, number] => {
+      const [middle, half] = [Math.atan2(across, -z), Math.asin((1.02 * bounds.radius) / Math.hypot(across, z))];
+      // not a number where the camera is in the sphere
+      if (!(Math.abs(middle) + half < Math.PI / 2)) return [0, 1];
+      const place = (angle: number): number => Math.min(1, Math.max(0, 0.5 + 0.5 * (scale * Math.tan(angle) - shift)));
+      return [place(middle - half), place(middle + half)];
+    };
+    const { elements } = camera.projectionMatrix;
+    const [left, right] = along(x, elements[0] ?? 1, elements[8] ?? 0);
+    const [bottom, top] = along(y, elements[5] ?? 1, elements[9] ?? 0);
+    return [left, bottom, right, top];
   }
 
   /** Whether the mesh turns by itself, until someone moves it. */
@@ -50,19 +110,41 @@ export class Rig {
     this.controls.update(seconds);
   }
 
-  /** Puts the camera where the whole of a sphere is seen, from where it looks now or from the first direction. */
-  fit(bounds: Sphere, isFirst: boolean): void {
-    this.bounds = bounds;
-    const direction = isFirst ? FIRST.clone() : this.camera.position.clone().sub(this.controls.target);
-    const { center, radius } = bounds;
-    const narrow = Math.min(1, this.camera.aspect);
-    const distance = (this.room * radius || 1) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
-    this.camera.position.copy(center).addScaledVector(direction.normalize(), distance);
-    this.camera.near = distance / 200;
-    this.camera.far = distance * 20;
-    this.camera.updateProjectionMatrix();
-    this.controls.target.copy(center);
-    this.controls.update();
+  /** Puts the camera where all of a mesh is seen, from where it looks now or from the first direction. */
+  fit(geometry: BufferGeometry, matrix: Matrix4, isFirst: boolean): void {
+    this.extents = extentOf(geometry, matrix);
+    this.look(this.extents, isFirst);
+  }
+
+  private look(extents: Extent, isFirst: boolean): void {
+    const { camera, controls } = this;
+    const { center } = extents.bounds;
+    const direction = isFirst ? first(extents.places) : camera.position.clone().sub(controls.target);
+    const distance = this.distanceFor(extents, direction.normalize());
+    camera.position.copy(center).addScaledVector(direction, distance);
+    camera.near = distance / 200;
+    camera.far = distance * 20;
+    camera.updateProjectionMatrix();
+    controls.target.copy(center);
+    controls.update();
+  }
+
+  /** From how far away all is seen in a direction. */
+  private distanceFor({ places, bounds }: Extent, direction: Vector3): number {
+    const half = (this.camera.fov * Math.PI) / 360;
+    const { high, wide } = this.free;
+    if (this.room !== null) return (this.room * bounds.radius || 1) / Math.sin(half) / Math.min(high, wide);
+    const right = new Vector3(0, 1, 0).cross(direction).normalize();
+    const up = direction.clone().cross(right);
+    const [across, along] = [wide * Math.tan(half), high * Math.tan(half)];
+    const place = new Vector3();
+    let distance = 0;
+    for (let i = 0; i + 2 < places.length; i += 3) {
+      place.fromArray(places, i).sub(bounds.center);
+      const beside = Math.max(Math.abs(place.dot(right)) / across, Math.abs(place.dot(up)) / along);
+      distance = Math.max(distance, place.dot(direction) + MARGIN * beside);
+    }
+    return Math.max(distance, MARGIN * bounds.radius) || 1;
   }
 
   /** Looks from a direction, as far as it is not seen already; from none, which is 0, not. */
@@ -74,12 +156,16 @@ export class Rig {
     controls.update();
   }
 
-  /** Sees as much of the mesh as before. */
-  setAspect(aspect: number): void {
-    const { camera, controls } = this;
-    const by = Math.min(1, camera.aspect) / Math.min(1, aspect);
-    camera.aspect = aspect;
-    camera.updateProjectionMatrix();
+  /** Sees as much of the mesh as before, in the middle of what is not covered. */
+  setSize(width: number, height: number, { top, bottom }: Covered): void {
+    const { camera, controls, extents } = this;
+    const direction = camera.position.clone().sub(controls.target).normalize();
+    const distance = (): number => (extents ? this.distanceFor(extents, direction) : 1);
+    const before = distance();
+    this.free = { high: Math.max(0.3, 1 - (top + bottom) / height), wide: width / height };
+    const by = distance() / before;
+    camera.aspect = width / height;
+    camera.setViewOffset(width, height, 0, (bottom - top) / 2, width, height);
     if (by === 1) return;
     camera.position.sub(controls.target).multiplyScalar(by).add(controls.target);
     controls.update();
@@ -99,7 +185,7 @@ export class Rig {
       "=": [0, 0, 0.9],
       "-": [0, 0, 1 / 0.9],
     };
-    if (event.key === "0" && this.bounds) this.fit(this.bounds, true);
+    if (event.key === "0" && this.extents) this.look(this.extents, true);
     const turn = turns[event.key];
     if (!turn || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
@@ -112,4 +198,12 @@ export class Rig {
     this.camera.position.copy(this.controls.target).add(offset.setFromSpherical(place.makeSafe()));
     this.controls.update();
   }
+}
+
+/** The first direction, by height over base. */
+function first(places: Float32Array): Vector3 {
+  const { min, max } = new Box3().setFromArray(places);
+  const base = Math.max(max.x - min.x, max.z - min.z);
+  const flatness = 1 - Math.min(1, (max.y - min.y) / (base || 1));
+  return FIRST.clone().setY(FIRST.y + RAISED * flatness);
 }

@@ -55,9 +55,7 @@ function obj(geometries: BufferGeometry[]): string {
       lines.push(`v ${at.map((x) => (Number(x.toFixed(DECIMALS)) + 0).toFixed(DECIMALS)).join(" ")}`);
     }
     const corner = (i: number): number => first + index.getX(i);
-    for (let i = 0; i < index.count; i += 3) {
-      lines.push(`f ${corner(i)} ${corner(i + 1)} ${corner(i + 2)}`);
-    }
+    for (let i = 0; i < index.count; i += 3) lines.push(`f ${corner(i)} ${corner(i + 1)} ${corner(i + 2)}`);
     first += positions.count;
   }
   return lines.join("\n") + "\n";

@@ -6,6 +6,7 @@ import {
   BufferAttribute,
   BufferGeometry,
   type Camera,
+  type DataTexture,
   DoubleSide,
   GLSL3,
   Group,
@@ -20,6 +21,7 @@ import {
   Uint32BufferAttribute,
   UnsignedIntType,
   Vector3,
+  type Vector4,
   WebGLRenderTarget,
   type WebGLRenderer,
 } from "three";
@@ -35,6 +37,8 @@ const REACH = 2;
 
 /** Part of the length of an edge by which the mesh is behind it. */
 const STEP_BACK = 0.2;
+
+const SQUARE = new Float32Array([-0.5, 0, 0.5, 0.5, 0, 0.5, 0.5, 0, -0.5, -0.5, 0, 0.5, 0.5, 0, -0.5, -0.5, 0, -0.5]);
 
 const VERTEX = `
 precision highp float;
@@ -74,6 +78,27 @@ void main() {
   seen = uvec2(triangle + 1u, light.x | light.y << 8 | light.z << 16);
 }`;
 
+/** No triangle, and how dark the shadow is. */
+const GROUND_VERTEX = `
+precision highp float;
+uniform mat4 modelViewMatrix, projectionMatrix;
+in vec3 position;
+out vec2 place;
+void main() {
+  place = position.xz + 0.5;
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+
+const GROUND_FRAGMENT = `
+precision highp float;
+precision highp int;
+uniform sampler2D shadow;
+in vec2 place;
+out uvec2 seen;
+void main() {
+  seen = uvec2(0u, 255.0 * texture(shadow, place).r + 0.5);
+}`;
+
 const EDGE_VERTEX = `
 precision highp float;
 uniform mat4 modelViewMatrix, projectionMatrix;
@@ -104,6 +129,21 @@ export class Seen {
     new RawShaderMaterial({ vertexShader: EDGE_VERTEX, fragmentShader: EDGE_FRAGMENT, glslVersion: GLSL3 }),
   );
 
+  private readonly shadow: { value: DataTexture | null } = { value: null };
+  /** A square of side 1 that is seen from above. Everything is above it, so it is drawn first. */
+  private readonly ground = new Mesh(
+    new BufferGeometry().setAttribute("position", new BufferAttribute(SQUARE, 3)),
+    new RawShaderMaterial({
+      vertexShader: GROUND_VERTEX,
+      fragmentShader: GROUND_FRAGMENT,
+      glslVersion: GLSL3,
+      blending: NoBlending,
+      depthTest: false,
+      depthWrite: false,
+      uniforms: { shadow: this.shadow },
+    }),
+  );
+
   constructor(
     private readonly renderer: WebGLRenderer,
     geometry: BufferGeometry,
@@ -118,11 +158,20 @@ export class Seen {
     });
     this.edges.visible = false;
     this.object.add(this.whole, this.edges);
-    this.scene.add(this.object);
+    this.ground.renderOrder = -1;
+    this.scene.add(this.object, this.ground);
   }
 
   get texture(): WebGLRenderTarget["texture"] {
     return this.target.texture;
+  }
+
+  /** Puts the ground where a shadow lies. */
+  setGround({ shadow, ground }: { shadow: DataTexture; ground: Vector4 }): void {
+    this.ground.position.copy(ground);
+    this.ground.scale.setScalar(ground.w);
+    this.shadow.value?.dispose();
+    this.shadow.value = shadow;
   }
 
   /** Makes a mesh of fewer triangles for moves; the triangle of the mesh that each stands for. */
@@ -155,6 +204,7 @@ export class Seen {
     this.whole.visible = !isCoarse;
     if (this.coarse) this.coarse.visible = isCoarse;
     this.renderer.setRenderTarget(this.target);
+    this.renderer.clear();
     this.renderer.render(this.scene, camera);
     this.renderer.setRenderTarget(null);
   }
@@ -177,7 +227,9 @@ export class Seen {
     this.target.dispose();
     this.coarse?.geometry.dispose();
     this.edges.geometry.dispose();
-    for (const material of [...this.materials, this.edges.material]) material.dispose();
+    this.ground.geometry.dispose();
+    this.shadow.value?.dispose();
+    for (const material of [...this.materials, this.edges.material, this.ground.material]) material.dispose();
   }
 
   private material(isCoarse: boolean): RawShaderMaterial {

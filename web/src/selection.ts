@@ -13,8 +13,10 @@ export interface Picked {
 
 export class Selection {
   readonly element = make("section", { id: "picked", "aria-label": "Selected cluster" });
-  /** Follows the pointer over the view. */
+  /** Follows the pointer over the view; at a click it stays, with a button. */
   readonly card = make("div", { id: "card", hidden: true });
+  onDownload: () => void = () => {};
+  private readonly download = make("button", { type: "button", onclick: () => this.onDownload() }, "Download this one");
   private readonly numbers = make("div");
 
   constructor(buttons: HTMLElement[]) {
@@ -26,8 +28,10 @@ export class Selection {
   show(picked: Picked | null, isTree: boolean, noun = "cluster"): void {
     this.element.dataset["cluster"] = picked === null ? "" : String(picked.cluster);
     if (!picked) {
-      const tree = isTree ? " A second click splits it, one with Shift merges it." : "";
-      this.numbers.replaceChildren(make("p", {}, `Click a ${noun} to see its numbers.${tree}`));
+      const isTouched = matchMedia("(pointer: coarse)").matches;
+      const [click, name, merges] = isTouched ? ["Tap", "tap", ""] : ["Click", "click", ", one with Shift merges it"];
+      const tree = isTree ? ` A second ${name} splits it${merges}.` : "";
+      this.numbers.replaceChildren(make("p", {}, `${click} a ${noun} to see its numbers.${tree}`));
       return;
     }
     const rows = picked.facts.map(([name, value]) => {
@@ -41,14 +45,16 @@ export class Selection {
     );
   }
 
-  /** Shows the card at a place of the view. */
-  pointAt(x: number, y: number, colour: string, title: string, text: string): void {
+  /** Shows the card at a place of the view; one that stays is where the pointer can reach it. */
+  pointAt(x: number, y: number, colour: string, title: string, text: string, stays = false): void {
     this.card.replaceChildren(make("strong", {}, swatch(colour), title), make("span", {}, text));
+    if (stays) this.card.append(this.download);
     this.card.hidden = false;
     const [width, height] = [this.card.parentElement?.clientWidth ?? 0, this.card.parentElement?.clientHeight ?? 0];
     const { offsetWidth, offsetHeight } = this.card;
-    const left = x + 16 + offsetWidth > width ? x - 12 - offsetWidth : x + 16;
-    const top = y + 16 + offsetHeight > height ? y - 12 - offsetHeight : y + 16;
+    const [before, after] = stays ? [2, 2] : [12, 16];
+    const left = x + after + offsetWidth > width ? x - before - offsetWidth : x + after;
+    const top = y + after + offsetHeight > height ? y - before - offsetHeight : y + after;
     this.card.style.transform = `translate(${Math.max(0, left)}px, ${Math.max(0, top)}px)`;
   }
 
@@ -67,8 +73,10 @@ export function factsOf(
   const facts: [string, string][] = [["Faces", count(faces[cluster] ?? 0)]];
   if (hasMesh) facts.push(["Area", digits(area[cluster] ?? 0)]);
   if (row) {
-    facts.push(["Neighbours", count(row.neighbours)], ["Roundness", digits(row.roundness ?? NaN, 3)]);
-    facts.push(["Perimeter", digits(row.perimeter ?? NaN)]);
+    facts.push(["Neighbours", count(row.neighbours)]);
+    // a closed mesh in one cluster has no border
+    if (row.roundness !== null) facts.push(["Roundness", digits(row.roundness, 3)]);
+    if (row.perimeter !== null) facts.push(["Perimeter", digits(row.perimeter)]);
     if (row.energy !== null) facts.push(["Energy", digits(row.energy)]);
   }
   const centre = Array.from(centres.slice(3 * cluster, 3 * cluster + 3), (x) => digits(x, 3)).join(", ");

@@ -42,11 +42,8 @@ export async function send(
       }
       for (const file of files) await readable(file);
       onBreak();
-      const isThere = await json("/v1/version", { signal }).then(
-        () => true,
-        () => false,
-      );
-      breaks = isThere ? breaks + 1 : 0;
+      const answer = await json("/v1/version", { signal }).catch(() => null);
+      breaks = answer === null ? 0 : breaks + 1;
       if (breaks === MOST_BREAKS) throw new Error("the connection breaks while the file is sent");
     }
     await pause(PAUSE_MS, signal);

@@ -4,24 +4,41 @@ import type { Job } from "./api";
 import { count, digits } from "./dom";
 import { HUES, NO_CLUSTER, css } from "./palette";
 
-/** A row of the report's `shapes`; lengths in units of the file, angles in degrees. */
+/** A row of the report's `shapes`: the member that the type names has its parameters. Lengths are in units of the file. */
 export interface Shape {
-  type: "plane" | "sphere" | "cylinder";
+  type: string;
   residual: { rms: number; max: number };
-  sphere?: { radius: number; convex: boolean };
-  cylinder?: { radius: number; convex: boolean; extent: [number, number]; angle: number };
+  torus?: { major_radius: number; minor_radius: number } | null;
+  [type: string]: unknown;
 }
 
 /** Each type with its hue. */
-const TYPES = { plane: HUES[5], sphere: HUES[6], cylinder: HUES[4] };
+const TYPES: Record<string, (typeof HUES)[number] | undefined> = {
+  plane: HUES[5],
+  sphere: HUES[6],
+  cylinder: HUES[4],
+  cone: HUES[3],
+};
+
+/** Parameters that have other names here, or are written in another way. Other numbers are written as they are. */
+const PARAMETERS: Record<string, (value: never) => [string, string]> = {
+  convex: (isConvex: boolean) => ["Side", isConvex ? "outside" : "inside"],
+  extent: ([low, high]: [number, number]) => ["Length", digits(high - low)],
+  angle: (degrees: number) => ["Arc", `${digits(degrees, 3)}°`],
+  half_angle: (degrees: number) => ["Half angle", `${digits(degrees, 3)}°`],
+};
 
 export const hasShapes = (job: Job): boolean => ["planes", "shapes"].includes(String(job.parameters["energy"]));
 
 /** The angle of edges that are sharp where the job names none, in degrees. */
 const SHARP = 40;
 
-/** The angle in degrees of the edges that say something of clusters; null where the page can find none. */
+/** Faces above which sharp edges are not looked for, which takes a second there. */
+const MOST_FACES = 200_000;
+
+/** The angle in degrees of the edges that say something of clusters; null where there are none or too many faces. */
 export function angleOf(job: Job): number | null {
+  if ((job.result?.faces ?? 0) > MOST_FACES) return null;
   const angle = /[\d.]+/.exec(String(job.parameters["features"] ?? ""));
   if (angle) return Number(angle[0]);
   return hasShapes(job) ? SHARP : null;
@@ -36,30 +53,37 @@ export function ofTypes(shapes: Shape[]): Uint8Array {
 
 /** The types that there are: a colour each, and how many clusters have it. */
 export function legend(shapes: Shape[]): [string, string][] {
-  const counts = Object.entries(TYPES).map(([type, hue]): [string, string, number] => {
+  const types = new Set([...Object.keys(TYPES), ...shapes.map(({ type }) => type)]);
+  return [...types].flatMap((type): [string, string][] => {
     const number = shapes.filter((shape) => shape.type === type).length;
-    return [css(hue ?? NO_CLUSTER), `${type}${number === 1 ? "" : "s"}`, number];
+    if (number === 0) return [];
+    return [[css(TYPES[type] ?? NO_CLUSTER), `${count(number)} ${type}${number === 1 ? "" : "s"}`]];
   });
-  return counts
-    .filter(([, , number]) => number > 0)
-    .map(([colour, name, number]) => [colour, `${count(number)} ${name}`]);
 }
 
+const parametersOf = (shape: Shape): Record<string, unknown> => (shape[shape.type] ?? {}) as Record<string, unknown>;
+
+const titled = (word: string): string => (word.charAt(0).toUpperCase() + word.slice(1)).replaceAll("_", " ");
+
 /** "Cylinder, radius 0.6". */
-export function titleOf({ type, sphere, cylinder }: Shape): string {
-  const radius = (sphere ?? cylinder)?.radius;
-  return `${type.charAt(0).toUpperCase()}${type.slice(1)}${radius === undefined ? "" : `, radius ${digits(radius)}`}`;
+export function titleOf(shape: Shape): string {
+  const { radius } = parametersOf(shape);
+  return typeof radius === "number" ? `${titled(shape.type)}, radius ${digits(radius)}` : titled(shape.type);
 }
 
 export function factsOfShape(shape: Shape): [string, string][] {
-  const { residual, sphere, cylinder } = shape;
   const facts: [string, string][] = [["Shape", titleOf(shape)]];
-  const round = sphere ?? cylinder;
-  if (round) facts.push(["Side", round.convex ? "outside" : "inside"]);
-  if (cylinder) {
-    const [low, high] = cylinder.extent;
-    facts.push(["Length", digits(high - low)], ["Arc", `${digits(cylinder.angle, 3)}°`]);
+  for (const [name, value] of Object.entries(parametersOf(shape))) {
+    const write = PARAMETERS[name];
+    if (write) facts.push(write(value as never));
+    else if (typeof value === "number" && name !== "radius") facts.push([titled(name), digits(value)]);
   }
-  facts.push(["Residual", `${digits(residual.rms, 2)}, at most ${digits(residual.max, 2)}`]);
+  const { torus } = shape;
+  if (torus) {
+    const { major_radius: major, minor_radius: minor } = torus;
+    facts.push(["Slice of a torus", `radii ${digits(major)} and ${digits(minor)}`]);
+  }
+  const { rms, max } = shape.residual;
+  facts.push(["Residual", `${digits(rms, 2)}, at most ${digits(max, 2)}`]);
   return facts;
 }

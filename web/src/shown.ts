@@ -2,7 +2,7 @@
 // of a hierarchy are made here, once its merges are loaded; those of large meshes by the service.
 
 import { type Job, type Labels, isHierarchical, json, labels, output } from "./api";
-import { Colouring } from "./colouring";
+import { type Apart, Colouring, type Hued } from "./colouring";
 import { Hierarchy, ofJob } from "./hierarchy";
 import { HUES, css, ofHues } from "./palette";
 import { type Clusters, measure } from "./table";
@@ -11,6 +11,16 @@ import { energyOf } from "./words";
 
 /** Faces up to which cuts are made here. */
 const MOST_FACES = 600_000;
+
+/** Clusters that a hierarchy is shown at first. */
+const FIRST_CUT = 100;
+
+/** The number of clusters that a job is shown at first; null where it has one number. */
+export function firstCut({ parameters, result }: Job): number | null {
+  if (!isHierarchical(parameters.algorithm)) return null;
+  const { clusters: least = 1, faces: most = 1 } = result ?? {};
+  return Math.min(Math.max(least, parameters.clusters ?? Math.min(FIRST_CUT, Math.floor(most / 4))), most);
+}
 
 /** What the service's table has of a cluster. */
 export interface ClusterRow {
@@ -54,18 +64,25 @@ export class Coloured {
   private colouring = new Colouring();
   private mesh: Triangles | null = null;
 
-  /** With the mesh, hues are such that neighbours differ. */
-  setMesh(mesh: Triangles): void {
+  /** With the mesh, hues are such that neighbours differ; clusters may keep those that they had before. */
+  setMesh(mesh: Triangles, before: Coloured | null = null): void {
     this.mesh = mesh;
     this.colouring = new Colouring(mesh.corners, mesh.faces);
+    if (before) this.colouring.follow(before.colouring);
   }
 
-  set(labels: Uint32Array): void {
+  /** Takes labels of a job, and of another one beside it, whose clusters have the hues of their counterparts. */
+  setBoth(labels: Uint32Array, other: Coloured, others: Uint32Array): void {
+    this.set(labels, null, { labels: others, colouring: other.colouring });
+    other.set(others, this);
+  }
+
+  set(labels: Uint32Array, beside: Hued | null = null, apart: Apart | null = null): void {
     this.labels = labels;
     this.colours = null;
     let clusters = 0;
-    for (const label of labels) if (label >= clusters) clusters = label + 1;
-    this.hues = this.colouring.hues(labels, clusters);
+    for (let face = 0; face < labels.length; face++) clusters = Math.max(clusters, (labels[face] as number) + 1);
+    this.hues = this.colouring.hues(labels, clusters, beside, apart);
   }
 
   /** Adds up faces, areas and centres; for a large mesh it takes longer than to draw it. */
@@ -84,6 +101,13 @@ export class Coloured {
     this.colours = colours;
     return { labels: this.labels, colours: colours ?? ofHues(this.hues) };
   }
+}
+
+/** Labels numbered by the first face that has them, as those of a result are. */
+export function numbered(labels: Uint32Array): Uint32Array {
+  const numbers = new Uint32Array(labels.length);
+  let seen = 0;
+  return labels.map((label) => (numbers[label] ||= ++seen) - 1);
 }
 
 /** The service's table of the clusters of a cut, fetched once. */

@@ -3,7 +3,7 @@
 
 import * as address from "./address";
 import { type Job, type Report, json, labels, output, request } from "./api";
-import { announce, count, digits, make, notice, save } from "./dom";
+import { announce, count, digits, make, onEscape, report, save } from "./dom";
 import { downloads, stem } from "./downloads";
 import { Facts } from "./facts";
 import type { Scene } from "./load";
@@ -59,13 +59,12 @@ export class Superpixels {
     const list = make("details", {}, make("summary", {}, "Table of superpixels"));
     this.table = new ClusterTable(list, (cluster) => this.mean(cluster), ["pixels", "energy"]);
     this.table.onSelect = (cluster) => this.select(cluster === this.selected ? null : cluster);
-    const letGo = ({ key }: KeyboardEvent): void => void (key === "Escape" && this.select(null));
-    document.addEventListener("keydown", letGo, { signal });
+    onEscape(() => this.select(null), signal);
     places.stage.replaceChildren(this.view, this.dock, this.selection.card);
     places.inspector.replaceChildren(this.selection.element);
     places.words.textContent = brief(job);
     const cut = (): null => null;
-    places.rest.replaceChildren(downloads(job, cut, signal), list, take(job, cut));
+    places.rest.replaceChildren(downloads(job, cut, signal), take(job, cut), list);
   }
 
   async load(): Promise<void> {
@@ -213,8 +212,6 @@ export class Superpixels {
   }
 
   private try(work: Promise<void>): void {
-    work.catch((error: unknown) => {
-      if (!this.abort.signal.aborted) notice(error instanceof Error ? error.message : String(error));
-    });
+    work.catch((error: unknown) => this.abort.signal.aborted || report(error));
   }
 }

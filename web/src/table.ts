@@ -131,21 +131,13 @@ export class ClusterTable {
     this.body.replaceChildren(
       ...shown.map((cluster) => {
         const pressed = String(cluster === this.selected);
-        const button = make(
-          "button",
-          { type: "button", "aria-pressed": pressed, onclick: () => this.onSelect(cluster) },
-          swatch(this.colour(cluster)),
-          `cluster ${cluster}`,
-        );
-        return make(
-          "tr",
-          {},
-          make("th", { scope: "row" }, button),
-          ...this.columns.map((column, i) => {
-            const number = column[cluster] ?? NaN;
-            return make("td", {}, i === 0 ? count(number) : Number.isNaN(number) ? "" : digits(number));
-          }),
-        );
+        const attributes = { type: "button", "aria-pressed": pressed, onclick: () => this.onSelect(cluster) };
+        const button = make("button", attributes, swatch(this.colour(cluster)), `cluster ${cluster}`);
+        const cells = this.columns.map((column, i) => {
+          const number = column[cluster] ?? NaN;
+          return make("td", {}, i === 0 ? count(number) : Number.isNaN(number) ? "" : digits(number));
+        });
+        return make("tr", {}, make("th", { scope: "row" }, button), ...cells);
       }),
     );
   }

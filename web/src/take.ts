@@ -1,6 +1,6 @@
 // What leads on from a job: its link, and the same request for curl, the command line and Python.
 
-import { type Job, isHierarchical, nameOf } from "./api";
+import { type Job, isHierarchical, nameOf, token } from "./api";
 import { announce, make } from "./dom";
 import { kindOf } from "./kinds";
 
@@ -38,6 +38,15 @@ async function copy(button: HTMLButtonElement, name: string, text: string): Prom
   setTimeout(() => (button.textContent = name), 2000);
 }
 
+/** The name of the mesh without folders, as no name from elsewhere may point at another file, or at a flag. */
+function fileOf(job: Job): string {
+  const name = nameOf(job).replace(/^.*[/\\]|[\0-\x1f\x7f]/gs, "");
+  return name.replace(/^(\.*)$/, `mesh.${job.mesh.format}`).replace(/^-/, "./-");
+}
+
+/** Whether a buffer lies beside the mesh, or in a folder there that is not hidden. */
+const isBeside = (name: string): boolean => !/^[/\\]|^\w:|(^|[/\\])\.|[\0-\x1f\x7f]/.test(name);
+
 /** A word of a shell. */
 const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
 
@@ -69,17 +78,24 @@ export function settings(job: Job): [string, string | number | true][] {
 /** What is made of an image with the result; the image is gone then. */
 export const OUTPUTS = ["means", "clusters.csv"];
 
+/** A form, whose parts need no type: the name of the file says its format, and buffers have parts of their own. */
 function curl(job: Job): string {
   const { algorithm } = job.parameters;
-  const kept = kindOf(job) === "image" ? { outputs: OUTPUTS.join() } : { keep_mesh: "true" };
-  const search = new URLSearchParams({ algorithm, ...kept, format: job.mesh.format } as Record<string, string>);
+  const isImage = kindOf(job) === "image";
+  const kept = isImage ? { outputs: OUTPUTS.join() } : { keep_mesh: "true" };
+  const search = new URLSearchParams({ algorithm, ...kept } as Record<string, string>);
   for (const [name, value] of settings(job)) search.set(name, String(value));
-  return `curl -sS --data-binary @${quoted(nameOf(job))} '${location.origin}/v1/jobs?${search}'`;
+  const part = (of: string, name: string): string => ` -F ${quoted(`${of}=@"${name.replace(/["\\]/g, "\\$&")}"`)}`;
+  const buffers = job.mesh.buffers.filter(isBeside).map((name) => part("buffer", name));
+  const files = part(isImage ? "points" : "mesh", fileOf(job)) + buffers.join("");
+  // a token itself is no text to hand on
+  const mine = token.get() === "" ? "" : ' -H "Authorization: Bearer $TOKEN"';
+  return `curl -sS${mine}${files} '${location.origin}/v1/jobs?${search}'`;
 }
 
 function command(job: Job, cut: number | null): string {
   const { algorithm } = job.parameters;
-  const name = quoted(nameOf(job));
+  const name = quoted(fileOf(job));
   const flags = settings(job).map(
     ([name, value]) => ` --${name.replaceAll("_", "-")}${value === true ? "" : ` ${value}`}`,
   );
@@ -98,11 +114,11 @@ function python(job: Job, cut: number | null): string {
   if (kindOf(job) === "image") {
     // what PNG has and JPEG has not is alpha
     const mode = job.mesh.format === "png" ? "RGBA" : "RGB";
-    const read = `image = np.asarray(Image.open(${JSON.stringify(nameOf(job))}).convert("${mode}"))`;
+    const read = `image = np.asarray(Image.open(${JSON.stringify(fileOf(job))}).convert("${mode}"))`;
     const call = `tesserae_mesh.superpixels(image, ${options.slice(1).join(", ").replace("clusters=", "n=")})`;
     return `import numpy as np\nimport tesserae_mesh\nfrom PIL import Image\n\n${read}\nlabels = ${call}`;
   }
   const labels = isHierarchical(algorithm) ? `result.hierarchy.cut(${cut ?? 1}).labels` : "result.labels";
-  const call = `tesserae_mesh.cluster(${JSON.stringify(nameOf(job))}, ${options.join(", ")})`;
+  const call = `tesserae_mesh.cluster(${JSON.stringify(fileOf(job))}, ${options.join(", ")})`;
   return `import tesserae_mesh\n\nresult = ${call}\nlabels = ${labels}`;
 }

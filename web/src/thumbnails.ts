@@ -1,19 +1,29 @@
-// Small pictures of jobs for the list, of those that were shown and of images; they are gone with the session.
+// Small pictures of jobs for the list, in hues, light or dark as the page is. Those of jobs that were not opened are
+// made while the page has nothing else to do: of meshes in a view that is not seen, of images from their mean colours.
 
-import { type Job, length, request } from "./api";
+import * as address from "./address";
+import { type Job, labels, length, output, request } from "./api";
+import { make } from "./dom";
+import { kindOf } from "./kinds";
+import { scene } from "./load";
 import { pixelsOf } from "./photo";
+import { Coloured, firstCut } from "./shown";
+import * as storage from "./storage";
 
 const SIDE = 88;
 
-/** Names of pictures in the session begin with it. */
-const PREFIX = "picture-";
+/** Bytes above which the means of an image are not fetched for the list, and faces above which a mesh is not. */
+const [MOST_BYTES, MOST_FACES] = [2e6, 300_000];
 
-/** Bytes above which the means of an image are not fetched for the list. */
-const MOST_BYTES = 2e6;
+/** For how long a picture is waited for. */
+const PATIENCE_MS = 60_000;
 
-/** Jobs whose picture was fetched, or cannot be. */
+/** Names of pictures that were made, or cannot be. */
 const asked = new Set<string>();
-let fetching: Promise<void> = Promise.resolve();
+let making: Promise<void> = Promise.resolve();
+
+const nameOf = (job: string): string =>
+  `${storage.PICTURE}${matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"}-${job}`;
 
 /** Keeps the middle of a picture as that of a job; of a canvas, one that was drawn just now. */
 export function keepThumbnail(job: string, picture: HTMLCanvasElement | ImageBitmap): void {
@@ -24,37 +34,66 @@ export function keepThumbnail(job: string, picture: HTMLCanvasElement | ImageBit
   const context = small.getContext("2d");
   if (context) context.imageSmoothingQuality = "high";
   context?.drawImage(picture, x, y, side, side, 0, 0, SIDE, SIDE);
-  const keep = (): void => sessionStorage.setItem(PREFIX + job, small.toDataURL("image/webp"));
-  try {
-    keep();
-  } catch {
-    // there is no room
-    for (const key of Object.keys(sessionStorage)) if (key.startsWith(PREFIX)) sessionStorage.removeItem(key);
-    try {
-      keep();
-    } catch {
-      // others have taken all room
-    }
+  storage.set(nameOf(job), small.toDataURL("image/webp"));
+}
+
+export const thumbnail = (job: string): string | null => storage.get(nameOf(job));
+
+/** Makes pictures of jobs that have none yet. The job that is open has one when it is drawn. */
+export function makeThumbnails(jobs: Job[]): void {
+  for (const job of jobs) {
+    const { id, state } = job;
+    const isComing =
+      id === address.read().job && address.read().colours === null && !storage.keys().some((key) => key.endsWith(id));
+    if (state !== "succeeded" || asked.has(nameOf(id)) || thumbnail(id) || isComing) continue;
+    asked.add(nameOf(id));
+    making = making
+      .then(idle)
+      .then(() => (thumbnail(id) ? undefined : kindOf(job) === "mesh" ? draw(job) : fetchMeans(job)))
+      .catch(() => {});
   }
 }
 
-export const thumbnail = (job: string): string | null => sessionStorage.getItem(PREFIX + job);
+const idle = (): Promise<unknown> =>
+  new Promise((resolve) => ("requestIdleCallback" in window ? requestIdleCallback(resolve) : setTimeout(resolve, 200)));
 
-/** Fetches the mean colours of images that have no picture yet, one after the other. */
-export function fetchThumbnails(jobs: Job[]): void {
-  for (const { id, state, urls } of jobs) {
-    const path = urls["means"];
-    if (state !== "succeeded" || !path || asked.has(id) || thumbnail(id)) continue;
-    asked.add(id);
-    fetching = fetching.then(() => fetchOne(id, path)).catch(() => {});
-  }
-}
-
-async function fetchOne(id: string, path: string): Promise<void> {
+async function fetchMeans({ id, urls }: Job): Promise<void> {
+  const path = urls["means"];
   const { signal } = new AbortController();
-  const bytes = await length(path, signal);
-  if (thumbnail(id) || bytes === null || bytes > MOST_BYTES) return;
+  const bytes = path ? await length(path, signal) : null;
+  if (!path || bytes === null || bytes > MOST_BYTES) return;
   const means = await pixelsOf(await (await request(path, { signal })).blob());
   keepThumbnail(id, means);
   means.close();
+}
+
+async function draw(job: Job): Promise<void> {
+  if (!job.keep_mesh || (job.result?.faces ?? Infinity) > MOST_FACES) return;
+  const { signal } = new AbortController();
+  const clusters = firstCut(job);
+  const drawing = await scene();
+  const path = output(job, "mesh", { format: "glb", colours: "none", clusters });
+  const mesh = await drawing.triangles(await (await request(path, { signal })).arrayBuffer());
+  const coloured = new Coloured();
+  coloured.setMesh(mesh);
+  coloured.set((await labels(job, clusters, signal)).numbers);
+  await idle();
+  const box = make("div", { class: "view unseen", inert: true });
+  document.body.append(box);
+  let view: InstanceType<typeof drawing.View> | null = null;
+  try {
+    view = new drawing.View(box, mesh, job.mesh.format);
+    view.show(coloured.shown(null));
+    const drawn = view;
+    await new Promise<void>((resolve, reject) => {
+      setTimeout(reject, PATIENCE_MS);
+      drawn.onSettled = (canvas) => {
+        keepThumbnail(job.id, canvas);
+        resolve();
+      };
+    });
+  } finally {
+    view?.dispose();
+    box.remove();
+  }
 }

@@ -2,7 +2,7 @@
 
 import * as address from "./address";
 import type { Job } from "./api";
-import { make, option } from "./dom";
+import { digits, make, option } from "./dom";
 import { scale, css } from "./palette";
 import type { Up } from "./ground";
 import { swatch } from "./selection";
@@ -10,6 +10,9 @@ import { type Shape, angleOf, hasShapes, legend } from "./shapes";
 import { energyOf } from "./words";
 
 const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy", shape: "Shape" };
+
+/** What readers of screens hear before the numbers of a legend. */
+const ENDS = ["least ", "middle ", "most "];
 
 export class Tools {
   readonly element = make("div", { id: "tools", role: "group", "aria-label": "View", hidden: true });
@@ -26,8 +29,8 @@ export class Tools {
   private readonly colours = make(
     "select",
     { id: "colours", "aria-label": "Colour by" },
-    option("", "Clusters"),
-    ...address.COLOURS.map((name) => option(name, NAMES[name])),
+    option("", "By cluster"),
+    ...address.COLOURS.map((name) => option(name, `By ${NAMES[name].toLowerCase()}`)),
   );
   private readonly up = make("button", { type: "button", id: "up-axis" });
 
@@ -43,7 +46,6 @@ export class Tools {
     this.colours.value = address.read().colours ?? "";
     this.colours.addEventListener("change", () => {
       address.amend({ colours: address.COLOURS.find((name) => name === this.colours.value) ?? null });
-      this.tellLegend();
       this.onColours();
     });
     this.up.addEventListener("click", () => {
@@ -67,7 +69,6 @@ export class Tools {
     edges.hidden = angleOf(job) === null;
     this.press();
     this.element.append(this.colours, this.up, remesh, edges, picture);
-    this.tellLegend();
   }
 
   /** What is drawn over the mesh, of what there is. */
@@ -84,17 +85,19 @@ export class Tools {
     this.up.setAttribute("aria-label", `${up.toUpperCase()} up, make it ${up === "y" ? "Z" : "Y"} up`);
   }
 
-  /** Takes the shapes of the clusters, which the legend counts. */
+  /** Takes the shapes of the clusters, which the legend counts; cuts of hierarchies have none. */
   setShapes(shapes: Shape[]): void {
     this.shapes = shapes;
-    this.tellLegend();
+    if (shapes.length === 0) this.colours.querySelector("[value=shape]")?.remove();
+    if (shapes.length === 0 && address.read().colours === "shape") address.amend({ colours: null });
   }
 
   private press(): void {
     for (const name of address.OVERLAYS) this.overlays[name].setAttribute("aria-pressed", String(this.over === name));
   }
 
-  private tellLegend(): void {
+  /** Says what the colours are: the least, the middle and the most of the numbers that they stand for. */
+  tell(ends: number[]): void {
     const { colours } = address.read();
     this.legend.hidden = colours === null;
     if (colours === null) return;
@@ -104,6 +107,9 @@ export class Tools {
     }
     const bar = make("span", { class: "scale" });
     bar.style.background = `linear-gradient(90deg, ${[0, 0.25, 0.5, 0.75, 1].map((at) => css(scale(at))).join(", ")})`;
-    this.legend.replaceChildren(`${NAMES[colours]}, by rank: low `, bar, " high");
+    const numbers = ends.map((end, i) =>
+      make("span", {}, make("span", { class: "hidden-text" }, ENDS[i] ?? ""), digits(end, 3)),
+    );
+    this.legend.replaceChildren(`${NAMES[colours]}, by rank`, make("span", { class: "ranks" }, bar, ...numbers));
   }
 }

@@ -1,47 +1,73 @@
-// Deletion with time to think again: a job is hidden at once, and deleted when the time is over or the page is left.
+// Deletion with time to think again: a job is hidden at once, and deleted when the time is over. Deletions outlive a
+// reload, which begins their time anew. A tab that is closed deletes nothing.
 
-import { request } from "./api";
-import { announce, byId, make, notice } from "./dom";
+import { Refused, request } from "./api";
+import { byId, make, report } from "./dom";
+import * as storage from "./storage";
 
 /** Time in which a deletion can be undone, in milliseconds. */
 const TIME = 10_000;
 
+const KEY = "deletions";
+
 interface Deletion {
-  timer: number;
-  onUndo: () => void;
+  name: string;
+  /** The address that an undo goes back to. */
+  hash: string;
+  /** Until when a reload offers the undo again, in milliseconds since 1970. */
+  until: number;
 }
 
 const deletions = new Map<string, Deletion>();
 
 export const isDeleted = (job: string): boolean => deletions.has(job);
 
-export function remove(job: string, name: string, onChange: () => void, onUndo: () => void): void {
-  const timer = window.setTimeout(() => void finish(job).then(onChange), TIME);
-  deletions.set(job, { timer, onUndo });
-  const undo = make("button", { type: "button", id: "undo" }, "Undo");
+export function remove(job: string, name: string, onChange: () => void): void {
+  offer(job, name, location.hash, onChange);
+}
+
+/** Goes on with the deletions of before a reload; a tab that is opened again later has none. */
+export function resume(onChange: () => void): void {
+  const stored = JSON.parse(storage.get(KEY) ?? "[]") as [string, Deletion][];
+  for (const [job, { name, hash, until }] of stored) if (Date.now() < until) offer(job, name, hash, onChange);
+  // a copy of this tab has none
+  addEventListener("pageshow", () => storage.remove(KEY));
+  addEventListener("pagehide", () => deletions.size > 0 && storage.set(KEY, JSON.stringify([...deletions])));
+}
+
+/** Hides a job, and shows its deletion with an undo until the time is over. */
+function offer(job: string, name: string, hash: string, onChange: () => void): void {
+  const deletion = { name, hash, until: Date.now() + 2 * TIME };
+  deletions.set(job, deletion);
+  const toast = byId("toast");
+  const end = (): void => {
+    row.remove();
+    toast.hidden = toast.childElementCount === 0;
+    deletions.delete(job);
+    onChange();
+  };
+  const timer = setTimeout(() => {
+    deletion.until = 0;
+    undo.disabled = true;
+    void finish(job).then(end);
+  }, TIME);
+  const undo = make("button", { type: "button", class: "undo", "aria-label": `Undo the deletion of ${name}` }, "Undo");
   undo.addEventListener("click", () => {
     clearTimeout(timer);
-    deletions.delete(job);
-    byId("toast").hidden = true;
-    onUndo();
+    end();
+    byId("main").focus({ preventScroll: true });
+    if (location.hash === hash) dispatchEvent(new HashChangeEvent("hashchange"));
+    else location.hash = hash;
   });
-  byId("toast").replaceChildren(make("span", {}, `${name} is deleted`), undo);
-  byId("toast").hidden = false;
-  announce(`${name} is deleted. Undo is possible for ten seconds.`);
+  const row = make("p", {}, make("span", {}, `${name} is deleted`), undo);
+  toast.append(row);
+  toast.hidden = false;
 }
 
 async function finish(job: string): Promise<void> {
-  if (!deletions.has(job)) return;
   try {
-    // also when the page is left
     await request(`/v1/jobs/${job}`, { method: "DELETE", keepalive: true });
   } catch (error) {
-    notice(error instanceof Error ? error.message : String(error));
+    if (!(error instanceof Refused && error.status === 404)) report(error);
   }
-  deletions.delete(job);
-  if (deletions.size === 0) byId("toast").hidden = true;
 }
-
-window.addEventListener("pagehide", () => {
-  for (const job of deletions.keys()) void finish(job);
-});

@@ -2,7 +2,7 @@
 // a line. Two passes: what is seen (seen.ts), then its colours (paint.ts). The first is drawn when the camera moves, the
 // second also when labels or colours change.
 
-import { BufferAttribute, BufferGeometry, Matrix4, Sphere, Vector2, Vector3, WebGLRenderer } from "three";
+import { BufferAttribute, BufferGeometry, Vector2, Vector3, type WebGLRenderer } from "three";
 
 import type { Place, Shown, Triangles } from "./drawable";
 import { type Up, groundOf, guessUp } from "./ground";
@@ -10,6 +10,7 @@ import { Paint, themeOf } from "./paint";
 import { type Parting, type Rectangle, isIn, place } from "./panes";
 import { Pace } from "./pace";
 import { listen } from "./pointer";
+import { fill, makeRenderer } from "./renderer";
 import { Rig } from "./rig";
 import { Seen } from "./seen";
 
@@ -31,13 +32,17 @@ export class View {
 
   private readonly renderer: WebGLRenderer;
   private readonly geometry: BufferGeometry;
+  private readonly radius: number;
   private readonly seen: Seen;
   private readonly paints: Paint[];
   private readonly observer: ResizeObserver;
   private readonly scheme = matchMedia("(prefers-color-scheme: dark)");
-  private readonly redraw = (): void => this.draw();
+  private readonly redraw = (): void => {
+    this.theme = themeOf(this.box);
+    this.draw();
+  };
   private up: Up;
-  private ground: ReturnType<typeof groundOf>;
+  private theme: ReturnType<typeof themeOf>;
   private parting: Parting = "beside";
   private isAbove = false;
   private coarse: Uint32Array | null = null;
@@ -47,8 +52,9 @@ export class View {
   private then = 0;
   /** Samples along a pixel of what is seen; 0 where that is to be drawn anew. */
   private finer = 0;
-  /** That of the last frame. */
+  /** That of the last frame, and all that its pixels around the mesh depend on. */
   private quality = "";
+  private around = "";
   private readonly pace: Pace;
   /** Pixels of the canvas along one of the box, where it is not shrunk. */
   private readonly ratio = Math.min(devicePixelRatio, 2);
@@ -59,18 +65,18 @@ export class View {
     format = "glb",
     up: Up | null = null,
   ) {
-    this.renderer = new WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
-    this.renderer.setPixelRatio(this.ratio);
-    this.renderer.setScissorTest(true);
+    this.renderer = makeRenderer(this.ratio);
     this.canvas = this.renderer.domElement;
     this.geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(mesh.positions, 3));
     this.geometry.computeBoundingSphere();
+    this.radius = this.geometry.boundingSphere?.radius ?? 0;
     this.pace = new Pace(this.items, this.ratio);
     this.seen = new Seen(this.renderer, this.geometry);
-    this.paints = [new Paint(this.items, mesh.faces)];
+    this.paints = [new Paint(mesh, this.radius)];
     this.guessedUp = guessUp(mesh.positions, format);
     this.up = up ?? this.guessedUp;
-    this.ground = groundOf(mesh.positions, this.up);
+    this.seen.setGround(groundOf(mesh.positions, this.up));
+    this.theme = themeOf(box);
     this.rig = new Rig(this.canvas);
     this.rig.onMove = () => this.move();
     box.replaceChildren(this.canvas);
@@ -98,14 +104,11 @@ export class View {
 
   setUp(up: Up): void {
     this.canvas.dataset["up"] = up;
-    if (up !== this.up) {
-      this.up = up;
-      this.ground.shadow.dispose();
-      this.ground = groundOf(this.mesh.positions, up);
-    }
+    if (up !== this.up) this.seen.setGround(groundOf(this.mesh.positions, up));
+    this.up = up;
     this.seen.object.rotation.x = up === "z" ? -Math.PI / 2 : 0;
     this.seen.object.updateMatrixWorld();
-    this.rig.fit(this.bounds(), true);
+    this.rig.fit(this.geometry, this.seen.object.matrixWorld, true);
     this.finer = 0;
     this.draw();
   }
@@ -113,7 +116,7 @@ export class View {
   /** Colours the mesh by labels, and shows it a second time in others where there are any. */
   show(shown: Shown, others: Shown | null = null, parting: Parting = "beside"): void {
     const before = this.canvas.dataset["panes"] ?? "1";
-    if (others && !this.paints[1]) this.paints.push(new Paint(this.items, this.mesh.faces));
+    if (others && !this.paints[1]) this.paints.push(new Paint(this.mesh, this.radius));
     else if (!others) this.paints.splice(1).forEach((paint) => paint.dispose());
     this.paints[0]?.set(shown.labels, shown.colours);
     if (others) this.paints[1]?.set(others.labels, others.colours);
@@ -123,7 +126,7 @@ export class View {
     this.rest();
     if (before === panes) return this.draw();
     this.resize();
-    this.rig.fit(this.bounds(), false);
+    this.rig.fit(this.geometry, this.seen.object.matrixWorld, false);
   }
 
   /** Moves the line between the two. */
@@ -181,14 +184,9 @@ export class View {
     for (const paint of this.paints) paint.dispose();
     this.seen.dispose();
     this.geometry.dispose();
-    this.ground.shadow.dispose();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
     this.canvas.remove();
-  }
-
-  private bounds(): Sphere {
-    return (this.geometry.boundingSphere ?? new Sphere()).clone().applyMatrix4(this.seen.object.matrixWorld);
   }
 
   /** Draws before the next frame of the browser, once for any number of changes. */
@@ -213,26 +211,25 @@ export class View {
     if (isCoarse) this.coarse ??= this.seen.coarsen(this.mesh.positions);
     const ratio = this.ratio / shrink;
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
-    const { camera } = this.rig;
+    this.canvas.style.imageRendering = shrink > 1 ? "pixelated" : "";
+    const around = [pace.quality, this.paints.length, this.parting, this.theme.background.getHex()].join();
+    const isKept = !pace.isMoving && this.finer === finer && this.around === around;
     if (pace.isMoving || this.finer !== finer) {
       const { width, height } = this.place(0, this.ratio);
-      this.seen.draw(camera, finer * width, finer * height, isCoarse);
+      this.seen.draw(this.rig.camera, finer * width, finer * height, isCoarse);
     }
-    this.finer = finer;
+    [this.finer, this.around] = [finer, around];
     const along = finer * shrink;
-    const frame = {
-      seen: this.seen.texture,
-      ...this.ground,
-      toWorld: new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse).invert(),
-      finer: along,
-      samples,
-      ...themeOf(this.box),
-    };
+    const radius = this.rig.scale * this.radius * this.place(0).height;
+    const frame = { seen: this.seen.texture, finer: along, samples, outline: 2 * along * ratio, radius, ...this.theme };
+    if (!isKept) fill(this.renderer, this.theme.background);
+    const [left, bottom, right, top] = isKept ? this.rig.extent : [0, 0, 1, 1];
     for (const [i, paint] of this.paints.entries()) {
       const pane = this.place(i);
       const [x, y, w, h] = [pane.x / ratio, pane.y / ratio, pane.width / ratio, pane.height / ratio];
+      const from = Math.max(pane.cut / ratio, left * w);
       this.renderer.setViewport(x, y, w, h);
-      this.renderer.setScissor(x + pane.cut / ratio, y, w - pane.cut / ratio, h);
+      this.renderer.setScissor(x + from, y + bottom * h, Math.max(0, right * w - from), (top - bottom) * h);
       paint.draw(this.renderer, frame, pane.x, pane.y, along * pane.width, along * pane.height);
     }
     if (isTimed) pace.time(this.renderer.getContext(), began);
@@ -241,8 +238,9 @@ export class View {
     const drawn = isCoarse ? (this.coarse?.length ?? 0) : this.items;
     const settled = pace.isResting || this.rig.isTurning;
     Object.assign(this.canvas.dataset, { frames: this.frames, drawn, settled });
-    if (pace.isResting) this.onSettled?.(this.canvas);
-    if (pace.isResting) this.onSettled = null;
+    if (!pace.isResting) return;
+    this.onSettled?.(this.canvas);
+    this.onSettled = null;
   }
 
   /** Draws after a move of the camera, and again when it rests. */
@@ -278,9 +276,11 @@ export class View {
     const [width, height] = [this.box.clientWidth, this.box.clientHeight];
     if (width === 0 || height === 0) return;
     this.renderer.setSize(width, height);
-    this.isAbove = getComputedStyle(this.box).getPropertyValue("--above") === "1";
-    const pane = this.place(0);
-    this.rig.setAspect(pane.width / pane.height);
+    const style = getComputedStyle(this.box);
+    this.isAbove = style.getPropertyValue("--above") === "1";
+    const [top = 0, bottom = 0] = style.getPropertyValue("--covered").split(" ").map(Number);
+    const pane = this.place(0, 1);
+    this.rig.setSize(pane.width, pane.height, { top, bottom });
     this.finer = 0;
     this.draw();
   }

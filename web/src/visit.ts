@@ -1,8 +1,11 @@
-// The first visit: a knot that turns, and the slider under it. The service clusters it at the first request for it
-// (src/service/http/page/knot.rs); cuts are made here.
+// The page without a job: the chosen file, or a knot that turns and a slider. The service clusters the knot at the
+// first request (src/service/http/page/knot.rs); the page cuts its hierarchy.
 
+import * as address from "./address";
+import { Before } from "./before";
 import { Hierarchy } from "./hierarchy";
 import { count, make } from "./dom";
+import { isImage } from "./kinds";
 import { Level } from "./level";
 import { scene } from "./load";
 import { Coloured } from "./shown";
@@ -11,8 +14,15 @@ import type { View } from "./view";
 /** Clusters that are shown at first, and the most. */
 const [FIRST, MOST] = [240, 5000];
 
+/** Time without a move of the slider after which the address has the number, in milliseconds. */
+const REST = 80;
+
 export class Visit {
   private view: View | null = null;
+  private before: Before | null = null;
+  private resting = 0;
+  /** The frame in which the next cut is shown; 0 for none. */
+  private pending = 0;
   private readonly abort = new AbortController();
 
   constructor(private readonly box: HTMLElement) {}
@@ -25,7 +35,7 @@ export class Visit {
       "header",
       { class: "head" },
       make("h2", {}, "Any surface, in any number of patches"),
-      make("p", {}, "Drop a mesh or an image, or take a sample. Nothing leaves this service."),
+      make("p", {}, "Nothing leaves this service."),
       told,
     );
     const dock = make("div", { id: "dock" });
@@ -39,6 +49,7 @@ export class Visit {
     if (!glb || !tsr || signal.aborted) return;
     const mesh = await drawing.triangles(glb);
     const hierarchy = await Hierarchy.read({ bytes: (length) => Promise.resolve(tsr.slice(0, length)) });
+    if (signal.aborted) return;
     const coloured = new Coloured();
     coloured.setMesh(mesh);
     const view = new drawing.View(figure, mesh);
@@ -48,26 +59,48 @@ export class Visit {
     view.setUp(view.guessedUp);
     view.canvas.setAttribute("role", "img");
     view.canvas.setAttribute("aria-label", "A knot in clusters. Arrow keys turn it.");
-    let [wanted, pending] = [FIRST, 0];
+    const most = Math.min(MOST, hierarchy.faces);
+    const least = Math.max(1, hierarchy.least);
+    let wanted = Math.min(Math.max(address.read().clusters ?? FIRST, least), most);
     const show = (): void => {
-      pending = 0;
+      this.pending = 0;
       coloured.set(hierarchy.cut(wanted).numbers);
       view.show(coloured.shown(null));
       figure.dataset["clusters"] = String(wanted);
       told.textContent = `${wanted === 1 ? "1 cluster" : `${count(wanted)} clusters`} of ${count(hierarchy.faces)} faces`;
     };
-    const level = new Level(Math.max(1, hierarchy.least), Math.min(MOST, hierarchy.faces), (clusters) => {
+    const level = new Level(least, most, (clusters) => {
       wanted = clusters;
-      pending ||= requestAnimationFrame(show);
+      clearTimeout(this.resting);
+      this.resting = window.setTimeout(() => address.amend({ clusters }), REST);
+      // a turn takes a software renderer longer than a cut
+      view.rig.isTurning = false;
+      this.pending ||= requestAnimationFrame(show);
     });
-    level.set(FIRST);
+    level.set(wanted);
     dock.replaceChildren(level.element);
     show();
     if (!matchMedia("(prefers-reduced-motion: reduce)").matches) view.turn();
   }
 
+  /** Shows what was chosen, in grey. */
+  async preview(files: File[]): Promise<void> {
+    const [file] = files;
+    const stage = make("div", { id: "chosen" });
+    const words = [make("h2", {}, file?.name ?? ""), make("p", {}, "Not clustered yet")];
+    const head = make("header", { class: "head" }, ...words);
+    this.box.replaceChildren(stage, head);
+    const drawing = await scene();
+    if (this.abort.signal.aborted) return;
+    this.before = new Before(stage, drawing, isImage(file?.name ?? "") ? "image" : "mesh");
+    await this.before.show(Promise.resolve(files));
+  }
+
   close(): void {
+    clearTimeout(this.resting);
+    cancelAnimationFrame(this.pending);
     this.abort.abort();
+    this.before?.close();
     this.view?.dispose();
     this.box.replaceChildren();
   }

@@ -2,19 +2,29 @@
 
 import { explain } from "./again";
 import { type Job, isHierarchical } from "./api";
-import { count, digits, duration } from "./dom";
+import { count, duration } from "./dom";
 import { WORDS, kindOf } from "./kinds";
+
+/** What phases do; any other one moves or replaces whole clusters. */
+const PHASES: Record<string, string> = {
+  boundary: "settling borders",
+  refine: "refining borders",
+  repair: "joining pieces",
+  regrow: "growing anew",
+};
+
+export const wordOf = (phase: string): string => PHASES[phase] ?? "moving whole clusters";
 
 /** What a job does or did, in a line. */
 export function describe(job: Job): string {
-  const { iterations, phase, clusters_left: left, energy } = job.progress;
+  const { phase, clusters_left: left } = job.progress;
   switch (job.state) {
     case "queued":
       return job.queue_position === null ? "Waiting" : `Waiting, number ${job.queue_position} in the queue`;
     case "running": {
-      if (energy === null) return "Running";
-      const step = left !== null ? `${count(left)} clusters left` : `iteration ${iterations}, ${phase ?? ""}`;
-      return `Running: ${step}, energy ${digits(energy)}`;
+      const step = left !== null ? `${count(left)} clusters left` : phase !== null ? wordOf(phase) : null;
+      const since = job.started_at ? Math.floor((Date.now() - Date.parse(job.started_at)) / 1000) : 0;
+      return `Running${step === null ? "" : `: ${step}`}${since > 0 ? ` · ${since} s` : ""}`;
     }
     case "succeeded":
       return brief(job);
@@ -41,7 +51,7 @@ export function brief(job: Job, clusters: number | null = null): string {
 /** Algorithms to compare with. */
 const METHODS = ["ml", "hr", "acvd", "vc"];
 
-const ENERGIES: Record<string, string> = { l21: "flat", planes: "planes", shapes: "planes, spheres, cylinders" };
+const ENERGIES: Record<string, string> = { l21: "flat", planes: "planes", shapes: "simple shapes" };
 
 /** What clusters are close to, where that is not their middle. */
 export const energyOf = (job: Job): string | undefined => ENERGIES[String(job.parameters["energy"])];
@@ -59,4 +69,14 @@ export function manner(
   if (quality && quality !== "default") parts.push(quality);
   if (typeof compactness === "number") parts.push(`compactness ${compactness}`);
   return parts.join(" · ");
+}
+
+/** Warnings that begin with what is counted. */
+const COUNTED = /^((?:(?:degenerate )?faces|rows|bytes|lines|solids|point and line elements)\b.*): ((?!1$)\d+)$/;
+
+/** A warning of a report as a sentence: "12 degenerate faces." in place of "degenerate faces: 12". */
+export function warned(text: string): string {
+  const [, what, many] = COUNTED.exec(text) ?? [];
+  const words = what && many ? `${count(Number(many))} ${what}` : text;
+  return `${words.charAt(0).toUpperCase()}${words.slice(1)}.`;
 }

@@ -3,7 +3,7 @@
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
-import { until } from "./service.mjs";
+import { until, within } from "./service.mjs";
 
 const FLAGS = [
   "--no-sandbox",
@@ -16,6 +16,9 @@ const FLAGS = [
   "--enable-unsafe-swiftshader",
 ];
 
+/** Most time of a call of Playwright, and until the browser has closed. */
+const [CALL_MS, CLOSE_MS] = [180_000, 60_000];
+
 const FILES = ["page.js", "scene.js", "page.css", "mark.svg", "licences.txt"];
 
 export class Browser {
@@ -27,20 +30,26 @@ export class Browser {
 
   async launch() {
     this.chromium = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: FLAGS });
+    this.system = await this.chromium.newBrowserCDPSession();
+    this.pid = (await this.processes()).find(({ type }) => type === "browser").id;
     return this;
   }
 
   /** A new session: an own store of tokens, an own size. `prepare` gets the page before it is loaded. */
   async open(origin, options = {}, prepare = async () => {}, path = "/") {
     const context = await this.chromium.newContext({ viewport: { width: 1000, height: 720 }, ...options });
-    context.setDefaultTimeout(180_000);
+    context.setDefaultTimeout(CALL_MS);
     const page = await context.newPage();
+    const evaluate = page.evaluate.bind(page);
+    // the only call that has no limit, as of a frame that never comes
+    page.evaluate = async (...call) => await within("the page answers a function", CALL_MS, evaluate(...call));
     const complain = (text) => this.complaints.push(text);
     page.on("request", (request) => {
       const url = new URL(request.url());
       if (!["blob:", "data:"].includes(url.protocol) && url.origin !== origin) complain(`foreign request: ${url}`);
       if (url.search.includes("tess_")) complain(`a token in an address: ${url}`);
     });
+    page.on("crash", () => complain("a page crashed"));
     page.on("pageerror", (error) => complain(`error: ${error.message}`));
     page.on("dialog", (dialog) => complain(`dialog: ${dialog.message()}`));
     page.on("console", (message) => {
@@ -52,11 +61,14 @@ export class Browser {
     return page;
   }
 
-  /** Milliseconds of processors that all processes of the browser took: unlike time, not those of other programs. */
-  async spent() {
-    this.system ??= await this.chromium.newBrowserCDPSession();
-    const { processInfo } = await this.system.send("SystemInfo.getProcessInfo");
-    return 1000 * processInfo.reduce((sum, { cpuTime }) => sum + cpuTime, 0);
+  /** Milliseconds of processors that processes of the browser took, of all types or some: not those of other programs. */
+  async spent(types = null) {
+    const some = (await this.processes()).filter(({ type }) => types?.includes(type) ?? true);
+    return 1000 * some.reduce((sum, { cpuTime }) => sum + cpuTime, 0);
+  }
+
+  async processes() {
+    return (await this.system.send("SystemInfo.getProcessInfo")).processInfo;
   }
 
   /** Answers with the file of the folder and the headers of the service. */
@@ -69,7 +81,12 @@ export class Browser {
   }
 
   async close() {
-    await this.chromium.close();
+    try {
+      await within("the browser closes", CLOSE_MS, this.chromium.close());
+    } catch (error) {
+      console.error(`${error.message}; it is killed`);
+      process.kill(this.pid, "SIGKILL");
+    }
   }
 }
 
@@ -87,7 +104,8 @@ export function noteFirstFrame(view) {
 
 /**
  * What an element, or the part of its width between `from` and `to`, looks like: `hues`, the number of 36 parts of the
- * circle of hues that at least a thousandth of its pixels have; `centre`, the colour of its middle; `digest`, which
+ * circle of hues that at least a thousandth of its pixels have; `centre`, the colour of its middle; `light`, the mean of
+ * the largest channels of the 40 × 40 pixels there; `ink`, the number of pixels as dark as outlines; `digest`, which
  * differs with any pixel. A picture that gets finer is waited for.
  */
 export async function look(page, selector, from = 0, to = 1) {
@@ -101,18 +119,24 @@ export async function look(page, selector, from = 0, to = 1) {
     context.drawImage(image, -Math.floor(from * image.width), 0);
     const { data } = context.getImageData(0, 0, width, height);
     const counts = new Array(36).fill(0);
-    let digest = 0;
+    let [digest, ink] = [0, 0];
     for (let i = 0; i < data.length; i += 4) {
       const [r, g, b] = data.subarray(i, i + 3);
       digest = (Math.imul(digest, 31) + (r << 16) + (g << 8) + b) | 0;
       const [high, low] = [Math.max(r, g, b), Math.min(r, g, b)];
+      if (high < 32) ink += 1;
       if (high - low < 40) continue;
       const of = (shift, one, other) => shift + (one - other) / (high - low);
       const sector = high === r ? of(6, g, b) : high === g ? of(2, b, r) : of(4, r, g);
       counts[Math.floor(6 * sector) % 36] += 1;
     }
     const middle = 4 * (Math.floor(height / 2) * width + Math.floor(width / 2));
+    const square = context.getImageData((width >> 1) - 20, (height >> 1) - 20, 40, 40).data;
+    let light = 0;
+    for (let i = 0; i < square.length; i += 4) light += Math.max(...square.subarray(i, i + 3)) / 1600;
     return {
+      light,
+      ink,
       hues: counts.filter((n) => 1000 * n > width * height).length,
       centre: [...data.subarray(middle, middle + 3)],
       digest,

@@ -8,9 +8,11 @@ import {
   accessible,
   drawn,
   fact,
+  hold,
   idOf,
   labels,
   meshes,
+  pass,
   picture,
   remove,
   sample,
@@ -25,13 +27,8 @@ const middle = async (page, selector) => {
   return { x: width / 2, y: height / 2 };
 };
 
-/** Most time of processors that a frame of a moving slider takes: 60 where two of them give 30 frames a second. */
-const SLIDER_MS = 100;
-
 /** Most time from the first byte until clusters are seen, and of processors until then; of three visits the best. */
 const FIRST_PICTURE_MS = 1500;
-
-const canvasWidth = () => document.querySelector("#view canvas").width;
 
 export const design = {
   async "the first visit shows a knot in clusters that turns, and the slider cuts it"({ service, browser }) {
@@ -117,14 +114,17 @@ export const design = {
           return seen.get(label);
         });
       };
+      /** Edges between clusters of one hue. */
       const alike = (labels, hues) => {
         let count = 0;
-        for (let i = 0; i < corners.length; i++)
-          for (const other of [i - 6, i - 6 * side].filter((j) => j >= 0 && corners[j] !== undefined)) {
-            const [a, b] = [labels[Math.floor(i / 3)], labels[Math.floor(other / 3)]];
-            const touch = i % (6 * side) >= 6 || other === i - 6 * side;
-            if (touch && a !== b && hues[a] === hues[b]) count++;
-          }
+        const clusters = new Map();
+        for (let i = 0; i < corners.length; i++) {
+          const to = i % 3 === 2 ? i - 2 : i + 1;
+          const edge = [corners[i], corners[to]].sort((a, b) => a - b).join();
+          const [one, other] = [labels[Math.floor(i / 3)], clusters.get(edge)];
+          clusters.set(edge, one);
+          if (other !== undefined && one !== other && hues[one] === hues[other]) count++;
+        }
         return count;
       };
       const colouring = new Colouring(Uint32Array.from(corners));
@@ -134,10 +134,28 @@ export const design = {
       // the quarter that has the first face of a block
       const keeps = before.filter((hue, block) => after[second[first.indexOf(block)]] === hue).length;
       const plain = Uint8Array.from(after, (_, cluster) => cluster % 2);
-      return { alike: alike(first, before) + alike(second, after), keeps, control: alike(second, plain) };
+      // each triangle is a cluster, and six meet at a vertex
+      const third = Uint32Array.from(fine, (_, triangle) => triangle);
+      const single = colouring.hues(third, third.length);
+      // another job with the same clusters, in another order
+      const other = second.map((label) => 143 - label);
+      const beside = new Colouring(Uint32Array.from(corners)).hues(other, 144, { labels: second, hues: after });
+      // a cone of which each triangle is a cluster: if each met all at its tip, these were a thousand million pairs
+      const tips = Uint32Array.from({ length: 50_000 }, (_, at) => at);
+      const around = Uint32Array.from({ length: 150_000 }, (_, at) =>
+        at % 3 === 0 ? 0 : 1 + ((Math.floor(at / 3) + (at % 3) - 1) % 50_000),
+      );
+      const fan = new Colouring(around).hues(tips, 50_000);
+      return {
+        fan: fan.filter((hue, at) => hue === fan[(at + 1) % 50_000]).length,
+        alike: alike(first, before) + alike(second, after) + alike(third, single),
+        keeps,
+        control: alike(second, plain),
+        beside: second.filter((label, face) => after[label] !== beside[other[face]]).length,
+      };
     });
     assert.ok(found.control > 0, "neighbours of one hue are noticed");
-    assert.deepEqual([found.alike, found.keeps], [0, 36]);
+    assert.deepEqual([found.alike, found.keeps, found.beside, found.fan], [0, 36, 0, 0]);
     await page.close();
   },
 
@@ -165,13 +183,17 @@ export const design = {
     await submit(page, sample(service, "terrain", 6000), { name: "hills.obj", clusters: 60 });
     await succeeded(page);
     await drawn(page, 60);
+    const { clusters: rows } = await (await fetch(`${service.url}/v1/jobs/${idOf(page)}/clusters?format=json`)).json();
     const seen = [(await look(page, "#view")).digest];
     for (const name of ["area", "roundness", "energy"]) {
       await page.selectOption("#colours", name);
       await until(`colours are of ${name}`, async () => !seen.includes((await look(page, "#view")).digest));
       seen.push((await look(page, "#view")).digest);
       assert.equal(address(page).get("colours"), name);
-      assert.ok(await page.isVisible("#legend"));
+      const numbers = rows.map((row) => row[name]).sort((a, b) => a - b);
+      const told = (await page.locator(".ranks > :not(.scale)").allTextContents()).map((end) => /[\d.].*/.exec(end)[0]);
+      for (const [i, rank] of [0, 30, 59].entries())
+        assert.ok(Math.abs(Number(told[i]) / numbers[rank] - 1) < 0.01, `the legend of ${name} says ${told}`);
     }
     await accessible(page, "a scale");
     await page.selectOption("#colours", "");
@@ -215,9 +237,8 @@ export const design = {
     await page.hover("#view canvas", { position });
     await until("a card is at the pointer", () => page.isVisible("#card"));
     const named = await text(page, "#card strong");
+    // the pointer rests
     await until("it says what the cluster has", async () => {
-      await page.mouse.move(0, 0);
-      await page.hover("#view canvas", { position });
       return /^\d+ faces · area [\d.]+ · \d neighbours$/.test(await text(page, "#card > span"));
     });
     await page.mouse.move(0, 0);
@@ -226,11 +247,15 @@ export const design = {
     await until("it is selected", async () => (await page.getAttribute("#picked", "data-cluster")) !== "");
     const selected = Number(await page.getAttribute("#picked", "data-cluster"));
     assert.equal(named, `Cluster ${selected}`);
-    const [download] = await Promise.all([page.waitForEvent("download"), page.click("#only")]);
-    assert.equal(download.suggestedFilename(), `hills-cluster-${selected}.obj`);
-    const obj = readFileSync(await download.path(), "utf8");
+    const { ink } = await look(page, "#view");
+    assert.ok(ink > 25, `the outline is 2 pixels wide: ${ink} pixels`);
     const count = shown.filter((label) => label === selected).length;
-    assert.equal(obj.match(/^f /gm).length, count);
+    for (const button of ["#card button", "#only"]) {
+      const [download] = await Promise.all([page.waitForEvent("download"), page.click(button)]);
+      assert.equal(download.suggestedFilename(), `hills-cluster-${selected}.obj`);
+      assert.equal(readFileSync(await download.path(), "utf8").match(/^f /gm).length, count);
+    }
+    await accessible(page, "a card that stays");
     assert.equal(await fact(page, "faces"), String(count));
     await page.keyboard.press("Escape");
     await until("it is let go", async () => (await page.getAttribute("#picked", "data-cluster")) === "");
@@ -273,7 +298,7 @@ export const design = {
   },
 
   async "a deletion can be undone for ten seconds"({ service, browser }) {
-    const page = await browser.open(service.url);
+    const page = await browser.open(service.url, {}, hold);
     await submit(page, sample(service, "sphere", 500), { name: "regret.obj", clusters: 5 });
     await succeeded(page);
     const id = idOf(page);
@@ -282,10 +307,11 @@ export const design = {
     await until("it is not in the list", async () => !(await text(page, "#jobs")).includes("regret"));
     assert.ok(await isThere());
     await accessible(page, "a deletion");
-    await page.click("#undo");
+    await page.click(".undo");
     await drawn(page, 5);
     await until("it is in the list", async () => (await text(page, "#jobs")).includes("regret"));
     await remove(page);
+    await pass(page);
     await until("it is deleted", async () => !(await isThere()));
     await page.close();
   },
@@ -337,64 +363,31 @@ export const design = {
     await page.close();
   },
 
-  async "a job can be taken along as link, curl, command and Python"({ service, browser }) {
-    const page = await browser.open(service.url, { permissions: ["clipboard-read", "clipboard-write"] });
-    await page.click("#jobs a:has-text('hills')");
-    await drawn(page, 25);
-    const begins = { link: service.url, curl: "curl ", command: "tesserae ", python: "import " };
-    const copied = async (name) => {
-      await page.click(`#copy-${name}`);
-      return await until(`${name} is copied`, async () => {
-        const text = await page.evaluate(() => navigator.clipboard.readText());
-        return text.startsWith(begins[name]) && text;
-      });
-    };
-    assert.equal(await copied("link"), page.url());
-    assert.match(await copied("curl"), /^curl .*@hills\.obj 'http.*\/v1\/jobs\?algorithm=bb&.*clusters=25/);
-    assert.match(await copied("command"), /^tesserae cluster hills\.obj --algorithm bb --clusters 25/);
-    assert.match(await copied("python"), /tesserae_mesh\.cluster\("hills\.obj", algorithm="bb", clusters=25/);
-    await page.close();
-  },
-
-  async "every frame of a moving slider has another cut, of 200,000 faces at 30 frames a second"({ service, browser }) {
-    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } });
-    await submit(page, sample(service, "knot", 200_000, "glb"), { name: "fast.glb", algorithm: "pml" });
-    await succeeded(page);
-    await drawn(page, 100);
-    await page.waitForTimeout(1500);
-    const drag = (from, to) =>
-      page.evaluate(
-        async ([from, to]) => {
-          const [range, view] = [document.querySelector("#level"), document.querySelector("#view")];
-          const canvas = view.querySelector("canvas");
-          const first = Number(canvas.dataset.frames);
-          const cuts = new Set();
-          for (let place = from; place !== to; place += Math.sign(to - from) * 5) {
-            range.value = String(place);
-            range.dispatchEvent(new Event("input"));
-            await new Promise(requestAnimationFrame);
-            cuts.add(view.dataset.clusters);
-          }
-          // until what was drawn is there
-          canvas.getContext("webgl2").readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4));
-          return { frames: Number(canvas.dataset.frames) - first, cuts: cuts.size, width: canvas.width };
-        },
-        [from, to],
-      );
-    // the first one finds out what a frame takes
-    await drag(800, 200);
-    const times = [];
-    let width = 0;
-    for (let turn = 0; turn < 3; turn++) {
-      const before = await browser.spent();
-      const dragged = await drag(...(turn % 2 === 0 ? [200, 800] : [800, 200]));
-      times.push(Math.round(((await browser.spent()) - before) / dragged.frames));
-      assert.ok(dragged.cuts > 50 && dragged.frames > 50, "every frame has another cut");
-      width = dragged.width;
+  async "every mesh that was clustered has a picture in the list, also those that were not opened"({
+    service,
+    browser,
+  }) {
+    const made = ["clusters=40", "algorithm=pml"].map(async (query) => {
+      const body = readFileSync(sample(service, "terrain", 6000));
+      const headers = { prefer: "wait=60" };
+      const path = `/v1/jobs?format=obj&keep_mesh=true&${query}`;
+      return (await (await fetch(service.url + path, { method: "POST", headers, body })).json()).id;
+    });
+    const ids = await Promise.all(made);
+    const page = await browser.open(service.url);
+    for (const id of ids) {
+      const shown = `#jobs a[href="#/jobs/${id}"] img`;
+      await until("it has a picture", async () => (await page.locator(shown).count()) > 0);
+      // the list may be written anew meanwhile
+      const hues = () =>
+        look(page, shown).then(
+          (seen) => seen.hues,
+          () => 0,
+        );
+      await until("it has the hues of clusters", async () => (await hues()) > 4);
     }
-    console.log(`  ${times.join(", ")} ms of processors a frame`);
-    assert.ok(Math.min(...times) < SLIDER_MS, `${times} ms of processors a frame`);
-    await until("at rest the picture is sharp", async () => (await page.evaluate(canvasWidth)) > width);
+    // pictures of other jobs may follow
+    await until("nothing of them is left", async () => (await page.locator(".unseen").count()) === 0);
     await page.close();
   },
 };

@@ -2,7 +2,7 @@
 //   node web/tests/gallery.mjs BINARY FOLDER [--files FOLDER] [--only REGEXP]
 import { execFileSync } from "node:child_process";
 import { mkdirSync, readFileSync } from "node:fs";
-import { join } from "node:path";
+import { basename, join } from "node:path";
 import { parseArgs } from "node:util";
 import { Browser } from "./browser.mjs";
 import { Service, until } from "./service.mjs";
@@ -22,8 +22,9 @@ mkdirSync(folder, { recursive: true });
 const service = await new Service(binary).start();
 const browser = await new Browser(values.files).launch();
 
+/** Hills as OBJ: GLB says that y is up. */
 function sample(name, faces) {
-  const path = join(service.folder, `${name}.glb`);
+  const path = join(service.folder, `${name}.${name === "terrain" ? "obj" : "glb"}`);
   execFileSync(binary, ["sample", name, "--faces", String(faces), path]);
   return path;
 }
@@ -31,7 +32,8 @@ function sample(name, faces) {
 /** Makes a job of a sample; its number. */
 async function job(name, faces, query) {
   const form = new FormData();
-  form.append("mesh", new Blob([readFileSync(sample(name, faces))]), `${name}.glb`);
+  const path = sample(name, faces);
+  form.append("mesh", new Blob([readFileSync(path)]), basename(path));
   const url = `${service.url}/v1/jobs?keep_mesh=true&${query}`;
   const made = await (await fetch(url, { method: "POST", body: form })).json();
   if (!made.id) throw new Error(JSON.stringify(made));
@@ -82,13 +84,17 @@ await take("first-visit", "/", drawn("#knot"));
 await take("result", `/jobs/${flat}`, frames);
 await take("picked", `/jobs/${flat}?cluster=120`, frames);
 await take("hierarchy", `/jobs/${tree}?clusters=160`, frames);
+await take("card", `/jobs/${tree}?clusters=160&colours=area`, async (page) => {
+  await page.waitForSelector("#view canvas[data-settled=true]");
+  await page.click("#view canvas");
+});
 await take("compare", `/jobs/${flat}?with=${other}`, frames);
 await take("wipe", `/jobs/${flat}?with=${other}&parting=wipe`, frames);
 await take("shapes", `/jobs/${shapes}?colours=shape&cluster=2`, frames);
 await take("image", `/jobs/${image}`, (page) => page.waitForSelector("#view canvas"));
 await take("error", `/jobs/${failed}`, (page) => page.waitForSelector("#state[data-state=failed]"));
 await take("running", "/", async (page) => {
-  await page.setInputFiles("#file", sample("knot", 200_000));
+  await page.setInputFiles("#file", sample("knot", 290_000));
   await page.selectOption("#algorithm", "bb");
   await page.selectOption("#quality", "best");
   await page.fill("#clusters", "2000");

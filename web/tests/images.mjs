@@ -193,7 +193,7 @@ export const images = {
     }
     assert.equal(await page.locator("[aria-label='Download clusters as json']").count(), 0, "it was not asked for");
     for (const [button, words] of [
-      ["curl", /outputs=means%2Cclusters\.csv&format=png&clusters=12.*compactness=30/],
+      ["curl", /outputs=means%2Cclusters\.csv&clusters=12.*compactness=30/],
       ["command", /^tesserae cluster squares\.png .*--clusters 12 .*--compactness 30 .*--means means\.png/],
       ["python", /tesserae_mesh\.superpixels\(image, n=12, .*compactness=30\)/],
     ]) {

@@ -5,39 +5,72 @@ import { Browser } from "./browser.mjs";
 import { images } from "./images.mjs";
 import { reach } from "./reach.mjs";
 import { results } from "./results.mjs";
+import { deletions } from "./deletions.mjs";
 import { design } from "./design.mjs";
+import { ends } from "./ends.mjs";
 import { sending } from "./sending.mjs";
-import { Service, until } from "./service.mjs";
+import { Service, awaited, until, within } from "./service.mjs";
+import { slider } from "./slider.mjs";
 import { states } from "./states.mjs";
 import { binary, values } from "./steps.mjs";
 import { words } from "./words.mjs";
 
-const tests = { ...results, ...images, ...design, ...reach, ...sending, ...states, ...words };
+/** Most time of a test, which is longer than that of every wait in it. */
+const DEADLINE_MS = 6 * 60_000;
+
+const tests = {
+  ...results,
+  ...images,
+  ...design,
+  ...reach,
+  ...sending,
+  ...states,
+  ...ends,
+  ...deletions,
+  ...words,
+  ...slider,
+
+  async "what a page must not do is noticed"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await page.evaluate(() => {
+      document.body.append(Object.assign(document.createElement("script"), { textContent: "window.hit = 1" }));
+      void fetch("http://127.0.0.2:9/").catch(() => {});
+    });
+    await until("it is noticed", () => browser.complaints.some((text) => text.startsWith("violation")));
+    assert.equal(await page.evaluate(() => window.hit), undefined, "the policy does not stop inline scripts");
+    await page.close();
+    browser.complaints.length = 0;
+  },
+};
 
 const browser = await new Browser(values.files).launch();
 const service = await new Service(binary).start();
 let failures = 0;
+process.on("unhandledRejection", (error) => {
+  failures += 1;
+  console.error(`FAILED beside a test\n${error.stack}`);
+});
 for (const [name, test] of Object.entries(tests)) {
   if (values.only && !new RegExp(values.only).test(name)) continue;
   const started = Date.now();
   try {
-    await test({ service, browser });
+    await within("the test ends", DEADLINE_MS, test({ service, browser }));
     assert.deepEqual(browser.complaints.splice(0), []);
     console.log(`ok, ${((Date.now() - started) / 1000).toFixed(1)} s: ${name}`);
   } catch (error) {
     failures += 1;
     console.error(`FAILED: ${name}\n${error.stack}`);
-    if (browser.complaints.length > 0) console.error(browser.complaints.splice(0).join("\n"));
+    for (const what of awaited) console.error(`still awaited: ${what}`);
+    for (const complaint of browser.complaints) console.error(complaint);
+    // either may hang, and the next test needs both; what is still awaited ends with them
+    await browser.close();
+    await service.kill();
+    await browser.launch();
+    await service.again();
+    awaited.clear();
+    browser.complaints.length = 0;
   }
 }
-// what the tests above look for is found where it is
-const page = await browser.open(service.url);
-await page.evaluate(() => {
-  document.body.append(Object.assign(document.createElement("script"), { textContent: "window.hit = 1" }));
-  void fetch("http://127.0.0.2:9/").catch(() => {});
-});
-await until("violations are noticed", () => browser.complaints.some((text) => text.startsWith("violation")));
-assert.equal(await page.evaluate(() => window.hit), undefined, "the policy does not stop inline scripts");
 await browser.close();
 await service.stop();
 if (failures > 0) console.error(service.log.slice(-3000));

@@ -50,7 +50,7 @@ export const results = {
     for (const name of ["page.js", "page.css"])
       assert.ok(drawing >= (await loaded(name)).responseEnd, `what draws does not delay ${name}`);
     assert.ok(await page.locator("#drop").isVisible());
-    assert.equal(await text(page, "#jobs"), "none yet");
+    assert.equal(await text(page, "#jobs"), "Your jobs appear here.");
     await accessible(page, "first visit");
     await page.selectOption("#algorithm", "bb");
     await page.locator("[data-sample=knot]").focus();
@@ -131,7 +131,7 @@ export const results = {
     await recordStates(page);
     await submit(page, sample(service, "terrain", 150_000), { name: "terrain.obj", algorithm: "pml" });
     await succeeded(page);
-    const live = (await statesOf(page)).filter((told) => /^Running: [\d,]+ clusters left, energy \d/.test(told));
+    const live = (await statesOf(page)).filter((told) => /^Running: [\d,]+ clusters left/.test(told));
     const left = live.map((told) => Number(/([\d,]+) clusters/.exec(told)[1].replaceAll(",", "")));
     assert.ok(left.length > 1 && left.at(-1) < left[0], `the clusters fall while it runs: ${left}`);
     const { levels } = await (await fetch(`${service.url}/v1/jobs/${idOf(page)}/report`)).json();
@@ -151,9 +151,12 @@ export const results = {
         assert.equal(Number(faces.replace(",", "")), counts.get(Number(name.split(" ")[1])), `${name} of ${clusters}`);
       }
     }
+    const { light } = await look(page, "#view");
     await page.locator("#level").focus();
     await page.keyboard.press("End");
     await drawn(page, (await labels(service, idOf(page), 12)).length);
+    const least = 0.75 * light;
+    assert.ok((await look(page, "#view")).light > least, "lines do not cover clusters of a pixel");
     await page.fill("#level-number", "60");
     await page.locator("#level-number").blur();
     await drawn(page, 60);
@@ -209,6 +212,8 @@ export const results = {
     const page = await browser.open(service.url);
     await page.click("#jobs a:has-text('terrain')");
     await drawn(page, 100);
+    // before, a place between two clusters may show the one or the other
+    await page.waitForSelector("#view canvas[data-settled=true]");
     const canvas = page.locator("#view canvas");
     const { width, height } = await canvas.boundingBox();
     const middle = { position: { x: width / 2, y: height / 2 } };
@@ -321,6 +326,7 @@ export const results = {
     await until("both are turned", async () => (await halves()).every(({ digest }, i) => digest !== before[i].digest));
     const { width, height } = await page.locator("#view canvas").boundingBox();
     const [mine, theirs] = [await labels(service, idOf(page)), await labels(service, other)];
+    const [, right] = await halves();
     for (const place of [0.25, 0.75]) {
       await page.locator("#view canvas").click({ position: { x: place * width, y: height / 2 } });
       const told = /^cluster (\d+): ([\d,]+) faces, ([\d,]+) in common$/;
@@ -332,6 +338,11 @@ export const results = {
       assert.deepEqual([inA, inB], [mine.filter((label) => label === a).length, faces.length]);
       assert.equal(common, faces.filter(isMine).length);
       assert.ok(common > 0);
+      if (place < 0.5) continue;
+      const swatch = await page.locator("#picked .swatch").evaluate((span) => getComputedStyle(span).backgroundColor);
+      const hue = swatch.match(/\d+/g).map(Number);
+      const apart = hue.map((channel, i) => channel / Math.max(...hue) - right.centre[i] / Math.max(...right.centre));
+      assert.ok(Math.max(...apart.map(Math.abs)) < 0.06, `its counterpart has its hue: ${right.centre}, ${swatch}`);
     }
     await accessible(page, "a comparison");
     await picture(page, "page-compare.png");

@@ -5,7 +5,7 @@ import { basename, join } from "node:path";
 import { isDeepStrictEqual } from "node:util";
 import { look } from "./browser.mjs";
 import { Service, until } from "./service.mjs";
-import { binary, drawn, meshes, sample, succeeded, text } from "./steps.mjs";
+import { accessible, binary, drawn, labels, meshes, sample, succeeded, text } from "./steps.mjs";
 
 const jobs = async (service) => (await (await fetch(`${service.url}/v1/jobs`)).json()).jobs;
 
@@ -120,7 +120,7 @@ export const sending = {
         await page.setInputFiles("#file", compressed);
         await page.click("#submit");
         await until("the page says why there is no picture", async () =>
-          /when it is clustered, not before: it is compressed/.test(await text(page, "#job")),
+          /cannot draw this file by itself: it is compressed/.test(await text(page, "#job")),
         );
       }
       for (const { id } of before.reverse()) await fetch(`${service.url}/v1/jobs/${id}`, { method: "DELETE" });
@@ -160,6 +160,73 @@ export const sending = {
     } finally {
       await service.stop();
     }
+  },
+
+  async "clusters keep the hues of the run when it ends, and a phase has a word"({ service, browser }) {
+    const query = "format=glb&keep_mesh=true&algorithm=bb&clusters=60";
+    const body = readFileSync(sample(service, "knot", 3000, "glb"));
+    const sent = await fetch(`${service.url}/v1/jobs?${query}`, {
+      method: "POST",
+      body,
+      headers: { prefer: "wait=60" },
+    });
+    const { id } = await sent.json();
+    await until("it is made", async () => (await (await fetch(`${service.url}/v1/jobs/${id}`)).json()).result);
+    // the run shows the clusters of the result under other numbers, until it is to end
+    const numbers = await labels(service, id);
+    const changes = new Uint32Array(2 * numbers.length);
+    for (const [face, label] of numbers.entries()) changes.set([face, (37 * label + 11) % 60], 2 * face);
+    const data = { faces: numbers.length, changes: Buffer.from(changes.buffer).toString("base64") };
+    const event = (name, data) => `event: ${name}\ndata: ${JSON.stringify(data)}\n\n`;
+    const iteration = (number) => event("iteration", { iteration: number, phase: "boundary", energy: 9 - number });
+    const contentType = "text/event-stream";
+    let [isOver, streams, end] = [false, 0, null];
+    const ended = new Promise((resolve) => (end = resolve));
+    const page = await browser.open(
+      service.url,
+      {},
+      async (page) => {
+        await page.route(`${service.url}/v1/jobs/${id}`, async (route) => {
+          const response = await route.fetch();
+          const job = await response.json();
+          await route.fulfill({ response, json: isOver ? job : { ...job, state: "running", result: null } });
+        });
+        await page.route(`${service.url}/v1/jobs/${id}/upload**`, (route) => {
+          const part = /bytes=0-0/.test(route.request().headers().range ?? "");
+          const headers = { "content-range": `bytes 0-0/${body.length}` };
+          return route.fulfill(part ? { status: 206, headers, body: "g" } : { body });
+        });
+        await page.route(`${service.url}/v1/jobs/${id}/events**`, async (route) => {
+          const first = event("state", { state: "running" }) + iteration(0) + iteration(1) + event("labels", data);
+          if (streams++ === 0) return await route.fulfill({ contentType, body: first });
+          await ended;
+          await route
+            .fulfill({ contentType, body: event("end", { state: "succeeded", problem: null }) })
+            .catch(() => {});
+        });
+      },
+      `/#/jobs/${id}`,
+    );
+    await until("clusters are seen", async () => Number(await page.getAttribute("#preview", "data-shown")) > 0);
+    await until("the phase has a word", async () => /^Running: settling borders/.test(await text(page, "#state")));
+    await accessible(page, "a running job");
+    const places = async (view) => {
+      const seen = [];
+      for (let i = 2; i < 8; i++) seen.push((await look(page, view, i / 10, (i + 1) / 10)).centre);
+      return seen;
+    };
+    const before = await places("#preview");
+    const hued = before.filter((colour) => Math.max(...colour) - Math.min(...colour) > 40);
+    assert.ok(hued.length >= 3, "places show clusters");
+    isOver = true;
+    end();
+    await drawn(page, 60);
+    for (const [i, colour] of (await places("#view")).entries())
+      assert.ok(
+        Math.max(...colour.map((channel, c) => Math.abs(channel - before[i][c]))) < 12,
+        `${colour}, ${before[i]}`,
+      );
+    await page.close();
   },
 
   async "a mesh that another client sent is seen while its job waits and runs"({ browser }) {

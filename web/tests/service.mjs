@@ -8,15 +8,37 @@ import { setTimeout as pause } from "node:timers/promises";
 
 const PATIENCE_MS = 300_000;
 
+/** Most time until the service has stopped: running jobs get 10 seconds to finish. */
+const STOP_MS = 60_000;
+
+/** What is waited for at the moment. */
+export const awaited = new Set();
+
+/** What a promise gives, or an error when it takes longer. */
+export async function within(what, patience, promise) {
+  const timer = new AbortController();
+  awaited.add(what);
+  try {
+    const found = await Promise.race([promise, pause(patience, timer, { signal: timer.signal })]);
+    if (found === timer) throw new Error(`not within ${patience} ms: ${what}`);
+    return found;
+  } finally {
+    awaited.delete(what);
+    timer.abort();
+  }
+}
+
 /** Repeats a check until it gives something true; the page refuses the eval that Playwright's own waiting needs. */
 export async function until(what, check, patience = PATIENCE_MS) {
-  const end = Date.now() + patience;
-  for (;;) {
-    const found = await check();
-    if (found) return found;
-    if (Date.now() > end) throw new Error(`not within ${patience} ms: ${what}`);
-    await pause(50);
-  }
+  let isOver = false;
+  const repeat = async () => {
+    for (;;) {
+      const found = await check();
+      if (found || isOver) return found;
+      await pause(50);
+    }
+  };
+  return await within(what, patience, repeat()).finally(() => (isOver = true));
 }
 
 async function freePort() {
@@ -70,7 +92,11 @@ export class Service {
 
   async stop() {
     this.process.kill("SIGTERM");
-    await this.ended;
-    rmSync(this.folder, { recursive: true, force: true });
+    try {
+      await within("the service stops, which is killed now", STOP_MS, this.ended);
+    } finally {
+      await this.kill();
+      rmSync(this.folder, { recursive: true, force: true });
+    }
   }
 }

@@ -35,7 +35,7 @@ export async function picture(page, name) {
 
 export function sample(service, name, faces, extension = "obj") {
   const path = join(service.folder, `${name}.${extension}`);
-  execFileSync(binary, ["sample", name, "--faces", String(faces), path]);
+  execFileSync(binary, ["sample", name, "--faces", String(faces), path], { timeout: 60_000 });
   return path;
 }
 
@@ -70,6 +70,19 @@ export async function labels(service, id, clusters) {
   return new Uint32Array(await answer.arrayBuffer());
 }
 
+/** Runs what was copied, as curl, in the folder of the service; gives the job that it made, when that has ended. */
+export async function run(command, service, env = {}) {
+  const options = { cwd: service.folder, timeout: 60_000, env: { ...process.env, ...env } };
+  const told = execFileSync("sh", ["-c", command], options).toString();
+  const { id } = JSON.parse(told);
+  assert.ok(id, told);
+  const { TOKEN } = env;
+  const headers = TOKEN ? { authorization: `Bearer ${TOKEN}` } : {};
+  const job = `${service.url}/v1/jobs/${id}`;
+  await until("it is made", async () => (await (await fetch(job, { headers })).json()).state === "succeeded");
+  return id;
+}
+
 export async function accessible(page, where) {
   await page.evaluate(axe);
   for (const colorScheme of ["light", "dark"]) {
@@ -86,6 +99,18 @@ export async function remove(page) {
   await page.click(".menu summary");
   await page.click("#remove");
 }
+
+/** Stops the time of deletions, which is over at `pass(page)`. */
+export const hold = (page) =>
+  page.addInitScript((now) => {
+    const [set, clear, held] = [window.setTimeout, window.clearTimeout, []];
+    window.setTimeout = (work, ms, ...rest) => (ms === 10_000 ? -held.push(work) : set(work, ms, ...rest));
+    window.clearTimeout = (id) => (id < 0 ? delete held[-id - 1] : clear(id));
+    window.pass = () => held.splice(0).forEach((work) => work());
+    Date.now = () => now;
+  }, Date.now());
+
+export const pass = (page) => page.evaluate(() => window.pass());
 
 /** The numbers of the selected cluster: `fact(page, "faces")`. */
 export const fact = async (page, name) => await page.locator(`#picked [data-fact=${name}]`).textContent();
