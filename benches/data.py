@@ -146,6 +146,7 @@ def images(table):
 def voxels(table):
     import nibabel
     import nilearn
+    import tesserae_mesh
     from nilearn.regions import ReNA
     from scipy.ndimage import gaussian_filter, label
 
@@ -170,7 +171,8 @@ def voxels(table):
         np.savez(path, X=whole, mask=mask)
         points = points.astype(float)
         rena = lambda: ReNA(image, n_clusters=clusters, scaling=False).fit(points.T).labels_
-        peers = {"nilearn ReNA": rena}
+        call = lambda: tesserae_mesh.cluster_points(whole, clusters, graph="grid", mask=mask, quality="fast").labels[mask]
+        peers = {"nilearn ReNA": rena, "tesserae_mesh fast, the call alone": call}
         table.compare(name, points, graph, clusters, [path, "--graph", "grid"], peers, take=lambda labels: labels[mask])
 
 

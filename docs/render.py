@@ -3,7 +3,7 @@
 Neighbouring clusters have different hues, outlines are dark, and light comes from the upper left. A remesh is drawn to
 the right of the mesh, with the outlines of its triangles. With `apart=0.3` in place of a remesh, clusters move away from
 the middle of the mesh by that part of their distance to it. With `shapes=SHAPES.json`, what `--shapes-out` wrote, planes
-are blue, spheres orange and cylinders green. `tilt=` and `turn=` are angles in radians.
+are blue, spheres orange, cylinders green and cones purple. `tilt=` and `turn=` are angles in radians.
 """
 
 import json
