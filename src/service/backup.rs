@@ -2,8 +2,8 @@
 //!
 //! The store of jobs is copied by SQLite itself, as it is at one moment. Files of jobs never change once they are
 //! there, so those that the copy of the store needs are linked, or copied to another disk. A job may end meanwhile, and
-//! its upload go: the files are taken before and after the store, and the store once more when it then knows a job
-//! whose files are missed. Files that lie elsewhere (`--blobs`) stay there, and serve the copy too.
+//! its upload go: the files are taken before and after the store, and a job that began and ended in between is left
+//! out. Files that lie elsewhere (`--blobs`) stay there, and serve the copy too.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -23,9 +23,6 @@ use crate::store::{JobId, State};
 
 /// Name of the store of jobs.
 const STORE: &str = "jobs.sqlite3";
-
-/// Times that the store is copied before jobs whose files went meanwhile are left out.
-const ROUNDS: usize = 5;
 
 /// What a backup holds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -126,21 +123,16 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
             ),
         ));
     }
-    for round in 1..=ROUNDS {
-        copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
-        let wanted = match is_elsewhere {
-            true => Vec::new(),
-            false => wanted(&copy).map_err(|error| failed(&copy, &error))?,
-        };
-        take_files(from, to).map_err(cannot_write)?;
-        let lost: Vec<JobId> = wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job).collect();
-        if lost.is_empty() || round == ROUNDS {
-            leave_out(&copy, &lost).map_err(|error| failed(&copy, &error))?;
-            backup.left_out = lost.len() as u64;
-            remove_others(to, &wanted).map_err(cannot_write)?;
-            break;
-        }
-    }
+    copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
+    let wanted = match is_elsewhere {
+        true => Vec::new(),
+        false => wanted(&copy).map_err(|error| failed(&copy, &error))?,
+    };
+    take_files(from, to).map_err(cannot_write)?;
+    let lost: Vec<JobId> = wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job).collect();
+    leave_out(&copy, &lost).map_err(|error| failed(&copy, &error))?;
+    backup.left_out = lost.len() as u64;
+    remove_others(to, &wanted).map_err(cannot_write)?;
     backup.jobs = count(&copy).map_err(|error| failed(&copy, &error))?;
     backup.files = all_files(to).len() as u64;
     sync(to).map_err(cannot_write)?;
@@ -153,8 +145,6 @@ fn failed(copy: &Path, error: &rusqlite::Error) -> Error {
 
 /// Copies the store as it is at one moment, however many processes write to it.
 fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
-    // left by an earlier round
-    let _ = std::fs::remove_file(copy);
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     connection.busy_timeout(std::time::Duration::from_secs(5))?;
     // SQLite writes into a file that is there if it is empty; this one is for the owner only

@@ -9,7 +9,7 @@
 //!
 //! | room | what is there |
 //! |---|---|
-//! | `server`, `backup`, `preflight` | start and stop; a copy of everything; what is checked before a start |
+//! | `server`, `backup` | start and stop; a copy of everything |
 //! | [`http`] | routes and layers, handlers (`api`), results, the OpenAPI document, the page |
 //! | [`work`] | what happens to a claimed job (`pipeline`), webhooks |
 //! | [`ingest`] | how bodies and parameters come in, repeated requests |
@@ -46,7 +46,6 @@ mod http;
 mod ingest;
 mod metrics;
 mod ops;
-mod preflight;
 mod queue;
 mod server;
 mod settings;
@@ -59,8 +58,7 @@ pub use guard::access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFil
 pub use http::openapi::openapi_yaml;
 pub use http::state::DeviceDescription;
 pub use ops::faults::{FaultPoint, Faults};
-pub use preflight::preflight;
-pub use server::{Extras, Server, serve};
+pub use server::{Extras, Server};
 pub use settings::heading;
 pub use settings::logging::{LogFormat, LogSettings};
 pub use settings::{

@@ -13,6 +13,7 @@ use tokio::net::{TcpListener, TcpSocket};
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
 use crate::files::Files;
 use crate::files::retention::Retention;
@@ -26,7 +27,6 @@ use crate::metrics::lag;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 use crate::ops::health::{Health, Part};
-use crate::ops::tls;
 use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
 use crate::store::{Rules, Store};
@@ -54,14 +54,7 @@ pub struct Extras {
     pub faults: Faults,
 }
 
-impl fmt::Debug for Extras {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Extras").field("faults", &self.faults).finish_non_exhaustive()
-    }
-}
-
 /// A service that has its address, its folder and its device, and does not answer yet.
-#[derive(Debug)]
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
@@ -70,35 +63,24 @@ pub struct Server {
     end_drain_delay: Arc<Notify>,
 }
 
-/// Runs the service until `shutdown` completes.
-///
-/// Needs a tokio runtime with its timers and network on. Work on a mesh that is not done when this returns stays behind
-/// on a blocking thread: leave the runtime with `shutdown_background` rather than waiting for it.
-pub async fn serve(
-    settings: Settings,
-    device: Box<dyn Device>,
-    description: DeviceDescription,
-    extras: Extras,
-    shutdown: impl Future<Output = ()>,
-) -> Result<()> {
-    Server::bind_with(settings, device, description, extras).await?.run(shutdown).await
+impl fmt::Debug for Server {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Server").field("address", &self.address).finish_non_exhaustive()
+    }
 }
 
 impl Server {
-    /// Takes the address and the data folder, and takes up what is there.
-    pub async fn bind(settings: Settings, device: Box<dyn Device>, description: DeviceDescription) -> Result<Self> {
-        Self::bind_with(settings, device, description, Extras::default()).await
-    }
-
-    /// The same with [`Extras`].
-    pub async fn bind_with(
+    /// Takes the address and the data folder, and takes up what is there. Needs a tokio runtime with its timers and
+    /// network on.
+    pub async fn bind(
         settings: Settings,
         device: Box<dyn Device>,
         description: DeviceDescription,
         extras: Extras,
     ) -> Result<Self> {
         settings.check()?;
-        tls::prepare();
+        // an error says that it was chosen before
+        let _ = rustls::crypto::ring::default_provider().install_default();
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
         let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
@@ -210,7 +192,8 @@ impl Server {
 
     /// Answers until `shutdown` completes; then `/readyz` fails, and after the drain delay no more jobs are taken or
     /// begun, streams end, running jobs get the grace period to finish and are released after it, and the last answers
-    /// are sent: a few seconds after the grace period at most.
+    /// are sent: a few seconds after the grace period at most. Work on a mesh that is not done when this returns stays
+    /// behind on a blocking thread: leave the runtime with `shutdown_background` rather than waiting for it.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
         let Self { listener, address, shared, pipeline, end_drain_delay } = self;
         let stop = shared.stop.clone();
@@ -222,24 +205,19 @@ impl Server {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),
         };
-        let watching = tokio::spawn({
-            let (storage, until) = (Arc::clone(&shared.storage), close.clone());
-            async move { storage.watch(until).await }
-        });
-        let forgetting = tokio::spawn(retention.run(stop.clone()));
+        let tasks = TaskTracker::new();
+        let (storage, until) = (Arc::clone(&shared.storage), close.clone());
+        tasks.spawn(async move { storage.watch(until).await });
+        tasks.spawn(retention.run(stop.clone()));
         let (traffic, metrics) = (shared.settings.traffic.clone(), Arc::clone(&shared.metrics));
         let _close = close.clone().drop_guard();
         let mut serving = connections::serve(listener, router(Arc::clone(&shared)), traffic, metrics, close.clone())
             .map_err(|error| Error::io("connections cannot be accepted", error))?;
-        let watching_lag = tokio::spawn(lag::watch(Arc::clone(&shared.metrics), close.clone()));
-        let following = tokio::spawn({
-            let (shared, stop) = (Arc::clone(&shared), stop.clone());
-            async move { shared.access.follow(&shared.health, stop).await }
-        });
-        let telling = tokio::spawn({
-            let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));
-            Teller::new(store, webhooks, Arc::clone(&shared.metrics)).run(stop.clone())
-        });
+        tasks.spawn(lag::watch(Arc::clone(&shared.metrics), close.clone()));
+        let (followed, until) = (Arc::clone(&shared), stop.clone());
+        tasks.spawn(async move { followed.access.follow(&followed.health, until).await });
+        let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));
+        tasks.spawn(Teller::new(store, webhooks, Arc::clone(&shared.metrics)).run(stop.clone()));
         tracing::info!(%address, device = shared.device.info.name, "listening on http://{address}");
 
         tokio::select! {
@@ -263,13 +241,12 @@ impl Server {
             abort.cancel();
             let _ = timeout(LAST_MOMENT, work).await;
         }
-        let _ = following.await;
-        let _ = telling.await;
         close.cancel();
         if !serving.is_terminated() {
             let _ = timeout(LAST_MOMENT, serving).await;
         }
-        let _ = timeout(LAST_MOMENT, async { tokio::join!(watching, forgetting, watching_lag) }).await;
+        tasks.close();
+        let _ = timeout(LAST_MOMENT, tasks.wait()).await;
         // Whatever still holds on to jobs and files, they are closed now.
         let _ = timeout(LAST_MOMENT, shared.store.close()).await;
         shared.files.close().await;

@@ -178,8 +178,6 @@ impl Settings {
 
 #[cfg(test)]
 mod tests {
-    use clap::{Args, Command};
-
     use super::*;
 
     #[test]
@@ -196,19 +194,6 @@ mod tests {
             assert_eq!(settings.check(), Ok(()));
             settings.access = AccessSettings { tokens: Some("tokens.json".into()), ..AccessSettings::default() };
             assert_eq!(settings.check(), Ok(()));
-        }
-    }
-
-    #[test]
-    fn every_setting_is_a_flag_a_variable_and_explained() {
-        let command = Settings::augment_args(Command::new("test"));
-        for argument in command.get_arguments().filter(|argument| !argument.is_hide_set()) {
-            let name = argument.get_id().as_str();
-            let flag = argument.get_long().expect("a flag");
-            assert_eq!(flag, name.replace('_', "-"));
-            let variable = argument.get_env().expect("a variable");
-            assert_eq!(variable.to_str(), Some(format!("TESSERAE_{}", name.to_uppercase()).as_str()));
-            assert!(argument.get_help().is_some(), "{name} is not explained");
         }
     }
 }

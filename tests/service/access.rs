@@ -6,7 +6,7 @@ use reqwest::{Method, RequestBuilder};
 use serde_json::Value;
 use tempfile::TempDir;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{Server, Settings, TokenFile};
+use tesserae_service::TokenFile;
 
 use crate::support::*;
 
@@ -32,7 +32,7 @@ async fn with_tokens(folder: &Path) -> Service {
 }
 
 fn submit(service: &Service, query: &str) -> RequestBuilder {
-    service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(sphere(300))
+    service.obj(query, sphere(300))
 }
 
 #[tokio::test]
@@ -63,7 +63,7 @@ async fn nothing_about_jobs_is_told_without_a_token() {
     refused(twice, 401, "unauthorized").await;
     refused(submit(&service, "clusters=3"), 401, "unauthorized").await;
     // the answer reaches who is still sending
-    let large = service.post("/v1/jobs?clusters=3").header("content-type", "model/obj").body(vec![b'#'; 50_000_000]);
+    let large = service.obj("clusters=3", vec![b'#'; 50_000_000]);
     refused(large, 401, "unauthorized").await;
     service.keeps_no("").await;
     for open in ["/healthz", "/readyz", "/v1/version", "/openapi.yaml"] {
@@ -289,13 +289,6 @@ async fn quotas_of_the_file_hold_for_their_tenant_only() {
     problem(response, 429, "queue-full").await;
     assert_eq!(submit(&service, "clusters=3").bearer_auth(&theirs).send().await.expect("answered").status(), 202);
     gate.open();
-}
-
-#[tokio::test]
-async fn other_machines_are_not_listened_to_without_tokens() {
-    let settings = Settings { listen: "0.0.0.0:0".parse().expect("an address"), ..Settings::default() };
-    let refused = Server::bind(settings, Box::new(CpuDevice::new()), description()).await.expect_err("refused");
-    assert!(refused.message.contains("--tokens") && refused.message.contains("--insecure-no-auth"), "{refused}");
 }
 
 #[tokio::test]

@@ -26,41 +26,6 @@ async fn bytes(service: &Service, url: &str) -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn a_kept_mesh_gives_every_output_in_every_form() {
-    let service = Service::start().await;
-    // one whose result is kept in the store, and one in files
-    for faces in [500, 40_000] {
-        let job = done(&service, "clusters=9&keep_mesh=true", faces).await;
-        assert_eq!((&job["keep_mesh"], &job["outputs"]), (&true.into(), &Value::Array(Vec::new())));
-        for artifact in made_of_mesh() {
-            let url = text(&job["urls"][artifact.name]);
-            for form in artifact.forms {
-                let with_format = format!("{url}?format={}", form.extension());
-                let response = service.get(&with_format).send().await.expect("answered");
-                assert_eq!(response.status(), 200, "{with_format}");
-                assert_eq!(response.headers()["content-type"], form.media_type);
-                let disposition = response.headers()["content-disposition"].to_str().expect("text");
-                assert!(disposition.ends_with(&format!("-{}\"", form.file)), "{disposition}");
-                let tag = response.headers()["etag"].clone();
-                let whole = response.bytes().await.expect("bytes");
-                assert!(whole.len() > 100, "{with_format}");
-
-                let again = service.get(&with_format).header("if-none-match", &tag).send().await.expect("answered");
-                assert_eq!(again.status(), 304, "{with_format}");
-                let part = service.get(&with_format).header("range", "bytes=10-19").header("if-range", &tag);
-                let part = part.send().await.expect("answered");
-                assert_eq!(part.status(), 206);
-                assert_eq!(part.bytes().await.expect("bytes"), whole[10..20]);
-            }
-            let head = service.client.head(service.url(url)).send().await.expect("answered");
-            assert_eq!(head.status(), 200);
-            let length: u64 = head.headers()["content-length"].to_str().expect("text").parse().expect("a number");
-            assert_eq!(length, bytes(&service, url).await.len() as u64);
-        }
-    }
-}
-
-#[tokio::test]
 async fn named_outputs_are_those_that_a_kept_mesh_gives() {
     let service = Service::start().await;
     let kept = done(&service, "clusters=9&keep_mesh=true", 3000).await;
@@ -146,7 +111,7 @@ async fn wrong_requests_for_outputs_are_refused() {
         ("clusters=9&keep_mesh=perhaps", "perhaps"),
         ("algorithm=hr&outputs=mesh", "keep_mesh"),
     ] {
-        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(sphere(300));
+        let request = service.obj(query, sphere(300));
         let detail = refused(request, 422, "invalid-parameter").await;
         assert!(detail.contains(word), "{detail}");
     }
@@ -187,7 +152,7 @@ async fn a_mesh_is_divided_for_its_remesh_and_then_has_no_labels() {
         ("clusters=9&subdivide=1&snapshots=3", "snapshots"),
         ("algorithm=hr&subdivide=1", "hr"),
     ] {
-        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(sphere(300));
+        let request = service.obj(query, sphere(300));
         let detail = refused(request, 422, "invalid-parameter").await;
         assert!(detail.contains(word), "{detail}");
     }
@@ -225,8 +190,8 @@ async fn a_kept_mesh_is_its_tenants_only_and_goes_with_its_job() {
     let [mine, theirs] = ["mine", "theirs"]
         .map(|tenant| TokenFile::change(&tokens, |file| Ok(file.add(tenant)?.reveal())).expect("made"));
     let service = Service::with(|settings| settings.access.tokens = Some(tokens), Box::new(CpuDevice::new())).await;
-    let request = service.post("/v1/jobs?clusters=9&keep_mesh=true").header("content-type", "model/obj");
-    let request = request.header("prefer", "wait=100").bearer_auth(&mine).body(sphere(60_000));
+    let request =
+        service.obj("clusters=9&keep_mesh=true", sphere(60_000)).header("prefer", "wait=100").bearer_auth(&mine);
     let job: Value = json(request).await;
     let url = text(&job["urls"]["mesh"]);
     refused(service.get(url).bearer_auth(&theirs), 404, "not-found").await;
@@ -256,25 +221,6 @@ fn walk(folder: &std::path::Path) -> Vec<String> {
         }
     }
     found
-}
-
-#[tokio::test]
-async fn labels_and_hierarchies_are_chosen_by_format_too() {
-    let service = Service::start().await;
-    let job = done(&service, "algorithm=hr&clusters=1", 300).await;
-    for (name, format, media_type) in [
-        ("labels", "json", "application/json"),
-        ("labels", "npy", "application/x-npy"),
-        ("labels", "bin", "application/octet-stream"),
-        ("hierarchy", "tsr", "application/octet-stream"),
-        ("hierarchy", "npy", "application/x-npy"),
-    ] {
-        let url = format!("{}?format={format}", text(&job["urls"][name]));
-        let response = service.get(&url).header("accept", "text/html").send().await.expect("answered");
-        assert_eq!(response.headers()["content-type"], media_type, "{url}");
-        assert!(response.headers().contains_key("content-disposition"));
-    }
-    refused(service.get(&format!("{}?format=glb", text(&job["urls"]["labels"]))), 422, "invalid-parameter").await;
 }
 
 #[tokio::test]

@@ -5,13 +5,12 @@ use std::time::Duration;
 use reqwest::RequestBuilder;
 use serde_json::Value;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{Server, Settings};
+use tesserae_service::{Extras, Server, Settings};
 
 use crate::support::*;
 
 fn keyed(service: &Service, query: &str, key: &str, obj: &[u8]) -> RequestBuilder {
-    let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
-    request.header("idempotency-key", key).body(obj.to_vec())
+    service.obj(query, obj.to_vec()).header("idempotency-key", key)
 }
 
 async fn events(service: &Service, job: &Value) -> String {
@@ -118,28 +117,6 @@ async fn the_same_key_and_request_give_the_same_job_also_after_a_restart() {
 }
 
 #[tokio::test]
-async fn the_same_key_at_once_gives_one_job() {
-    let service = Service::start().await;
-    let mesh = sphere(300);
-    let clients: Vec<_> = (0..20)
-        .map(|_| {
-            let request = keyed(&service, "clusters=5", "k", &mesh).header("prefer", "wait=50");
-            tokio::spawn(async move { json(request).await })
-        })
-        .collect();
-    let mut ids = Vec::new();
-    for client in clients {
-        let job = client.await.expect("no panic");
-        assert_eq!(job["state"], "succeeded");
-        ids.push(job["id"].to_string());
-    }
-    ids.dedup();
-    assert_eq!(ids.len(), 1, "{ids:?}");
-    assert_eq!(json(service.get("/v1/jobs")).await["jobs"].as_array().map(Vec::len), Some(1));
-    service.keeps_no("uploads").await;
-}
-
-#[tokio::test]
 async fn a_folder_in_use_is_refused() {
     let service = Service::start().await;
     let folder = service.folder();
@@ -149,7 +126,7 @@ async fn a_folder_in_use_is_refused() {
             data_dir: Some(folder.path().to_owned()),
             ..Settings::default()
         };
-        Server::bind(settings, Box::new(CpuDevice::new()), description()).await
+        Server::bind(settings, Box::new(CpuDevice::new()), description(), Extras::default()).await
     };
     let error = second().await.expect_err("in use");
     assert!(error.message.contains("--data-dir"), "{error}");
@@ -172,12 +149,4 @@ async fn jobs_are_forgotten_when_their_time_is_over() {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
     service.keeps_no("").await;
-
-    let service = service.again(|_| {}).await;
-    let job = service.submit("clusters=5", sphere(300)).await;
-    service.ended(&job).await;
-    for path in [path(&job), text(&job["urls"]["labels"]), text(&job["urls"]["report"])] {
-        let answer = service.get(path).send().await.expect("answered");
-        assert!(answer.headers()["expires"].to_str().expect("text").ends_with(" GMT"), "{path}");
-    }
 }

@@ -31,6 +31,7 @@ impl Stream {
         let response = request.send().await.expect("answered");
         assert_eq!(response.status(), 200);
         assert_eq!(response.headers()["content-type"], "text/event-stream");
+        assert_eq!(response.headers()["x-accel-buffering"], "no", "proxies pass events on at once");
         Self { response, text: String::new() }
     }
 
@@ -217,32 +218,6 @@ async fn quiet_streams_are_kept_open_by_comments() {
 }
 
 #[tokio::test]
-async fn a_hundred_readers_see_the_same() {
-    let (device, gate) = Held::behind_gate();
-    let service = Service::with(|_| {}, device).await;
-    let job = service.submit("clusters=20", sphere(2000)).await;
-    let mut readers = Vec::new();
-    for _ in 0..100 {
-        let mut stream = Stream::open(&service, &job, None).await;
-        readers.push(tokio::spawn(async move { stream.rest().await }));
-    }
-    gate.open();
-    let expected = Stream::open(&service, &job, None).await.rest().await;
-    for reader in readers {
-        assert_eq!(reader.await.expect("no panic"), expected);
-    }
-}
-
-#[tokio::test]
-async fn a_deleted_job_and_an_unknown_one_have_no_stream() {
-    let service = Service::start().await;
-    let job = service.submit("clusters=5", sphere(300)).await;
-    service.ended(&job).await;
-    service.delete(path(&job)).send().await.expect("answered");
-    refused(service.get(text(&job["urls"]["events"])), 404, "not-found").await;
-}
-
-#[tokio::test]
 async fn stopping_ends_streams_with_a_hint() {
     let (device, gate) = Held::behind_gate();
     let mut service = Service::with(|settings| settings.grace_period = 30, device).await;
@@ -307,5 +282,22 @@ async fn the_stream_refuses_queries_that_it_does_not_have() {
     let url = text(&job["urls"]["events"]);
     for bad in ["labels=1", "label=true", "labels=true&labels=true"] {
         refused(service.get(&format!("{url}?{bad}")), 422, "invalid-parameter").await;
+    }
+}
+
+#[tokio::test]
+async fn a_hundred_readers_see_the_same() {
+    let (device, gate) = Held::behind_gate();
+    let service = Service::with(|_| {}, device).await;
+    let job = service.submit("clusters=20", sphere(2000)).await;
+    let mut readers = Vec::new();
+    for _ in 0..100 {
+        let mut stream = Stream::open(&service, &job, None).await;
+        readers.push(tokio::spawn(async move { stream.rest().await }));
+    }
+    gate.open();
+    let expected = Stream::open(&service, &job, None).await.rest().await;
+    for reader in readers {
+        assert_eq!(reader.await.expect("no panic"), expected);
     }
 }

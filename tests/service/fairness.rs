@@ -2,9 +2,7 @@
 
 use serde_json::Value;
 use tempfile::TempDir;
-use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::device::{Device, MergeSteps, Steps};
-use tesserae_mesh::report::DeviceInfo;
+use tesserae_mesh::device::Device;
 use tesserae_mesh::surface::DualGraph;
 use tesserae_service::{Settings, TokenFile};
 
@@ -18,7 +16,7 @@ async fn with_tenants(change: impl FnOnce(&mut Settings), device: Box<dyn Device
         TokenFile::change(&path, |file| {
             let token = file.add(tenant)?.reveal();
             let quotas = &mut file.tenants.get_mut(tenant).expect("just made").quotas;
-            (quotas.max_queued_jobs, quotas.max_request_rate) = (Some(1000), Some(0));
+            quotas.max_queued_jobs = Some(1000);
             Ok(token)
         })
         .expect("made")
@@ -31,8 +29,7 @@ async fn with_tenants(change: impl FnOnce(&mut Settings), device: Box<dyn Device
 }
 
 async fn submit(service: &Service, token: &str, query: &str, obj: &[u8]) -> Value {
-    let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
-    json(request.bearer_auth(token).body(obj.to_vec())).await
+    json(service.obj(query, obj.to_vec()).bearer_auth(token)).await
 }
 
 async fn job(service: &Service, token: &str, job: &Value) -> Value {
@@ -68,49 +65,23 @@ async fn a_job_starts_beside_256_queued_ones_of_another_tenant() {
 }
 
 /// A cpu that holds meshes of more than 30,000 faces behind a gate, and takes several meshes at a time.
-struct Long(CpuDevice, Gate);
-
-impl Long {
-    fn pass(&self, graph: &DualGraph) {
+fn long(gate: &Gate) -> Box<dyn Device> {
+    let (held, again) = (gate.clone(), gate.clone());
+    let before = move |graph: &DualGraph, _| {
         if graph.faces() > 30_000 {
-            self.1.pass();
+            held.pass();
         }
-    }
-}
-
-impl Device for Long {
-    fn info(&self) -> &DeviceInfo {
-        self.0.info()
-    }
-
-    fn another(&self) -> Option<Box<dyn Device>> {
-        Some(Box::new(Self(CpuDevice::new(), self.1.clone())))
-    }
-
-    fn open<'a>(
-        &'a mut self,
-        graph: &'a DualGraph,
-        components: &'a [u32],
-    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
-        self.pass(graph);
-        self.0.open(graph, components)
-    }
-
-    fn open_merging<'a>(
-        &'a mut self,
-        graph: &'a DualGraph,
-        components: &'a [u32],
-    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
-        self.pass(graph);
-        self.0.open_merging(graph, components)
-    }
+        Ok(())
+    };
+    let mut device = Around::new(before);
+    device.another = Some(Box::new(move || long(&again)));
+    Box::new(device)
 }
 
 #[tokio::test]
 async fn a_short_job_waits_for_no_long_one_of_another_tenant() {
     let gate = Gate::default();
-    let device = Box::new(Long(CpuDevice::new(), gate.clone()));
-    let (service, _folder, [many, few]) = with_tenants(|settings| settings.meshes_in_memory = 2, device).await;
+    let (service, _folder, [many, few]) = with_tenants(|settings| settings.meshes_in_memory = 2, long(&gate)).await;
     let long = sphere(40_000);
     let mut others = Vec::new();
     for _ in 0..3 {
@@ -161,20 +132,4 @@ async fn lists_tell_nothing_about_the_jobs_of_other_tenants() {
     let ids: Vec<&Value> = next["jobs"].as_array().expect("jobs").iter().map(|job| &job["id"]).collect();
     assert_eq!(ids, [&own[1]["id"], &own[0]["id"]]);
     gate.open();
-}
-
-#[tokio::test]
-async fn a_job_of_higher_priority_starts_before_older_ones_of_its_tenant() {
-    let (device, gate) = Held::behind_gate();
-    let service = Service::with(|settings| settings.meshes_in_memory = 1, device).await;
-    let first = service.submit("clusters=5", sphere(300)).await;
-    service.reaches(&first, "running").await;
-    let old = service.submit("clusters=5", sphere(300)).await;
-    let urgent = service.submit("clusters=5&priority=7", sphere(300)).await;
-    assert_eq!((&urgent["priority"], &urgent["queue_position"]), (&7.into(), &1.into()));
-    assert_eq!(service.job(&old).await["queue_position"], 2);
-    gate.open();
-    let (old, urgent) = (service.ended(&old).await, service.ended(&urgent).await);
-    assert!(text(&urgent["started_at"]) <= text(&old["started_at"]), "{urgent} {old}");
-    assert_eq!((&urgent["attempt"], urgent["worker"].is_string()), (&1.into(), true));
 }

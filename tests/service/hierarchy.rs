@@ -3,11 +3,10 @@
 use reqwest::Response;
 use serde_json::{Value, json};
 use tesserae_mesh::dev::sample::{self, Sample};
-use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::device::{Device, MergeSteps, Steps};
+use tesserae_mesh::device::Device;
 use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::hierarchy::stored::Stored;
-use tesserae_mesh::report::{DeviceInfo, DeviceKind};
+use tesserae_mesh::report::DeviceKind;
 use tesserae_mesh::surface::DualGraph;
 
 use crate::support::*;
@@ -179,71 +178,27 @@ async fn there_is_no_hierarchy_before_success_and_none_of_flat_algorithms() {
     assert_eq!(service.ended(&job).await["state"], "succeeded");
 }
 
-#[tokio::test]
-async fn contradictions_are_refused_before_the_mesh_is_read() {
-    let service = Service::start().await;
-    for (query, word) in [
-        ("clusters=9&levels=20", "levels"),
-        ("algorithm=pml&seeds=random", "seeds"),
-        ("algorithm=pml&clusters=9&levels=8", "levels"),
-        ("algorithm=ml&collapse_fraction=0", "collapse_fraction"),
-        ("algorithm=ml&collapse_fraction=nan", "collapse_fraction"),
-        ("algorithm=ml&switch_to_ml_at=5", "switch_to_ml_at"),
-        ("algorithm=hr&optimize_iterations=5", "optimize_iterations"),
-        ("algorithm=pml&ties=smallest", "ties"),
-    ] {
-        let post = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body("no mesh");
-        let detail = refused(post, 422, "invalid-parameter").await;
-        assert!(detail.contains(word), "{query}: {detail}");
-    }
-    let job = service.submit("algorithm=pml&clusters=9&levels=5000", sphere(600)).await;
-    let job = service.ended(&job).await;
-    assert_eq!((&job["state"], &job["problem"]["status"]), (&"failed".into(), &422.into()));
-}
-
 /// A gpu that makes no hierarchies.
-struct Limited(CpuDevice, DeviceInfo);
-
-impl Limited {
-    fn boxed() -> Box<dyn Device> {
-        let cpu = CpuDevice::new();
-        let info = DeviceInfo { kind: DeviceKind::Gpu, ..cpu.info().clone() };
-        Box::new(Self(cpu, info))
-    }
-}
-
-impl Device for Limited {
-    fn info(&self) -> &DeviceInfo {
-        &self.1
-    }
-
-    fn open<'a>(
-        &'a mut self,
-        graph: &'a DualGraph,
-        components: &'a [u32],
-    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
-        self.0.open(graph, components)
-    }
-
-    fn open_merging<'a>(
-        &'a mut self,
-        _: &'a DualGraph,
-        _: &'a [u32],
-    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
-        Err(Error::new(Kind::DeviceUnsuitable, "this device makes no hierarchies"))
-    }
+fn limited() -> Box<dyn Device> {
+    let before = |_: &DualGraph, is_merging| match is_merging {
+        true => Err(Error::new(Kind::DeviceUnsuitable, "this device makes no hierarchies")),
+        false => Ok(()),
+    };
+    let mut device = Around::new(before);
+    device.info.kind = DeviceKind::Gpu;
+    Box::new(device)
 }
 
 #[tokio::test]
 async fn what_a_gpu_cannot_do_is_done_by_the_cpu_if_the_choice_was_left_to_the_service() {
     for algorithm in ["pml", "ml", "hr"] {
         let query = format!("algorithm={algorithm}&clusters=9");
-        let free = Service::with_choice(|_| {}, Limited::boxed(), Some(0)).await;
+        let free = Service::with_choice(|_| {}, limited(), Some(0)).await;
         let job = free.submit(&query, sphere(300)).await;
         assert_eq!(free.ended(&job).await["state"], "succeeded");
         let report = json(free.get(text(&job["urls"]["report"]))).await;
         assert_eq!(report["device"]["kind"], "cpu");
-        let bound = Service::with_choice(|_| {}, Limited::boxed(), None).await;
+        let bound = Service::with_choice(|_| {}, limited(), None).await;
         let job = bound.submit(&query, sphere(300)).await;
         let problem = &bound.ended(&job).await["problem"];
         assert_eq!(problem["type"], "/problems/device-unsuitable");
@@ -254,7 +209,7 @@ async fn what_a_gpu_cannot_do_is_done_by_the_cpu_if_the_choice_was_left_to_the_s
 #[tokio::test]
 async fn meshes_that_the_cpu_is_faster_with_go_to_the_cpu_if_the_choice_was_left_to_the_service() {
     for (below, kinds) in [(Some(1000), ["cpu", "gpu"]), (Some(0), ["gpu", "gpu"]), (Some(1 << 31), ["cpu", "cpu"])] {
-        let service = Service::with_choice(|_| {}, Limited::boxed(), below).await;
+        let service = Service::with_choice(|_| {}, limited(), below).await;
         for (faces, kind) in [300, 1200].into_iter().zip(kinds) {
             let job = service.submit("clusters=9&seeds=morton", sphere(faces)).await;
             assert_eq!(service.ended(&job).await["state"], "succeeded");

@@ -1,13 +1,10 @@
 //! Start and stop.
 
-use std::io::Write;
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_service::{Server, Settings};
+use tesserae_service::{Extras, Server, Settings};
 use tokio::net::TcpStream;
-use tracing_subscriber::fmt::MakeWriter;
 
 use crate::support::*;
 
@@ -72,7 +69,7 @@ async fn a_stopping_service_finishes_running_jobs_takes_none_and_says_so() {
         }
         assert!(started.elapsed() < PATIENCE);
     }
-    let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(sphere(300));
+    let request = service.obj("clusters=5", sphere(300));
     refused(request, 503, "unavailable").await;
     assert_eq!(service.get("/healthz").send().await.expect("answered").status(), 200);
     gate.open();
@@ -81,34 +78,6 @@ async fn a_stopping_service_finishes_running_jobs_takes_none_and_says_so() {
     let log = log.text();
     assert!(log.contains("INFO") && log.contains("stopped"), "{log}");
     assert!(!log.contains("ERROR"), "refusals while it stops are no errors: {log}");
-}
-
-/// What was logged.
-#[derive(Clone, Default)]
-struct Log(Arc<Mutex<Vec<u8>>>);
-
-impl Log {
-    fn text(&self) -> String {
-        String::from_utf8(self.0.lock().expect("unpoisoned").clone()).expect("text")
-    }
-}
-
-impl Write for Log {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.lock().expect("unpoisoned").write(bytes)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
-impl MakeWriter<'_> for Log {
-    type Writer = Self;
-
-    fn make_writer(&self) -> Self {
-        self.clone()
-    }
 }
 
 #[tokio::test]
@@ -133,7 +102,7 @@ async fn a_taken_address_and_a_bad_folder_are_errors() {
     let bind = async |change: &dyn Fn(&mut Settings)| {
         let mut settings = Settings { listen: ([127, 0, 0, 1], 0).into(), ..Settings::default() };
         change(&mut settings);
-        Server::bind(settings, Box::new(CpuDevice::new()), description()).await
+        Server::bind(settings, Box::new(CpuDevice::new()), description(), Extras::default()).await
     };
     let error = bind(&|settings| settings.listen = service.address).await.expect_err("taken");
     assert!(error.message.contains(&service.address.to_string()), "{error}");

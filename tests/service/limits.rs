@@ -36,16 +36,13 @@ async fn compressed_uploads_are_the_same_uploads() {
         }
     };
     let expected = labels(plain).await;
-    let two_frames = [zstandard(&sphere(300)[..1000]), zstandard(&sphere(300)[1000..])].concat();
     for (encoding, body) in [
         ("gzip", gzipped(&sphere(300))),
         ("GZIP", gzipped(&sphere(300))),
         ("zstd", zstandard(&sphere(300))),
-        ("zstd", two_frames),
         ("identity", sphere(300)),
     ] {
-        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
-        let job = json(request.header("content-encoding", encoding).body(body)).await;
+        let job = json(service.obj("clusters=5", body).header("content-encoding", encoding)).await;
         assert_eq!(job["mesh"]["bytes"], sphere(300).len(), "the mesh as it was meant: {job}");
         assert_eq!(labels(job).await, expected, "{encoding}");
     }
@@ -75,8 +72,8 @@ async fn what_inflates_out_of_proportion_dies_early() {
     let small = Service::with(|settings| settings.max_upload_bytes = 100_000, Box::new(CpuDevice::new())).await;
     let noise: Vec<u8> =
         (0..20_000u32).flat_map(|n| format!("# {}\n", n.wrapping_mul(2_654_435_761)).into_bytes()).collect();
-    let request = small.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
-    let detail = refused(request.header("content-encoding", "zstd").body(zstandard(&noise)), 413, "too-large").await;
+    let detail =
+        refused(small.obj("clusters=5", zstandard(&noise)).header("content-encoding", "zstd"), 413, "too-large").await;
     assert!(detail.contains("100000"), "{detail}");
     service.keeps_no("").await;
     small.keeps_no("").await;
@@ -104,39 +101,17 @@ async fn what_is_not_as_it_says_to_be_compressed_is_refused() {
         ("zstd", zstandard(&sphere(300))[..200].to_vec()),
         ("zstd", wide),
     ] {
-        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
-        let detail = refused(request.header("content-encoding", encoding).body(body), 400, "bad-request").await;
+        let detail =
+            refused(service.obj("clusters=5", body).header("content-encoding", encoding), 400, "bad-request").await;
         assert!(detail.contains("Content-Encoding"), "{detail}");
     }
     for encoding in ["br", "gzip, gzip", "deflate", "magic"] {
-        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
-        let response = request.header("content-encoding", encoding).body(sphere(300)).send().await.expect("answered");
+        let response =
+            service.obj("clusters=5", sphere(300)).header("content-encoding", encoding).send().await.expect("answered");
         assert_eq!(response.headers()["accept-encoding"], "gzip, zstd, identity");
         problem(response, 415, "unsupported-media-type").await;
     }
     service.keeps_no("").await;
-}
-
-#[tokio::test]
-async fn a_client_that_asks_too_often_is_told_when_to_come_back() {
-    let service = with(|traffic| traffic.max_request_rate = 1).await;
-    let mut refusal = None;
-    for _ in 0..7 {
-        let response = service.get("/v1/version").send().await.expect("answered");
-        if response.status() != 200 {
-            refusal = Some(response);
-            break;
-        }
-    }
-    let response = refusal.expect("seven at once are more than five seconds' worth");
-    let seconds: u64 = response.headers()["retry-after"].to_str().expect("text").parse().expect("a number");
-    problem(response, 429, "rate-limited").await;
-    for _ in 0..20 {
-        assert_eq!(service.get("/healthz").send().await.expect("answered").status(), 200, "probes are answered");
-    }
-    assert_eq!(seconds, 1);
-    tokio::time::sleep(Duration::from_secs(seconds)).await;
-    assert_eq!(service.get("/v1/version").send().await.expect("answered").status(), 200);
 }
 
 #[tokio::test]
@@ -161,9 +136,7 @@ async fn a_client_has_so_many_requests_and_streams_at_a_time() {
     problem(response, 503, "overloaded").await;
     // two that wait for the end of their jobs are all that may go on at a time
     let waiting = |service: &Service| {
-        let request =
-            service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").header("prefer", "wait=60");
-        let request = request.body(sphere(300));
+        let request = service.obj("clusters=5", sphere(300)).header("prefer", "wait=60");
         // while somebody looks below, there may be no room for the second
         tokio::spawn(async move {
             loop {
@@ -274,7 +247,7 @@ async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
     let files = rlimit::increase_nofile_limit(4096).expect("a limit");
     assert!(files >= 2 * STREAMS as u64 + 100, "both ends of the streams are files of this process: {files}");
     let (device, gate) = Held::behind_gate();
-    let service = Service::with(|settings| settings.traffic.max_request_rate = 0, device).await;
+    let service = Service::with(|_| {}, device).await;
     let job = service.submit("clusters=50", sphere(3000)).await;
     service.reaches(&job, "running").await;
     let before = metric(&service, "process_resident_memory_bytes").await;

@@ -68,10 +68,7 @@ async fn shapes_are_in_the_report() {
         (&report["parameters"]["shapes"], &report["parameters"]["resolution"]),
         (&"plane,sphere".into(), &"0.1u".into())
     );
-    let refused = |query: &str| {
-        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
-        refused(request.body(sphere(1000)), 422, "invalid-parameter")
-    };
+    let refused = |query: &str| refused(service.obj(query, sphere(1000)), 422, "invalid-parameter");
     assert!(refused("clusters=9&energy=planes&algorithm=vc").await.contains("bb, pml, ml and hr"));
     assert!(refused("clusters=9&shapes=sphere").await.contains("energy=shapes"));
     assert!(refused("clusters=9&energy=shapes&resolution=2").await.contains("resolution and tolerance must be"));
@@ -187,8 +184,7 @@ async fn labels_of_iterations_are_there_where_they_were_asked_for() {
     let job = service.ended(&job).await;
     refused(service.get(&format!("{}?iteration=0", text(&job["urls"]["labels"]))), 409, "conflict").await;
     for query in ["clusters=9&snapshots=", "clusters=9&snapshots=1,x", "algorithm=pml&snapshots=3"] {
-        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
-        let detail = refused(request.body(sphere(300)), 422, "invalid-parameter").await;
+        let detail = refused(service.obj(query, sphere(300)), 422, "invalid-parameter").await;
         assert!(detail.contains("snapshots"), "{detail}");
     }
 }

@@ -1,5 +1,6 @@
 //! A server in this process, a client for it, meshes, and a device that can be held.
 
+use std::io::Write;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex};
@@ -16,6 +17,7 @@ use tesserae_mesh::surface::DualGraph;
 use tesserae_service::{DeviceDescription, Extras, Server, Settings};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
+use tracing_subscriber::fmt::MakeWriter;
 
 /// Longer than anything here should take on a slow machine.
 pub const PATIENCE: Duration = Duration::from_secs(180);
@@ -72,7 +74,7 @@ impl Service {
         change(&mut settings);
         let info = device.info().clone();
         let description = DeviceDescription { info, cpu_below_faces, ..description() };
-        let server = Server::bind_with(settings, device, description, extras).await.expect("bound");
+        let server = Server::bind(settings, device, description, extras).await.expect("bound");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();
         let running = tokio::spawn(server.run(async {
@@ -109,10 +111,14 @@ impl Service {
         self.client.delete(self.url(path))
     }
 
+    /// The request for a job on an OBJ.
+    pub fn obj(&self, query: &str, obj: impl Into<reqwest::Body>) -> RequestBuilder {
+        self.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(obj)
+    }
+
     /// Submits an OBJ and gives the accepted job.
     pub async fn submit(&self, query: &str, obj: Vec<u8>) -> Value {
-        let sent = self.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(obj);
-        let response = sent.send().await.expect("answered");
+        let response = self.obj(query, obj).send().await.expect("answered");
         let status = response.status();
         let job: Value = response.json().await.expect("JSON");
         assert_eq!(status, 202, "{job}");
@@ -259,7 +265,8 @@ pub fn sphere_glb(faces: u64) -> Vec<u8> {
     bytes
 }
 
-/// A gate that is shut or open.
+/// A gate that is shut or open. It lets through what has waited longer than a test takes, so that a test that failed
+/// ends.
 #[derive(Debug, Clone, Default)]
 pub struct Gate(Arc<(Mutex<bool>, Condvar)>);
 
@@ -270,10 +277,8 @@ impl Gate {
     }
 
     pub fn pass(&self) {
-        let mut open = self.0.0.lock().expect("unpoisoned");
-        while !*open {
-            open = self.0.1.wait(open).expect("unpoisoned");
-        }
+        let open = self.0.0.lock().expect("unpoisoned");
+        let _open = self.0.1.wait_timeout_while(open, 2 * PATIENCE, |open| !*open).expect("unpoisoned");
     }
 }
 
@@ -283,11 +288,55 @@ impl Drop for Service {
     }
 }
 
-/// A cpu device that lets nothing through before its gate opens, and that panics at meshes of exactly 66 faces.
-pub struct Held {
+/// A cpu device that looks at each mesh before it opens it.
+pub struct Around {
     cpu: CpuDevice,
-    gate: Gate,
+    pub info: DeviceInfo,
+    before: Box<Before>,
+    /// Makes a device for meshes beside, if it takes several.
+    pub another: Option<Box<dyn Fn() -> Box<dyn Device> + Send>>,
 }
+
+/// Called with a mesh, and whether its clusters are to be merged.
+type Before = dyn Fn(&DualGraph, bool) -> tesserae_mesh::Result<()> + Send;
+
+impl Around {
+    pub fn new(before: impl Fn(&DualGraph, bool) -> tesserae_mesh::Result<()> + Send + 'static) -> Self {
+        let cpu = CpuDevice::new();
+        Self { info: cpu.info().clone(), cpu, before: Box::new(before), another: None }
+    }
+}
+
+impl Device for Around {
+    fn info(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    fn another(&self) -> Option<Box<dyn Device>> {
+        self.another.as_ref().map(|another| another())
+    }
+
+    fn open<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
+        (self.before)(graph, false)?;
+        self.cpu.open(graph, components)
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
+        (self.before)(graph, true)?;
+        self.cpu.open_merging(graph, components)
+    }
+}
+
+/// A cpu device that lets nothing through before its gate opens, and that panics at meshes of exactly 66 faces.
+pub struct Held;
 
 /// Faces of the mesh that [`Held`] panics at: a [`strip`](Sample::Strip), which has exactly the requested number.
 pub const PANIC_FACES: usize = 66;
@@ -295,31 +344,47 @@ pub const PANIC_FACES: usize = 66;
 impl Held {
     pub fn behind_gate() -> (Box<dyn Device>, Gate) {
         let gate = Gate::default();
-        (Box::new(Self { cpu: CpuDevice::new(), gate: gate.clone() }), gate)
+        let held = gate.clone();
+        let before = move |graph: &DualGraph, _| {
+            held.pass();
+            assert!(graph.faces() != PANIC_FACES, "a defect on purpose");
+            Ok(())
+        };
+        (Box::new(Around::new(before)), gate)
     }
 }
 
-impl Device for Held {
-    fn info(&self) -> &DeviceInfo {
-        self.cpu.info()
+/// What was logged.
+#[derive(Clone, Default)]
+pub struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl Log {
+    pub fn text(&self) -> String {
+        String::from_utf8(self.0.lock().expect("unpoisoned").clone()).expect("text")
     }
 
-    fn open<'a>(
-        &'a mut self,
-        graph: &'a DualGraph,
-        component_of_cluster: &'a [u32],
-    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
-        self.gate.pass();
-        assert!(graph.faces() != PANIC_FACES, "a defect on purpose");
-        self.cpu.open(graph, component_of_cluster)
+    /// The lines of a target, where each is a JSON object.
+    pub fn lines(&self, target: &str) -> Vec<Value> {
+        let text = self.text();
+        let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
+        lines.filter(|line| line["target"] == target).collect()
+    }
+}
+
+impl Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        Write::write(&mut *self.0.lock().expect("unpoisoned"), bytes)
     }
 
-    fn open_merging<'a>(
-        &'a mut self,
-        graph: &'a DualGraph,
-        component_of_cluster: &'a [u32],
-    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
-        self.gate.pass();
-        self.cpu.open_merging(graph, component_of_cluster)
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl MakeWriter<'_> for Log {
+    type Writer = Self;
+
+    fn make_writer(&self) -> Self {
+        self.clone()
     }
 }

@@ -36,7 +36,6 @@ const CONNECTING: Duration = Duration::from_secs(5);
 /// Time without a byte after which a request has failed. A whole answer may take longer: clients read it at their pace.
 const SILENCE: Duration = Duration::from_secs(30);
 
-/// The blobs below a prefix of a bucket.
 pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
     let cannot = |error: object_store::Error| {
         Error::parameter(format_args!("the bucket cannot be used (--blobs, AWS_…): {name}: {error}"))

@@ -14,7 +14,6 @@ use tesserae_mesh::error::{Error, Result};
 use crate::ops::blocking::blocking;
 use crate::ops::private;
 
-/// Bytes of a part of a blob.
 pub(super) const PART: usize = 1 << 20;
 
 /// The next segment of every path below a path.
@@ -47,7 +46,6 @@ pub(super) async fn newest(root: &Path, below: &BlobPath) -> Result<Option<Syste
     .await
 }
 
-/// Removes the folder at a path.
 pub(super) async fn remove(root: &Path, below: &BlobPath) -> Result<u64> {
     let (root, folder) = (root.to_owned(), root.join(below.as_ref()));
     blocking(move || {

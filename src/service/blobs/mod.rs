@@ -278,12 +278,10 @@ fn file(found: Box<GetResult>) -> Result<File, Box<GetResult>> {
     }
 }
 
-/// The error of a blob that cannot be stored.
 fn cannot_store(error: object_store::Error) -> Error {
     failed("a file cannot be stored", error)
 }
 
-/// The error of a blob that cannot be read.
 fn cannot_read(error: object_store::Error) -> Error {
     match error {
         object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),

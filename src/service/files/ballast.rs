@@ -1,8 +1,12 @@
-//! Ballast: a file of no meaning in the data folder, removed when a full disk stops deletions, and made again when
-//! there is room.
+//! Ballast: two files of no meaning in the data folder, made again when there is room.
 //!
-//! To forget a job, the store of jobs writes first. On a full disk it cannot, so nothing that would make room could
-//! begin.
+//! | file | removed |
+//! |---|---|
+//! | [`BALLAST`] | when a full disk stops deletions |
+//! | [`LAST`] | when the service starts on a full disk, and the other one is gone |
+//!
+//! To forget a job, the store of jobs writes first, and to be opened it writes files beside its own. On a full disk it
+//! cannot, so nothing that would make room could begin.
 
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
@@ -11,15 +15,20 @@ use crate::ops::private;
 
 pub(super) const BALLAST: &str = "ballast";
 
+pub(super) const LAST: &str = "ballast.last";
+
 /// Bytes of the ballast, at most: a few transactions of the store of jobs.
 const MOST: u64 = 16 << 20;
 
 /// Part of the disk that the ballast may take.
 const PART: u64 = 16;
 
+/// Part of the ballast that the last file takes as well.
+const PART_OF_LAST: u64 = 4;
+
 #[derive(Debug)]
 pub(super) struct Ballast {
-    path: PathBuf,
+    folder: PathBuf,
     /// Bytes that it is to have.
     size: u64,
 }
@@ -29,23 +38,27 @@ impl Ballast {
     /// folder goes with the process.
     pub fn new(folder: &Path, disk: Option<u64>, is_kept: bool) -> Self {
         let most = disk.map_or(MOST, |bytes| MOST.min(bytes / PART));
-        Self { path: folder.join(BALLAST), size: if is_kept { most } else { 0 } }
+        Self { folder: folder.to_owned(), size: if is_kept { most } else { 0 } }
     }
 
-    /// Makes it, when it is not there and `spare` bytes are more than it takes. Blocks.
-    pub fn make(&self, spare: impl FnOnce() -> u64) -> io::Result<()> {
-        let there = self.path.metadata().map_or(0, |found| found.len());
-        if there >= self.size || spare() <= self.size {
-            return Ok(());
+    /// Makes the files that are not there, when `spare` bytes are more than they take. Blocks.
+    pub fn make(&self, spare: impl Fn() -> u64) -> io::Result<()> {
+        for (name, size) in [(LAST, self.size / PART_OF_LAST), (BALLAST, self.size)] {
+            let path = self.folder.join(name);
+            let there = path.metadata().map_or(0, |found| found.len());
+            if there >= size || spare() <= size {
+                continue;
+            }
+            let made = private::options()
+                .open(&path)
+                .and_then(|mut file| io::copy(&mut io::repeat(0).take(size), &mut file).map(drop));
+            made.inspect_err(|_| _ = std::fs::remove_file(&path))?;
         }
-        let made = private::options()
-            .open(&self.path)
-            .and_then(|mut file| io::copy(&mut io::repeat(0).take(self.size), &mut file).map(drop));
-        made.inspect_err(|_| _ = std::fs::remove_file(&self.path))
+        Ok(())
     }
 
-    /// Removes it; whether there was any. Blocks.
-    pub fn give_up(&self) -> bool {
-        std::fs::remove_file(&self.path).is_ok()
+    /// Removes one of the files; whether it was there. Blocks.
+    pub fn give_up(&self, name: &str) -> bool {
+        std::fs::remove_file(self.folder.join(name)).is_ok()
     }
 }

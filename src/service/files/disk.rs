@@ -20,7 +20,7 @@ pub(super) const STORE_ROOM: u64 = 8 << 20;
 const RESULTS: u64 = 4;
 
 /// Refuses a reserve that the disk of a folder never has: no upload would be taken.
-pub(crate) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
+pub(super) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
     match total_bytes(folder) {
         Some(total) if (1..=reserve).contains(&total) => Err(Error::parameter(format_args!(
             "no upload would ever be taken with this --min-free-bytes: give less than the {total} bytes that the disk \

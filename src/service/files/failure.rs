@@ -13,7 +13,6 @@ pub(super) fn storage_error(what: impl std::fmt::Display, error: io::Error) -> E
     Error::new(Kind::of_storage(&error), format_args!("{what}: {error}"))
 }
 
-/// The error of a data folder that cannot be opened.
 pub(super) fn cannot_make(path: &Path, error: io::Error) -> Error {
     Error::io(format_args!("the data folder cannot be used: {}", path.display()), error)
 }

@@ -10,11 +10,10 @@ use object_store::path::Path as BlobPath;
 use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::ballast::Ballast;
+use super::ballast::{BALLAST, Ballast, LAST};
 use super::disk::{self, Disk};
 use super::failure::{CANNOT_REACH, cannot_make, storage_error};
 use super::names::{Folder, RESULTS, UPLOADS};
-use super::references::References;
 use super::root::{self, Root};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
@@ -31,7 +30,8 @@ const STORE_PART: u64 = 8;
 pub(crate) struct Files {
     pub(super) root: Root,
     pub(super) blobs: Blobs,
-    pub(super) references: References,
+    /// Where meshes may lie that no request brings, and the bucket of each place.
+    pub(super) prefixes: Vec<(BlobPlace, Blobs)>,
     /// Where the blobs lie when they are not in the root. Other processes may use them too.
     pub(super) elsewhere: Option<BlobPlace>,
     /// Name of the store that the place of the blobs belongs to.
@@ -64,8 +64,7 @@ impl Files {
         disk::check_reserve(&root.path, reserve)?;
         for folder in [UPLOADS, RESULTS, "scratch"] {
             let path = root.path.join(folder);
-            let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
-            made.map_err(|error| cannot_make(&path, error))?;
+            private::make_folder(&path).map_err(|error| cannot_make(&path, error))?;
         }
         let blobs = match elsewhere {
             Some(place) => place.open()?,
@@ -77,12 +76,11 @@ impl Files {
         let ballast = Ballast::new(&root.path, disk::total_bytes(&root.path), root.is_kept());
         let disk = Disk::new(root.path.clone(), reserve, elsewhere.is_none());
         let (incoming, failures, damages) = (Mutex::default(), AtomicU64::new(0), AtomicU64::new(0));
-        let references = References::default();
         let elsewhere = elsewhere.cloned();
         let files = Self {
             root,
             blobs,
-            references,
+            prefixes: Vec::new(),
             elsewhere,
             owner: None,
             disk,
@@ -95,15 +93,16 @@ impl Files {
             faults,
         };
         // the store needs some room to be opened
-        if files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8) {
-            files.ballast.give_up();
+        let is_full = || files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8);
+        if is_full() && (files.ballast.give_up(BALLAST) || files.ballast.give_up(LAST)) {
+            tracing::warn!("the disk is full: the service gives up ballast to start");
         }
         Ok(files)
     }
 
     /// Where the store of jobs is to be.
     pub fn database(&self) -> PathBuf {
-        self.root.path.join(root::STORE[0])
+        self.root.path.join(root::STORE)
     }
 
     /// A folder for files without a name.
@@ -152,7 +151,7 @@ impl Files {
     /// Gives the ballast up, so that the store can write; whether there was any.
     pub async fn give_up_ballast(self: &Arc<Self>) -> bool {
         let this = Arc::clone(self);
-        let had_any = blocking(move || this.ballast.give_up()).await.unwrap_or(false);
+        let had_any = blocking(move || this.ballast.give_up(BALLAST)).await.unwrap_or(false);
         if had_any {
             tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
         }

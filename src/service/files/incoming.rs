@@ -63,12 +63,6 @@ impl Incoming {
     }
 }
 
-impl std::fmt::Debug for Incoming {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Incoming").field("id", &self.id).finish_non_exhaustive()
-    }
-}
-
 /// Ends blobs that belong together: gives them if they are small, or else makes files of them, which wait for the disk
 /// together, and gives none.
 pub(crate) async fn settle(blobs: Vec<BlobWriter>) -> Result<Vec<SmallBlob>> {

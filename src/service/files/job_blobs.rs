@@ -7,7 +7,6 @@ use crate::blobs::Blob;
 use crate::files::{Files, Folder, MESH};
 use crate::store::{Job, Store};
 
-/// A blob of the upload of a job, or a range of it.
 pub(crate) async fn upload(
     files: &Files,
     store: &Store,

@@ -6,7 +6,7 @@
 //! DIR/uploads/{job}/…               from the request until the job ends
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/scratch/…                     what an answer is made of while it is sent
-//! DIR/ballast                       room that deletions get on a full disk
+//! DIR/ballast, DIR/ballast.last     room that deletions and a start get on a full disk
 //! DIR/owner                         the name of the store that uploads and results belong to
 //! ```
 //!
@@ -30,7 +30,6 @@ pub(crate) mod job_blobs;
 pub(crate) mod kept_mesh;
 mod names;
 mod place;
-mod references;
 mod referred;
 pub(crate) mod retention;
 mod root;
@@ -38,11 +37,10 @@ pub(crate) mod storage;
 mod sweep;
 
 pub(crate) use self::blob::{BlobWriter, BlockingWriter};
-pub(crate) use self::disk::check_reserve;
 pub(crate) use self::folder::Files;
 pub(crate) use self::incoming::{Incoming, settle};
 pub(crate) use self::names::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
-pub(crate) use self::references::check_prefixes;
+pub(crate) use self::referred::check_prefixes;
 
 #[cfg(test)]
 mod tests;

@@ -13,9 +13,7 @@ pub(crate) const OWNER: &str = "owner";
 
 /// Name of the mesh, or the points, among a job's uploads.
 pub(crate) const MESH: &str = "mesh";
-/// Name of the list of seeds among a job's uploads.
 pub(crate) const SEEDS: &str = "seeds";
-/// Name of the weights among a job's uploads.
 pub(crate) const WEIGHTS: &str = "weights";
 /// Name of the edges between points among a job's uploads.
 pub(crate) const GRAPH: &str = "graph";

@@ -11,7 +11,7 @@ use axum::body::Bytes;
 use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::ballast::BALLAST;
+use super::ballast::{BALLAST, LAST};
 use super::failure::CANNOT_REACH;
 use super::folder::Files;
 use super::names::{OWNER, RESULTS, UPLOADS};
@@ -43,7 +43,7 @@ impl Files {
             format_args!(
                 "the store of jobs of this data folder is missing, empty, older than its files, or another one: put it \
                  back, from a backup for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, \
-                 {OWNER}, {BALLAST} and what there is of jobs.sqlite3 out of the data folder: {}",
+                 {OWNER}, {BALLAST}, {LAST} and what there is of jobs.sqlite3 out of the data folder: {}",
                 self.root.path.display()
             ),
         )

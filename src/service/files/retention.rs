@@ -50,7 +50,6 @@ impl Reading {
 }
 
 /// Deletes jobs some time after their end.
-#[derive(Debug)]
 pub(crate) struct Retention {
     files: Arc<Files>,
     store: Arc<Store>,

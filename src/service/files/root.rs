@@ -8,15 +8,12 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::ballast::BALLAST;
 use super::failure::cannot_make;
-use super::names::OWNER;
 use crate::ops::private;
 
 pub(super) const LOCK: &str = "lock";
 
-/// Files of the store of jobs.
-pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm"];
+pub(super) const STORE: &str = "jobs.sqlite3";
 
 #[derive(Debug)]
 pub(super) struct Root {
@@ -34,8 +31,8 @@ pub(super) struct Root {
 impl Root {
     /// Takes the folder at `path`, which is made if need be. [`Kind::Conflict`] when another process works in it.
     ///
-    /// The mode of a folder that is there already stays, because it may hold more than jobs; what the service keeps in
-    /// it is for the owner only in any case.
+    /// The mode of a folder that is there already stays, because it may hold more than jobs; what the service makes in
+    /// it is for the owner only.
     pub fn keep(path: &Path) -> Result<Self> {
         private::make_folder(path).map_err(|error| cannot_make(path, error))?;
         let name = path.join(LOCK);
@@ -66,10 +63,6 @@ impl Root {
         if let Some(mode) = private::open_mode(&path) {
             let (folder, mode) = (path.display(), format!("{mode:04o}"));
             tracing::warn!(%folder, mode, "other users may enter the data folder; `chmod 700` takes that away");
-        }
-        for name in STORE.into_iter().chain([LOCK, BALLAST, OWNER]) {
-            let file = path.join(name);
-            private::tighten(&file).map_err(|error| cannot_make(&file, error))?;
         }
         Self::taken(path, Some(lock), None)
     }

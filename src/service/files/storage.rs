@@ -24,7 +24,6 @@ const INTERVAL: Duration = Duration::from_millis(500);
 /// Time after which the folder is tried although nothing failed.
 const TRIED_ANYWAY: Duration = Duration::from_secs(10);
 
-#[derive(Debug)]
 pub(crate) struct Storage {
     files: Arc<Files>,
     store: Arc<Store>,

@@ -3,8 +3,6 @@
 
 pub mod access;
 pub mod access_log;
-pub mod audit;
-pub mod path;
 pub mod problem;
 pub mod query;
 pub mod traffic;

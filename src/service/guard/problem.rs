@@ -19,7 +19,7 @@ use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::job::InputFormat;
 use utoipa::{ToResponse, ToSchema};
 
-use crate::guard::path;
+use crate::guard::access::tokens::TOKEN_PREFIX;
 use crate::metrics::Metrics;
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
@@ -31,11 +31,13 @@ pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(crate) const ENCODINGS: &str = "gzip, zstd, identity";
 
-/// Media type of problem documents.
 pub(crate) const MEDIA_TYPE: &str = "application/problem+json";
 
 /// Seconds after which a client may repeat a request that failed for now.
 const RETRY_AFTER: u32 = 5;
+
+/// Longest path of a request that is logged or sent back, in bytes.
+const MAX_PATH: usize = 256;
 
 /// What went wrong (RFC 9457).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
@@ -84,22 +86,13 @@ pub(crate) struct Failure {
     pub error: Error,
     /// Path of the resource it happened to, when that is not the request's.
     pub instance: Option<String>,
-    /// Seconds after which the client may try again, when that is known.
-    pub retry_after: Option<u32>,
     /// Of a range that is not there: bytes that are.
     pub complete_length: Option<u64>,
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self { error, instance: None, retry_after: None, complete_length: None }
-    }
-}
-
-impl Failure {
-    /// An error that may be over after this many seconds.
-    pub fn retry_after(error: Error, seconds: u32) -> Self {
-        Self { retry_after: Some(seconds), ..error.into() }
+        Self { error, instance: None, complete_length: None }
     }
 }
 
@@ -155,7 +148,7 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
         kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),
         _ => {}
     }
-    let instance = failure.instance.unwrap_or_else(|| path::cut(&path).to_owned());
+    let instance = failure.instance.unwrap_or_else(|| cut_path(&path).to_owned());
     let problem = Problem::new(&failure.error, instance);
     let mut rendered = (
         status(failure.error.kind),
@@ -171,7 +164,7 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
         }
     }
     if failure.error.kind.is_retryable() {
-        headers.insert(header::RETRY_AFTER, failure.retry_after.unwrap_or(RETRY_AFTER).into());
+        headers.insert(header::RETRY_AFTER, RETRY_AFTER.into());
     }
     rendered
 }
@@ -189,12 +182,12 @@ fn refused_by_framework(
             Kind::NotFound,
             format_args!(
                 "there is nothing at this path, which is not UTF-8 once its percent signs are decoded: {}",
-                path::cut(path)
+                cut_path(path)
             ),
         ),
         StatusCode::NOT_FOUND => Error::new(
             Kind::NotFound,
-            format_args!("there is nothing at this path; /openapi.yaml lists what there is: {}", path::cut(path)),
+            format_args!("there is nothing at this path; /openapi.yaml lists what there is: {}", cut_path(path)),
         ),
         StatusCode::METHOD_NOT_ALLOWED => Error::new(
             Kind::MethodNotAllowed,
@@ -217,4 +210,19 @@ pub(crate) fn panicked(_: Box<dyn std::any::Any + Send + 'static>) -> Response {
 
 fn status(kind: Kind) -> StatusCode {
     StatusCode::from_u16(kind.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
+}
+
+/// The beginning of a path, at most up to a token that a client wrote into it.
+pub(crate) fn cut_path(path: &str) -> &str {
+    let path = &path[..path.floor_char_boundary(MAX_PATH)];
+    path.split(TOKEN_PREFIX).next().unwrap_or(path)
+}
+
+#[cfg(test)]
+#[test]
+fn a_path_is_cut_between_characters_and_before_a_token() {
+    assert_eq!(cut_path("/v1/jobs"), "/v1/jobs");
+    assert_eq!(cut_path("/v1/tess_one_secret/jobs"), "/v1/");
+    let long = format!("/{}", "ü".repeat(500));
+    assert!(cut_path(&long).len() == MAX_PATH - 1 && long.starts_with(cut_path(&long)));
 }

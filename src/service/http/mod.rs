@@ -9,4 +9,3 @@ pub mod prefer;
 pub mod results;
 pub mod router;
 pub mod state;
-pub mod yaml;

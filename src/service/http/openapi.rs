@@ -8,25 +8,24 @@ use std::sync::Arc;
 
 use axum::http::header;
 use axum::response::IntoResponse;
-use clap::ValueEnum as _;
 use serde_json::{Value, json};
-use tesserae_mesh::artifacts::{self, Artifact, Choice, Form};
+use tesserae_mesh::artifacts::{self, Artifact, Form};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::Format;
 use tesserae_mesh::parameters::{Levels, Seeds, Snapshots};
-use tesserae_mesh::remesh::Placement;
 use utoipa::openapi::path::{HttpMethod, Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
-use utoipa::{OpenApi, PartialSchema as _};
+use utoipa::{IntoParams as _, OpenApi, PartialSchema as _};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::guard::problem::{Answer, Problematic};
 use crate::http::api::binary::Binary;
+use crate::http::api::derived::DerivedQuery;
 use crate::http::api::{self, events};
 use crate::http::state::Shared;
 use crate::store::PRIORITIES;
@@ -158,54 +157,26 @@ fn operation_of(artifact: &Artifact) -> Operation {
     if !artifact.is_made_of_input() {
         return operation.description(Some(format!("{} 409 before the job has succeeded.", artifact.about))).build();
     }
-    let formats: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
-    let format = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(formats));
-    let clusters = ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1));
-    let operation = operation
-        .description(Some(format!(
-            "{} It was named in `outputs` of the request for the job, or the job keeps its mesh (`keep_mesh`); \
+    let operation = operation.description(Some(format!(
+        "{} It was named in `outputs` of the request for the job, or the job keeps its mesh (`keep_mesh`); \
              otherwise 404, `/problems/mesh-not-kept`. 409 before the job has succeeded, and for a whole hierarchy \
              without `clusters`.",
-            artifact.about
-        )))
-        .parameter(choice("format", "The format; by `Accept` when left out, one that was made first", format))
-        .parameter(choice(
-            "clusters",
-            "Cut a hierarchy at this number of clusters; 409 for a flat clustering",
-            clusters,
-        ));
-    let choices = artifact.choices.iter().map(|chosen| match chosen {
-        Choice::Placement => {
-            let placements = Placement::value_variants().iter().map(|placement| json!(placement));
-            let placements = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(placements));
-            choice(chosen.name(), "Where vertices are placed", placements)
+        artifact.about
+    )));
+    let applies = |name: &str| {
+        ["format", "clusters"].contains(&name) || artifact.choices.iter().any(|choice| choice.name() == name)
+    };
+    let parameters = DerivedQuery::into_params(|| Some(ParameterIn::Query)).into_iter();
+    let with_formats = |mut parameter: Parameter| {
+        if parameter.name == "format" {
+            let formats = artifact.forms.iter().map(Form::extension);
+            let formats = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(formats));
+            parameter.schema = Some(Schema::from(formats).into());
         }
-        Choice::PlyVertexColours => {
-            let colours = ObjectBuilder::new().schema_type(Type::Boolean);
-            choice(chosen.name(), "PLY: colour vertices instead of faces, split where clusters meet", colours)
-        }
-        Choice::Force => {
-            let force = ObjectBuilder::new().schema_type(Type::Boolean);
-            choice(chosen.name(), "Make what takes readers long", force)
-        }
-        Choice::Colours => {
-            let colours = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["clusters", "none"]));
-            let about = "Colours and ids of clusters, or a GLB of the mesh alone, whose triangles are in upload order";
-            choice(chosen.name(), about, colours)
-        }
-    });
-    choices.fold(operation, OperationBuilder::parameter).build()
-}
-
-/// A parameter of the query of an output.
-fn choice(name: &str, description: &str, schema: ObjectBuilder) -> Parameter {
-    ParameterBuilder::new()
-        .name(name)
-        .parameter_in(ParameterIn::Query)
-        .required(Required::False)
-        .description(Some(description))
-        .schema(Some(Schema::from(schema)))
-        .build()
+        parameter
+    };
+    let parameters = parameters.filter(|parameter| applies(&parameter.name)).map(with_formats);
+    parameters.fold(operation, OperationBuilder::parameter).build()
 }
 
 /// Adds the forms of every output to its operation, and their schemas.
@@ -345,7 +316,7 @@ pub fn openapi_yaml() -> Result<String> {
     complete(&mut document);
     document
         .to_yaml()
-        .map(|yaml| crate::http::yaml::quoted(&yaml))
+        .map(|yaml| quoted(&yaml))
         .map_err(|error| Error::new(Kind::Internal, format_args!("the description cannot be written: {error}")))
 }
 
@@ -362,4 +333,25 @@ pub fn openapi_yaml() -> Result<String> {
 pub(crate) async fn show() -> Answer {
     let yaml = openapi_yaml()?;
     Ok(([(header::CONTENT_TYPE, "application/yaml")], yaml).into_response())
+}
+
+/// Quotes the words that YAML 1.1, which many programs read, takes for booleans, where they are values.
+fn quoted(yaml: &str) -> String {
+    let line = |line: &str| match line.rsplit_once(' ') {
+        Some((head, word @ ("on" | "off" | "yes" | "no" | "y" | "n"))) if head.ends_with(['-', ':']) => {
+            format!("{head} '{word}'\n")
+        }
+        _ => format!("{line}\n"),
+    };
+    yaml.lines().map(line).collect()
+}
+
+#[cfg(test)]
+#[test]
+fn words_that_are_values_are_quoted_and_texts_are_not() {
+    let (yaml, expected) = (
+        "enum:\n- off\n- obj\ndefault: on\ntext: on and off\n",
+        "enum:\n- 'off'\n- obj\ndefault: 'on'\ntext: on and off\n",
+    );
+    assert_eq!(quoted(yaml), expected);
 }

@@ -19,11 +19,6 @@ use crate::http::conditional::Content;
 
 mod knot;
 
-#[cfg(not(feature = "page"))]
-use absent::FILES;
-#[cfg(feature = "page")]
-use bundled::FILES;
-
 #[derive(Debug, Clone, Copy)]
 struct File {
     path: &'static str,
@@ -36,33 +31,26 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       connect-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 #[cfg(feature = "page")]
-mod bundled {
-    use super::File;
-
-    macro_rules! bundled {
-        ($name:literal) => {
-            include_bytes!(concat!(env!("PAGE_BUNDLE"), "/", $name))
-        };
-    }
-
-    pub const FILES: [File; 7] = [
-        File { path: "/", media_type: "text/html; charset=utf-8", bytes: bundled!("index.html") },
-        File { path: "/page.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("page.js") },
-        File { path: "/scene.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("scene.js") },
-        File { path: "/page.css", media_type: "text/css; charset=utf-8", bytes: bundled!("page.css") },
-        File { path: "/mark.svg", media_type: "image/svg+xml", bytes: bundled!("mark.svg") },
-        File { path: "/share.jpg", media_type: "image/jpeg", bytes: bundled!("share.jpg") },
-        File { path: "/licences.txt", media_type: "text/plain; charset=utf-8", bytes: bundled!("licences.txt") },
-    ];
+macro_rules! bundled {
+    ($name:literal) => {
+        include_bytes!(concat!(env!("PAGE_BUNDLE"), "/", $name))
+    };
 }
 
+#[cfg(feature = "page")]
+const FILES: [File; 7] = [
+    File { path: "/", media_type: "text/html; charset=utf-8", bytes: bundled!("index.html") },
+    File { path: "/page.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("page.js") },
+    File { path: "/scene.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("scene.js") },
+    File { path: "/page.css", media_type: "text/css; charset=utf-8", bytes: bundled!("page.css") },
+    File { path: "/mark.svg", media_type: "image/svg+xml", bytes: bundled!("mark.svg") },
+    File { path: "/share.jpg", media_type: "image/jpeg", bytes: bundled!("share.jpg") },
+    File { path: "/licences.txt", media_type: "text/plain; charset=utf-8", bytes: bundled!("licences.txt") },
+];
+
+/// None: the page was not compiled in.
 #[cfg(not(feature = "page"))]
-mod absent {
-    use super::File;
-
-    /// None: the page was not compiled in.
-    pub const FILES: [File; 0] = [];
-}
+const FILES: [File; 0] = [];
 
 pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     if FILES.is_empty() {

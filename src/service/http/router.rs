@@ -13,7 +13,6 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::csrf::CsrfLayer;
-use tower_http::trace::TraceLayer;
 
 use crate::guard::access_log;
 use crate::guard::problem;
@@ -27,7 +26,7 @@ const COMPRESSED_FROM: u64 = 1024;
 
 /// All routes, and around them, from the outside in:
 ///
-/// 1. an id for the request, its origin, its trace, and a span for what is logged about it; its line in the access log;
+/// 1. its origin, its trace, and a span for what is logged about it; its line in the access log;
 /// 2. what every answer has, and counting it;
 /// 3. compression, of all but event streams, and tags that differ with it;
 /// 4. problem documents, of all that is refused further in;
@@ -41,14 +40,6 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
     let (is_open, accepts_names) = (shared.settings.access.tokens.is_none(), shared.settings.access.insecure_no_auth);
     let layers = ServiceBuilder::new()
         .layer(from_fn_with_state(proxies, access_log::log))
-        .layer(
-            TraceLayer::new_for_http()
-                .make_span_with(access_log::span)
-                .on_request(())
-                .on_response(())
-                .on_eos(())
-                .on_failure(()),
-        )
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), every_answer))
         .layer(from_fn(conditional::distinguish_codings))
         .layer(

@@ -43,7 +43,6 @@ pub struct DeviceDescription {
     pub adapters: Vec<AdapterReport>,
 }
 
-#[derive(Debug)]
 pub(crate) struct Shared {
     pub settings: Settings,
     pub store: Arc<Store>,

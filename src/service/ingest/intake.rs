@@ -1,21 +1,21 @@
 //! The body of a request on its way in: timed, counted, decompressed, limited, and never held.
 //!
 //! ```text
-//! body ─ Intake: bytes as sent, their number and pace ─ inflate: gzip, zstd ─ Content: bytes as meant, their number
+//! body ─ arriving: bytes as sent, their number and pace ─ inflate: gzip, zstd ─ Content: bytes as meant, their number
 //! ```
 
 mod inflate;
 
-use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
-use axum::body::{Body, BodyDataStream, Bytes};
-use futures_util::{Stream, StreamExt};
+use axum::body::{Body, Bytes};
+use futures_util::stream::{self, BoxStream};
+use futures_util::{Stream, StreamExt as _};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tokio::time::Sleep;
+use tokio::task::yield_now;
+use tokio::time::timeout;
 
 pub(crate) use self::inflate::Coding;
 
@@ -53,6 +53,11 @@ pub(crate) struct Rules {
 }
 
 impl Rules {
+    /// Refuses more bytes than allowed.
+    fn check(&self, bytes: u64) -> Result<()> {
+        if bytes > self.limit { Err(self.too_large(bytes)) } else { Ok(()) }
+    }
+
     /// The error for more bytes than allowed: `length` is how many, as far as is known.
     pub fn too_large(&self, length: u64) -> Error {
         Error::too_large(format_args!(
@@ -62,15 +67,12 @@ impl Rules {
     }
 }
 
-/// The content of a body, decompressed: a stream that ends with an error when something about it is not as it must be.
+/// The content of a body, decompressed.
 pub(crate) struct Content {
-    bytes: Paced<Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>>>,
-    rules: Rules,
-    /// Bytes as sent, when they are compressed.
-    sent: Option<Arc<AtomicU64>>,
-    /// Bytes as meant.
-    received: u64,
-    allowance: Allowance,
+    /// The bytes as meant. An error comes where they pass a limit of length, inflation or time.
+    pub bytes: BoxStream<'static, Result<Bytes>>,
+    /// What the bytes spend.
+    pub allowance: Allowance,
 }
 
 /// Bytes that may still come before the next part of a form begins.
@@ -90,56 +92,11 @@ impl Allowance {
         self.0.store(u64::MAX, Ordering::Relaxed);
     }
 
-    /// Whether a chunk of `bytes` bytes is within it.
-    fn spend(&self, bytes: u64) -> bool {
+    /// Refuses a chunk of `bytes` bytes beyond it.
+    fn spend(&self, bytes: u64) -> Result<()> {
         let left = self.0.load(Ordering::Relaxed);
-        if left == u64::MAX {
-            return true;
-        }
         let bytes = bytes.max(BETWEEN_PARTS / CHUNKS_BETWEEN_PARTS);
-        self.0.store(left.saturating_sub(bytes), Ordering::Relaxed);
-        left >= bytes
-    }
-}
-
-/// Takes over a body, of `length` bytes where that is declared, compressed by `coding` if at all.
-pub(crate) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rules: Rules) -> Result<Content> {
-    let intake = Intake::new(body, rules.clone());
-    if let Some(length) = length.filter(|length| *length > rules.limit) {
-        return Err(rules.too_large(length));
-    }
-    let sent = coding.map(|_| Arc::clone(&intake.received));
-    let bytes: Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>> = match coding {
-        None => Box::pin(intake),
-        Some(coding) => Box::pin(inflate::inflate(Paced::new(intake), coding)),
-    };
-    let allowance = Allowance(Arc::new(AtomicU64::new(u64::MAX)));
-    Ok(Content { bytes: Paced::new(bytes), rules, sent, received: 0, allowance })
-}
-
-impl Content {
-    /// The allowance that the stream spends.
-    pub fn allowance(&self) -> Allowance {
-        self.allowance.clone()
-    }
-
-    fn check(&mut self, data: &Bytes) -> Result<()> {
-        let bytes = data.len() as u64;
-        self.received += bytes;
-        if self.received > self.rules.limit {
-            return Err(self.rules.too_large(self.received));
-        }
-        if let Some(sent) = &self.sent {
-            let sent = sent.load(Ordering::Relaxed);
-            if self.received > ANY_INFLATION.saturating_add(sent.saturating_mul(MAX_INFLATION)) {
-                return Err(Error::too_large(format_args!(
-                    "the compressed upload becomes more than {MAX_INFLATION} times as large: send it without \
-                     compression, or less compressed; it was at {} bytes after {sent}",
-                    self.received
-                )));
-            }
-        }
-        if !self.allowance.spend(bytes) {
+        if left < bytes {
             return Err(Error::new(
                 Kind::BadRequest,
                 format_args!(
@@ -148,92 +105,77 @@ impl Content {
                 ),
             ));
         }
+        if left < u64::MAX {
+            self.0.store(left - bytes, Ordering::Relaxed);
+        }
         Ok(())
     }
 }
 
-impl Stream for Content {
-    type Item = Result<Bytes>;
-
-    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        // The multipart reader polls until nothing is ready and keeps everything; turns bound that.
-        self.bytes.poll_next_unpin(context).map(|item| Some(item?.and_then(|data| self.check(&data).map(|()| data))))
-    }
-}
-
-/// A stream that gives way to other tasks after each [`TURN`].
-struct Paced<S> {
-    stream: S,
-    /// Bytes that it gave since it gave way.
-    given: usize,
-}
-
-impl<S> Paced<S> {
-    fn new(stream: S) -> Self {
-        Self { stream, given: 0 }
-    }
-}
-
-impl<S: Stream<Item = Result<Bytes>> + Unpin> Stream for Paced<S> {
-    type Item = Result<Bytes>;
-
-    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        if self.given >= TURN {
-            self.given = 0;
-            context.waker().wake_by_ref();
-            return Poll::Pending;
-        }
-        let polled = self.stream.poll_next_unpin(context);
-        if let Poll::Ready(Some(Ok(data))) = &polled {
-            self.given += data.len();
-        }
-        polled
-    }
-}
-
-/// A body as it is sent.
-struct Intake {
-    body: Option<BodyDataStream>,
-    rules: Rules,
-    received: Arc<AtomicU64>,
-    chunks: u64,
-    began: Instant,
-    /// Ends when nothing came for too long.
-    quiet: Pin<Box<Sleep>>,
-}
-
-impl Intake {
-    fn new(body: Body, rules: Rules) -> Self {
-        Self {
-            body: Some(body.into_data_stream()),
-            quiet: Box::pin(tokio::time::sleep(rules.patience)),
-            rules,
-            received: Arc::default(),
-            chunks: 0,
-            began: Instant::now(),
-        }
-    }
-
-    fn check(&mut self, data: &Bytes) -> Result<()> {
+/// Takes over a body, of `length` bytes where that is declared, compressed by `coding` if at all.
+pub(crate) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rules: Rules) -> Result<Content> {
+    rules.check(length.unwrap_or(0))?;
+    let sent = Arc::<AtomicU64>::default();
+    let body = paced(arriving(body, rules.clone(), Arc::clone(&sent)).boxed());
+    let bytes = match coding {
+        None => body,
+        Some(coding) => paced(inflate::inflate(body, coding).boxed()),
+    };
+    let allowance = Allowance(Arc::new(AtomicU64::new(u64::MAX)));
+    let (spent, mut meant) = (allowance.clone(), 0);
+    let check = move |data: &Bytes| {
         let bytes = data.len() as u64;
-        let received = self.received.fetch_add(bytes, Ordering::Relaxed) + bytes;
-        if received > self.rules.limit {
-            return Err(self.rules.too_large(received));
-        }
-        self.chunks += 1;
-        if self.chunks > ANY_CHUNKS && received < self.chunks * BYTES_PER_CHUNK {
+        meant += bytes;
+        rules.check(meant)?;
+        check_inflation(meant, sent.load(Ordering::Relaxed))?;
+        spent.spend(bytes)
+    };
+    Ok(Content { bytes: checked(bytes, check).boxed(), allowance })
+}
+
+/// A stream whose bytes are checked.
+fn checked(
+    bytes: impl Stream<Item = Result<Bytes>> + Send,
+    mut check: impl FnMut(&Bytes) -> Result<()> + Send,
+) -> impl Stream<Item = Result<Bytes>> + Send {
+    bytes.map(move |item| item.and_then(|data| check(&data).map(|()| data)))
+}
+
+fn check_inflation(meant: u64, sent: u64) -> Result<()> {
+    if meant <= ANY_INFLATION.saturating_add(sent.saturating_mul(MAX_INFLATION)) {
+        return Ok(());
+    }
+    Err(Error::too_large(format_args!(
+        "the compressed upload becomes more than {MAX_INFLATION} times as large: send it without compression, or less \
+         compressed; it was at {meant} bytes after {sent}"
+    )))
+}
+
+/// The bytes of a body as they are sent, which `sent` counts.
+fn arriving(body: Body, rules: Rules, sent: Arc<AtomicU64>) -> impl Stream<Item = Result<Bytes>> + Send {
+    let (patience, began, mut chunks) = (rules.patience, Instant::now(), 0);
+    let silent =
+        move |_| Error::new(Kind::Timeout, format_args!("nothing of the upload came for {} s", patience.as_secs()));
+    let broken = |error| Error::new(Kind::BadRequest, format_args!("the body ended before it was whole: {error}"));
+    let body = stream::try_unfold(body.into_data_stream(), move |mut body| async move {
+        let data = timeout(patience, body.next()).await.map_err(silent)?;
+        Ok(data.transpose().map_err(broken)?.map(|data| (data, body)))
+    });
+    checked(body, move |data| {
+        let bytes = data.len() as u64;
+        let received = sent.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        rules.check(received)?;
+        chunks += 1;
+        if chunks > ANY_CHUNKS && received < chunks * BYTES_PER_CHUNK {
             return Err(Error::new(
                 Kind::BadRequest,
                 format_args!(
                     "the body comes in chunks of fewer than {BYTES_PER_CHUNK} bytes on average: send larger chunks; \
-                     chunks: {}, bytes: {received}",
-                    self.chunks
+                     chunks: {chunks}, bytes: {received}"
                 ),
             ));
         }
-        let now = tokio::time::Instant::now();
-        self.quiet.as_mut().reset(now + self.rules.patience);
-        let elapsed = self.began.elapsed().saturating_sub(self.rules.patience).as_secs_f64();
+        let elapsed = began.elapsed().saturating_sub(patience).as_secs_f64();
         if (received as f64) < elapsed * MIN_RATE as f64 {
             return Err(Error::new(
                 Kind::Timeout,
@@ -241,40 +183,20 @@ impl Intake {
             ));
         }
         Ok(())
-    }
+    })
 }
 
-impl Stream for Intake {
-    type Item = Result<Bytes>;
-
-    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        let Some(body) = &mut self.body else {
-            return Poll::Ready(None);
-        };
-        match body.poll_next_unpin(context) {
-            Poll::Pending => match self.quiet.as_mut().poll(context) {
-                Poll::Pending => Poll::Pending,
-                Poll::Ready(()) => Poll::Ready(Some(Err(Error::new(
-                    Kind::Timeout,
-                    format_args!(
-                        "nothing of the upload came for {} s, after bytes: {}",
-                        self.rules.patience.as_secs(),
-                        self.received.load(Ordering::Relaxed)
-                    ),
-                )))),
-            },
-            Poll::Ready(None) => {
-                self.body = None;
-                Poll::Ready(None)
-            }
-            Poll::Ready(Some(Err(error))) => {
-                self.body = None;
-                Poll::Ready(Some(Err(Error::new(
-                    Kind::BadRequest,
-                    format_args!("the body ended before it was whole: {error}"),
-                ))))
-            }
-            Poll::Ready(Some(Ok(data))) => Poll::Ready(Some(self.check(&data).map(|()| data))),
+/// A stream that gives way to other tasks after each [`TURN`]: the multipart reader polls until nothing is ready, and
+/// keeps everything.
+fn paced(bytes: BoxStream<'static, Result<Bytes>>) -> BoxStream<'static, Result<Bytes>> {
+    let next = |(mut bytes, mut given): (BoxStream<'static, Result<Bytes>>, usize)| async move {
+        if given >= TURN {
+            yield_now().await;
+            given = 0;
         }
-    }
+        let item = bytes.next().await?;
+        given += item.as_ref().map_or(0, Bytes::len);
+        Some((item, (bytes, given)))
+    };
+    stream::unfold((bytes, 0), next).boxed()
 }

@@ -29,7 +29,6 @@ use crate::store::Spec;
 const MAX_NAME: usize = 255;
 
 /// An upload that is whole and was found in order.
-#[derive(Debug)]
 pub(crate) struct Upload {
     pub folder: Incoming,
     pub spec: Spec,
@@ -113,7 +112,7 @@ async fn raw(
         Some(format) => format.check_head(head, length),
         None => InputFormat::recognise(None, head, length)?.check_head(head, length),
     };
-    let mesh = into.save(content, files::MESH, early).await?;
+    let mesh = into.save(content.bytes, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let digests = mesh.digest.into_iter().collect();
@@ -238,43 +237,5 @@ impl Destination {
         self.folder.add(blob).await?;
         saved.digest = digest.map(|digest| digest.finalize().into());
         Ok(saved)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use tesserae_mesh::data;
-    use tesserae_mesh::mesh::Format;
-
-    use super::*;
-
-    const OBJ: InputFormat = InputFormat::Mesh(Format::Obj);
-
-    fn kind(content_type: &'static str) -> Result<BodyKind> {
-        let mut headers = HeaderMap::new();
-        headers.insert(header::CONTENT_TYPE, axum::http::HeaderValue::from_static(content_type));
-        body_kind(&headers)
-    }
-
-    #[test]
-    fn media_types_are_read_as_the_standard_says() {
-        for (content_type, expected) in [
-            ("model/obj", BodyKind::Mesh(Some(OBJ))),
-            ("Model/glTF-Binary; charset=x", BodyKind::Mesh(Some(InputFormat::Mesh(Format::Glb)))),
-            ("model/gltf+json", BodyKind::Mesh(Some(InputFormat::Mesh(Format::Gltf)))),
-            ("image/png", BodyKind::Mesh(Some(InputFormat::Points(data::Format::Png)))),
-            ("application/octet-stream", BodyKind::Mesh(None)),
-            ("multipart/form-data; boundary=x", BodyKind::Form),
-        ] {
-            assert_eq!(kind(content_type), Ok(expected), "{content_type}");
-        }
-        assert_eq!(body_kind(&HeaderMap::new()), Ok(BodyKind::Mesh(None)));
-    }
-
-    #[test]
-    fn a_format_that_contradicts_the_media_type_is_refused() {
-        assert!(agreed(Some(OBJ), Some(InputFormat::Mesh(Format::Glb))).is_err());
-        assert_eq!(agreed(Some(OBJ), None), Ok(Some(OBJ)));
-        assert_eq!(agreed(None, Some(InputFormat::Mesh(Format::Glb))), Ok(Some(InputFormat::Mesh(Format::Glb))));
     }
 }

@@ -8,7 +8,6 @@ pub(crate) mod lag;
 mod process;
 
 use std::borrow::Cow;
-use std::fmt;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -32,21 +31,11 @@ use crate::store::{Job, State, Store};
 /// Media type of [`Metrics::text`]: OpenMetrics, which Prometheus reads.
 pub(crate) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-#[derive(Debug)]
 pub(crate) struct Metrics {
     registry: Registry,
     pub families: Families,
     process: Process,
-    memory_meter: Mutex<Option<Meter>>,
-}
-
-/// A [`MemoryMeter`] that can be printed.
-struct Meter(MemoryMeter);
-
-impl fmt::Debug for Meter {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Meter")
-    }
+    memory_meter: Mutex<Option<MemoryMeter>>,
 }
 
 /// A job that the device works on.
@@ -147,11 +136,11 @@ impl Metrics {
 
     /// A device was opened; `memory` reads how much it has allocated.
     pub fn device_opened(&self, memory: MemoryMeter) {
-        *self.memory_meter.lock() = Some(Meter(memory));
+        *self.memory_meter.lock() = Some(memory);
     }
 
     fn device_memory(&self) -> Option<u64> {
-        let meter = self.memory_meter.lock().as_ref()?.0.clone();
+        let meter = self.memory_meter.lock().clone()?;
         meter()
     }
 

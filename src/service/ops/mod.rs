@@ -5,5 +5,4 @@ pub mod faults;
 pub mod health;
 pub mod private;
 pub mod timestamp;
-pub mod tls;
 pub mod trace;

@@ -19,20 +19,6 @@ pub(crate) fn options() -> OpenOptions {
     options
 }
 
-/// Takes the access of group and others away from a file or folder, if it is there; links are not followed.
-pub(crate) fn tighten(path: &Path) -> io::Result<()> {
-    let found = match path.symlink_metadata() {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        found => found?,
-    };
-    let mode = found.permissions().mode();
-    match mode & 0o077 {
-        0 => Ok(()),
-        _ if found.is_symlink() => Ok(()),
-        _ => std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & 0o700)),
-    }
-}
-
 /// The mode of a folder that group or others may enter or list; none when only its owner may.
 pub(crate) fn open_mode(path: &Path) -> Option<u32> {
     let mode = path.metadata().ok()?.permissions().mode() & 0o777;

@@ -1,18 +1,15 @@
 //! Structured logs: lines for people or JSON for machines, on standard error.
 
+use std::fmt::Display;
 use std::io::IsTerminal;
 
 use tesserae_mesh::error::{Error, Kind, Result};
-use tracing::Metadata;
 use tracing_subscriber::Layer as _;
-use tracing_subscriber::filter::{Targets, filter_fn};
+use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 use crate::settings::heading;
-
-/// Target of the audit log.
-pub(crate) const AUDIT: &str = "tesserae::audit";
 
 /// What the lines of the log look like.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -46,21 +43,20 @@ pub struct LogSettings {
 impl LogSettings {
     /// Starts logging for the whole process. A second call is an error.
     pub fn start(&self) -> Result<()> {
-        let filter: Targets = self.log.parse().map_err(|error| {
-            Error::parameter(format_args!("the log filter cannot be read ({error}): {:?}", self.log))
-        })?;
+        let wrong =
+            |why: &dyn Display| Error::parameter(format_args!("the log filter cannot be read ({why}): {:?}", self.log));
+        let filter: Targets = self.log.parse().map_err(|error| wrong(&error))?;
+        // a part without `=` that is no level is read as a target, and turns everything else off: a misspelt level
+        if let Some(part) = self.log.split(',').find(|part| !part.contains('=') && part.parse::<LevelFilter>().is_err())
+        {
+            return Err(wrong(&format_args!("not a level, off, error, warn, info, debug or trace: {part}")));
+        }
         let lines =
-            || tracing_subscriber::fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
-        // all spans around an event are listed; the innermost one need not be there twice
-        let json = || lines().json().with_current_span(false);
-        let is_audit = |metadata: &Metadata<'_>| metadata.target() == AUDIT;
+            tracing_subscriber::fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
         let lines = match self.log_format {
-            LogFormat::Text => lines().boxed(),
-            // audit lines have the fields of their spans themselves
-            LogFormat::Json => json()
-                .with_filter(filter_fn(move |metadata| !is_audit(metadata)))
-                .and_then(json().with_span_list(false).with_filter(filter_fn(is_audit)))
-                .boxed(),
+            LogFormat::Text => lines.boxed(),
+            // all spans around an event are listed; the innermost one need not be there twice
+            LogFormat::Json => lines.json().with_current_span(false).boxed(),
         };
         tracing_subscriber::registry()
             .with(filter)

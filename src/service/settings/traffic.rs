@@ -26,11 +26,6 @@ pub struct TrafficSettings {
           value_parser = clap::value_parser!(u64).range(1..))]
     pub max_queued_jobs_per_tenant: u64,
 
-    /// Requests a second of one client, averaged over 5 seconds; more are answered with 429, 0 is any number
-    #[arg(long, env = "TESSERAE_MAX_REQUEST_RATE", value_name = "N", help_heading = heading::LIMITS,
-          hide_short_help = true, default_value_t = Self::default().max_request_rate)]
-    pub max_request_rate: u32,
-
     /// Addresses of proxies, such as 10.0.0.0/8, whose X-Forwarded-For says where requests come from; without any the
     /// other end of a connection is the client
     #[arg(long, env = "TESSERAE_TRUSTED_PROXIES", value_name = "NETWORK,…", value_delimiter = ',',
@@ -44,12 +39,7 @@ pub struct TrafficSettings {
 
 impl Default for TrafficSettings {
     fn default() -> Self {
-        Self {
-            max_queued_jobs_per_tenant: 256,
-            max_request_rate: 200,
-            trusted_proxies: Vec::new(),
-            constants: TrafficConstants::default(),
-        }
+        Self { max_queued_jobs_per_tenant: 256, trusted_proxies: Vec::new(), constants: TrafficConstants::default() }
     }
 }
 

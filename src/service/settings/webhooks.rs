@@ -31,7 +31,6 @@ pub struct WebhookHost {
     pub(crate) scheme: &'static str,
     /// A name or an address.
     pub(crate) host: String,
-    /// The port.
     pub(crate) port: u16,
 }
 

@@ -158,7 +158,6 @@ impl Transaction<'_> {
     ) -> Result<Result<Live, Refused>, Abort> {
         let now = self.now()?;
         let (before, rules) = (live.standing, self.rules);
-        let is_gone = matches!(change, Change::LeaseOver | Change::Crashed { .. });
         let is_fault = match change {
             Change::LeaseOver => before.has_begun,
             Change::Crashed { counts } => counts,
@@ -172,32 +171,27 @@ impl Transaction<'_> {
         if standing.state == State::Queued {
             live.worker_id = None;
         }
-        let is_told = event.is_some();
         if standing == before && event.is_none() {
             return Ok(Ok(live));
         }
-        if is_gone && is_fault {
+        if is_fault {
             self.effects.attempts_failed += 1;
             self.effects.given_up += u64::from(standing.state == State::Failed);
         }
-        let rest = ending.and_then(|ending| ending.rest.as_ref());
-        if let Some((events, _)) = rest {
+        if let Some((events, _)) = ending.and_then(|ending| ending.rest.as_ref()) {
             self.tell(&mut live, events)?;
         }
-        match event {
-            Some(event) => {
-                let (is_queued, problem) = match &event {
-                    Event::Queued => (true, None),
-                    Event::Started(..) => (false, None),
-                    Event::End(_, problem) => (false, problem.clone()),
-                };
-                self.effects.arrivals |= is_queued;
-                self.tell(&mut live, &[event.into()])?;
-                match standing.state.is_ended() {
-                    true => self.ended(&mut live, problem, ending, now)?,
-                    false => self.save(&live, None, None, None, None)?,
-                }
-            }
+        self.effects.arrivals |= event == Some(Event::Queued);
+        let is_told = event.is_some();
+        let end = match &event {
+            Some(Event::End(_, problem)) => Some(problem.clone()),
+            _ => None,
+        };
+        if let Some(event) = event {
+            self.tell(&mut live, &[event.into()])?;
+        }
+        match end {
+            Some(problem) => self.ended(&mut live, problem, ending, now)?,
             None => self.save(&live, None, None, None, None)?,
         }
         if is_told || standing.cancel_requested != before.cancel_requested {

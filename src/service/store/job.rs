@@ -58,6 +58,19 @@ pub(crate) fn no_such_job(id: impl fmt::Display) -> Error {
     Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
 }
 
+/// The error of a retry of a job that has not failed.
+pub(crate) fn not_failed(state: State) -> Error {
+    let what = match state {
+        State::Queued | State::Running => "wait for its end",
+        State::Succeeded => "its results are there",
+        State::Cancelled | State::Failed => "submit the mesh again",
+    };
+    Error::new(
+        Kind::Conflict,
+        format_args!("only a job that has failed can be run again; {what}: it is {}", state.name()),
+    )
+}
+
 /// An upload: its tenant, its files, and what to do with it. What is said of a mesh holds for points, too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Spec {

@@ -8,11 +8,11 @@ use tokio_util::bytes::Bytes;
 
 use super::change::{Live, Transaction, job, jobs};
 use super::database::rows::{Abort, Row, Rows, json, values};
-use super::job::{Job, JobId, Progress, SmallBlob, Ticket};
+use super::job::{Job, JobId, Progress, SmallBlob, Ticket, no_such_job, not_failed};
 use super::store::Store;
 #[cfg(test)]
 use super::terms::End;
-use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse, Retried, What};
+use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse, What};
 use crate::queue::{Change, Refused, Release, Rules, Standing, State, not_yours};
 
 const KNOWN: &str = jobs!("WHERE tenant = $1 AND idempotency_key = $2");
@@ -54,7 +54,6 @@ fn find(rows: &mut dyn Rows, id: JobId) -> Result<Option<Job>, Abort> {
     Ok(rows.first(BY_ID, values![id])?.as_ref().map(job).transpose()?)
 }
 
-/// The job that a key stands for.
 fn known(rows: &mut dyn Rows, tenant: &str, wanted: &Idempotency) -> Result<Option<Job>, Abort> {
     let Some(row) = rows.first(KNOWN, values![tenant, &*wanted.key])? else { return Ok(None) };
     match row.text("request_digest")? == wanted.request {
@@ -162,8 +161,8 @@ impl Store {
     }
 
     /// Puts a failed job back into the queue, with no attempt counted. Its upload must still be there.
-    /// [`Kind::QueueFull`] when as many jobs wait as may, or `most` of its tenant.
-    pub async fn retry(&self, id: JobId, most: Option<u64>) -> Result<Retried> {
+    /// [`Kind::QueueFull`] when as many jobs wait as may, or `most` of its tenant; [`Kind::Conflict`] in another state.
+    pub async fn retry(&self, id: JobId, most: Option<u64>) -> Result<Job> {
         self.change("retry", move |change| retry(change, id, most)).await
     }
 
@@ -318,15 +317,15 @@ fn append(
     Ok(live.last_seq)
 }
 
-fn retry(change: &mut Transaction<'_>, id: JobId, most: Option<u64>) -> Result<Retried, Abort> {
-    let Some(live) = change.find(id)? else { return Ok(Retried::Unknown) };
+fn retry(change: &mut Transaction<'_>, id: JobId, most: Option<u64>) -> Result<Job, Abort> {
+    let live = change.find(id)?.ok_or_else(|| no_such_job(id))?;
     if live.standing.state == State::Failed {
         place(change.rows, &change.rules, &live.tenant, most, 0)?;
     }
-    match change.apply(live, Change::Retry, None)? {
-        Err(Refused(state)) => Ok(Retried::NotFailed(state)),
-        Ok(_) => Ok(find(change.rows, id)?.map_or(Retried::Unknown, |job| Retried::Queued(Box::new(job)))),
+    if let Err(Refused(state)) = change.apply(live, Change::Retry, None)? {
+        return Err(not_failed(state).into());
     }
+    find(change.rows, id)?.ok_or_else(|| no_such_job(id).into())
 }
 
 fn delete(change: &mut Transaction<'_>, id: JobId) -> Result<Deletion, Abort> {

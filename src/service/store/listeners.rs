@@ -23,8 +23,6 @@ pub struct Effects {
     pub attempts_failed: u64,
     /// As in [`Statistics`].
     pub given_up: u64,
-    /// Whether the next transaction gets a new connection.
-    pub reopens: bool,
     /// Whether the file has fewer pages, which it gives back when the log is written into it.
     pub shrinks: bool,
 }

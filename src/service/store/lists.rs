@@ -1,6 +1,6 @@
 //! Which jobs there are: lists, counts, and what the care of the store needs.
 
-use std::time::{Instant, SystemTime};
+use std::time::SystemTime;
 
 use tesserae_mesh::error::{Error, Result};
 
@@ -10,9 +10,6 @@ use super::job::JobId;
 use super::store::Store;
 use super::terms::{ListQuery, Page};
 use crate::queue::State;
-
-/// Time for which counts of jobs are used again where they take long.
-const COUNTS: std::time::Duration = std::time::Duration::from_secs(2);
 
 const COUNT: &str = "SELECT state, count(*) AS jobs FROM jobs WHERE ended_at IS NOT NULL GROUP BY state \
     UNION ALL SELECT 'queued' AS state, count(*) AS jobs FROM jobs WHERE state = 'queued' \
@@ -82,14 +79,8 @@ impl Store {
         row.map(|row| row.get("created_at")).transpose()
     }
 
-    /// Number of jobs in each state, in the order of [`State::ALL`]; in a shared store as of a moment ago.
+    /// Number of jobs in each state, in the order of [`State::ALL`].
     pub async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
-        if let Some((at, counts)) = *self.counts.lock()
-            && self.is_shared()
-            && at.elapsed() < COUNTS
-        {
-            return Ok(counts);
-        }
         let found = self.read("counts", |rows| {
             let mut counts = [0; State::ALL.len()];
             for row in rows.query(COUNT, Vec::new())? {
@@ -97,9 +88,7 @@ impl Store {
             }
             Ok(counts)
         });
-        let counts = found.await?;
-        *self.counts.lock() = Some((Instant::now(), counts));
-        Ok(counts)
+        found.await
     }
 
     /// When the job was accepted that waits longest; none when no job waits.

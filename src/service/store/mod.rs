@@ -40,11 +40,11 @@ mod workers;
 pub(crate) use self::database::postgres::address;
 pub(crate) use self::job::{
     Contents, Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, Summary, Ticket,
-    keeps_upload, no_such_job,
+    keeps_upload, no_such_job, not_failed,
 };
 pub(crate) use self::store::Store;
 pub(crate) use self::terms::{
-    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, Retried, What,
+    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, What,
 };
 pub use self::url::StoreUrl;
 pub(crate) use self::workers::Worker;

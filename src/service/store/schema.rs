@@ -50,24 +50,3 @@ const POSTGRES: [(&str, &str); 7] = [
 pub fn for_postgres(sql: &str) -> String {
     POSTGRES.iter().fold(sql.to_owned(), |sql, (from, to)| sql.replace(from, to)).replace(" STRICT;", ";")
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_first_migration_changes_tables_once_and_later_ones_are_refused() {
-        let later = ["ALTER TABLE jobs ADD COLUMN later TEXT"];
-        assert_eq!(steps(0, &MIGRATIONS), Ok(vec![TABLES]));
-        assert_eq!(steps(1, &MIGRATIONS), Ok(vec![]));
-        assert_eq!(steps(0, &later), Ok(vec![TABLES, later[0]]));
-        assert_eq!(steps(1, &later), Ok(vec![later[0]]));
-        assert_eq!(steps(2, &later), Ok(vec![]));
-        for (found, migrations) in [(2, &MIGRATIONS[..]), (3, &later), (-1, &later), (i64::MAX, &later)] {
-            let error = steps(found, migrations).expect_err("another version");
-            assert!(error.message.contains(&format!("version {found},")), "{error}");
-        }
-        #[cfg(feature = "postgres")]
-        assert_eq!(for_postgres(later[0]), "ALTER TABLE jobs ADD COLUMN later TEXT COLLATE \"C\"");
-    }
-}

@@ -22,9 +22,8 @@ use super::terms::Statistics;
 #[cfg(feature = "postgres")]
 use super::url::StoreUrl;
 use crate::ops::faults::Faults;
-use crate::queue::{Rules, State};
+use crate::queue::Rules;
 
-#[derive(Debug)]
 enum Database {
     Sqlite(Sqlite),
     #[cfg(feature = "postgres")]
@@ -46,8 +45,6 @@ pub(crate) struct Store {
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
     /// Whether the last claim took nothing.
     pub(super) is_idle: AtomicBool,
-    /// Counts of jobs in each state, and when they were read: counting the ended ones takes long.
-    pub(super) counts: Mutex<Option<(Instant, [u64; State::ALL.len()])>>,
     observer: OnceLock<Observer>,
     /// Microseconds that a test adds to the clock.
     #[cfg(test)]
@@ -56,7 +53,7 @@ pub(crate) struct Store {
 
 impl fmt::Debug for Store {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Store").field("database", &self.database).field("me", &self.me).finish_non_exhaustive()
+        f.debug_struct("Store").field("me", &self.me).finish_non_exhaustive()
     }
 }
 
@@ -105,7 +102,6 @@ impl Store {
             name: Uuid::new_v4().to_string(),
             held: Mutex::default(),
             is_idle: AtomicBool::new(true),
-            counts: Mutex::default(),
             observer: OnceLock::new(),
             #[cfg(test)]
             offset: Default::default(),
@@ -214,14 +210,15 @@ impl Store {
     /// Writes a row without meaning, to see whether the store can write.
     pub async fn probe(&self) -> Result<()> {
         match &self.database {
-            Database::Sqlite(file) => {
-                file.damage().map_or(Ok(()), Err)?;
-                file.share(|rows, _| probe(rows)).await?;
-            }
+            Database::Sqlite(file) => file.damage().map_or(Ok(()), Err)?,
             #[cfg(feature = "postgres")]
             Database::Postgres(_) => {}
         }
-        self.change("probe", |change| probe(change.rows)).await
+        let probed = self.change("probe", |change| {
+            let now = change.rows.now()?;
+            change.rows.write("UPDATE identity SET probed_at = $1", values![now])
+        });
+        probed.await
     }
 
     pub fn statistics(&self) -> Statistics {
@@ -249,9 +246,4 @@ impl Store {
             Database::Postgres(database) => database.close(),
         }
     }
-}
-
-fn probe(rows: &mut dyn Rows) -> Result<(), Abort> {
-    let now = rows.now()?;
-    rows.write("UPDATE identity SET probed_at = $1", values![now])
 }

@@ -38,14 +38,6 @@ pub(crate) enum Created {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Retried {
-    Queued(Box<Job>),
-    /// It is in another state than failed, and was left as it is.
-    NotFailed(State),
-    Unknown,
-}
-
-#[derive(Debug, Clone, PartialEq)]
 pub(crate) enum End {
     Succeeded(Summary),
     Failed(Error),
@@ -123,7 +115,6 @@ pub(crate) enum What {
 }
 
 impl What {
-    /// As the columns `kind` and `data`.
     pub(super) fn columns(&self) -> Result<[Value; 2]> {
         let (kind, data) = match self {
             Self::State(state) => ("state", state.name().to_owned()),

@@ -24,7 +24,6 @@ use self::tokens::{Tenant, TokenName, Tokens};
 use crate::guard::problem::Failure;
 use crate::ops::blocking::blocking;
 use crate::ops::health::{Health, Part};
-use crate::ops::trace::Origin;
 use crate::settings::AccessSettings;
 use crate::store::LOCAL_TENANT;
 
@@ -57,7 +56,6 @@ pub(crate) struct Caller {
     pub tenant: Option<Tenant>,
     /// Its token, where there are tokens.
     token: Option<TokenName>,
-    pub origin: Option<Origin>,
 }
 
 impl<S: Send + Sync> FromRequestParts<S> for Caller {
@@ -75,7 +73,7 @@ impl Caller {
 
     /// The sender of a request that needs no token.
     pub fn anybody() -> Self {
-        Self { tenant: None, token: None, origin: None }
+        Self { tenant: None, token: None }
     }
 
     pub fn token_id(&self) -> Option<&str> {
@@ -126,7 +124,7 @@ impl Access {
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
         if self.file.is_none() {
             let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
-            return Ok(Caller { tenant: Some(local), token: None, origin: None });
+            return Ok(Caller { tenant: Some(local), token: None });
         }
         if OPEN.contains(&path) {
             return Ok(Caller::anybody());
@@ -145,7 +143,7 @@ impl Access {
                 ),
             ));
         }
-        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token), origin: None })
+        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token) })
     }
 
     /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes

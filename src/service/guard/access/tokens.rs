@@ -18,7 +18,7 @@ use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
 use crate::queue::{Share, Shares};
 
 /// What every token begins with, so that scanners for leaked secrets find it.
-const PREFIX: &str = "tess_";
+pub(crate) const TOKEN_PREFIX: &str = "tess_";
 
 /// What a tenant may use of the service; what is left out is as the settings say.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -27,9 +27,6 @@ pub struct Quotas {
     /// Jobs that may wait.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_queued_jobs: Option<u64>,
-    /// Requests a second, averaged; 0 for any number.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_request_rate: Option<u32>,
     /// Requests at a time, event streams aside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_requests_at_once: Option<u32>,
@@ -92,7 +89,7 @@ pub struct Token {
 impl Token {
     /// The whole token: to be shown once.
     pub fn reveal(&self) -> String {
-        format!("{PREFIX}{}_{}", self.id, self.secret)
+        format!("{TOKEN_PREFIX}{}_{}", self.id, self.secret)
     }
 
     /// Which one it is.
@@ -246,7 +243,7 @@ impl Tokens {
 
     /// The tenant of a token, and which token it is. How long that takes tells of the digest, not of the secret.
     pub fn tenant(&self, token: &str) -> Option<(&Tenant, TokenName)> {
-        let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
+        let (id, secret) = token.strip_prefix(TOKEN_PREFIX).and_then(|rest| rest.split_once('_'))?;
         let digest = digest(secret);
         let known = self.by_digest.get(&digest).filter(|known| *known.id == *id)?;
         Some((&known.tenant, TokenName { id: Arc::clone(&known.id), digest }))
@@ -301,7 +298,7 @@ mod tests {
             (r#"{"tenants": {"a": {"quota": {}}}}"#, "quota"),
             (r#"{"tenants": {"a b": {}}}"#, "a b"),
             (r#"{"tenants": {"local": {}}}"#, "local"),
-            (r#"{"tenants": {"a": {"quotas": {"max_request_rate": -1}}}}"#, "-1"),
+            (r#"{"tenants": {"a": {"quotas": {"max_streams": -1}}}}"#, "-1"),
             (r#"{"tenants": {"a": {"quotas": {"weight": 0}}}}"#, "from 1 to"),
             (r#"{"tenants": {"a": {"quotas": {"max_running_jobs": 0}}}}"#, "give at least 1"),
             (&format!(r#"{{"tenants": {{"acme": {{"tokens": [{entry}]}}}}}}"#), "acme"),

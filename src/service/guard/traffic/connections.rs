@@ -1,11 +1,10 @@
 //! Accepts a limited number of connections, and serves each until it ends, hangs or the service closes.
 //!
-//! A thread of its own accepts connections and reads how each begins. It serves those that begin with a [probe](PROBES)
+//! A thread of its own accepts connections and looks how each begins. It serves those that begin with a [probe](PROBES)
 //! itself, one request each, and hands all others to the threads that answer requests, as long as there are places. So
 //! a probe for liveness is answered whatever those threads do, and however many connections they have. The route makes
 //! its answer of nothing, and no other request is served here, also not the next one of the same connection.
 
-use std::collections::HashMap;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -17,8 +16,7 @@ use axum::extract::{ConnectInfo, Request};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use parking_lot::Mutex;
-use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::{Semaphore, oneshot};
@@ -28,6 +26,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt;
 
+use super::counts::Counts;
 use super::origin;
 use crate::metrics::Metrics;
 use crate::settings::{BEGINNINGS, TrafficSettings};
@@ -87,7 +86,7 @@ async fn accept(
     let tasks = TaskTracker::new();
     let places = Arc::new(Semaphore::new(settings.constants.connections as usize));
     let beginnings = Arc::new(Semaphore::new(BEGINNINGS));
-    let by_address = Arc::new(ByAddress::default());
+    let by_address = Arc::<Counts<IpAddr>>::default();
     loop {
         let accepted = async {
             let beginning = Arc::clone(&beginnings).acquire_owned().await;
@@ -118,9 +117,7 @@ async fn accept(
         let (router, requests, close) = (router.clone(), requests.clone(), close.clone());
         let (others, places) = (tasks.clone(), Arc::clone(&places));
         tasks.spawn(async move {
-            let mut stream = stream;
-            let begun = begin(&mut stream, &close).await;
-            let is_probe = PROBES.contains(&begun.as_slice());
+            let is_probe = close.run_until_cancelled(is_probe(&stream)).await.unwrap_or(false);
             let place = match is_probe {
                 true => None,
                 false => match timeout(BEGINNING, places.acquire_owned()).await {
@@ -135,7 +132,7 @@ async fn accept(
             let Ok(stream) = stream.into_std() else { return };
             let serve = async move {
                 metrics.families.connections.inc();
-                connection(stream, begun, address, router, &settings, is_probe, close).await;
+                connection(stream, address, router, &settings, is_probe, close).await;
                 metrics.families.connections.dec();
                 drop((place, counted));
             };
@@ -149,31 +146,17 @@ async fn accept(
     tasks.wait().await;
 }
 
-/// The first bytes of a connection, as far as they are those of a probe, and the one that is not.
-async fn begin(stream: &mut TcpStream, close: &CancellationToken) -> Vec<u8> {
-    let mut begun = Vec::new();
-    let read = async {
-        // never more than is left of the shortest probe that it may be
-        while let Some(rest) =
-            PROBES.iter().filter(|probe| probe.starts_with(&begun)).map(|probe| probe.len() - begun.len()).min()
-            && rest > 0
-        {
-            let rest = rest as u64;
-            // at the end, and after an error, the connection shows the same to whatever serves it
-            match (&mut *stream).take(rest).read_buf(&mut begun).await {
-                Ok(0) | Err(_) => return,
-                Ok(_) => {}
-            }
-        }
-    };
-    let _ = close.run_until_cancelled(timeout(BEGINNING, read)).await;
-    begun
+/// Whether a connection begins with a probe, whose first bytes come together.
+async fn is_probe(stream: &TcpStream) -> bool {
+    let mut begun = [0; 16];
+    let peeked = timeout(BEGINNING, stream.peek(&mut begun)).await;
+    // `serve` meets the same end or error
+    peeked.is_ok_and(|bytes| bytes.is_ok()) && PROBES.iter().any(|probe| begun.starts_with(probe))
 }
 
-/// Serves one connection, of which some bytes were read; a probe's for one request.
+/// Serves one connection; a probe's for one request.
 async fn connection(
     stream: std::net::TcpStream,
-    begun: Vec<u8>,
     address: SocketAddr,
     router: Router,
     settings: &TrafficSettings,
@@ -190,7 +173,7 @@ async fn connection(
     let mut writer = Box::pin(TimeoutWriter::new(writer));
     // fails when the client takes nothing for so long
     writer.as_mut().set_timeout_pinned(Some(settings.constants.write_timeout));
-    let mut socket = tokio::io::join(io::Cursor::new(begun).chain(rest), writer);
+    let mut socket = tokio::io::join(rest, writer);
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(settings.constants.header_timeout);
     if is_probe {
@@ -222,40 +205,4 @@ async fn connection(
 async fn linger(mut socket: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<u64> {
     socket.shutdown().await?;
     tokio::io::copy(&mut socket, &mut tokio::io::sink()).await
-}
-
-/// Connections that are open, by the address at the other end.
-#[derive(Debug, Default)]
-struct ByAddress(Mutex<HashMap<IpAddr, u32>>);
-
-/// A connection that is counted until this is dropped.
-#[derive(Debug)]
-struct Counted {
-    counts: Arc<ByAddress>,
-    address: IpAddr,
-}
-
-impl ByAddress {
-    /// Counts one more, unless there are as many as may be.
-    fn enter(self: &Arc<Self>, address: IpAddr, limit: u32) -> Option<Counted> {
-        let mut counts = self.0.lock();
-        let count = counts.entry(address).or_default();
-        if *count >= limit {
-            return None;
-        }
-        *count += 1;
-        Some(Counted { counts: Arc::clone(self), address })
-    }
-}
-
-impl Drop for Counted {
-    fn drop(&mut self) {
-        let mut counts = self.counts.0.lock();
-        if let Some(count) = counts.get_mut(&self.address) {
-            *count -= 1;
-            if *count == 0 {
-                counts.remove(&self.address);
-            }
-        }
-    }
 }

@@ -5,19 +5,18 @@
 //! | connections, and how long heads and answers may take | `connections` | closed |
 //! | heads that are not valid or not supported | `heads`, hyper | answered with 400, 414, 431 or 501 |
 //! | web pages that may not use a service without tokens | `sites` | answered with 403 or 421 |
-//! | requests a second, requests and streams at a time | `clients` | answered with 429 |
+//! | requests and streams of a client at a time | [`admit`] | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
 //!
 //! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `queue`.
 
-mod clients;
 pub(crate) mod connections;
-pub(crate) mod guarded;
+mod counts;
 pub(crate) mod heads;
 pub(crate) mod origin;
 pub(crate) mod sites;
 
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 use std::sync::Arc;
 
 use axum::body::Body;
@@ -25,14 +24,12 @@ use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use http_body_util::BodyExt as _;
 use tesserae_mesh::error::{Error, Kind};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use self::clients::{Allowance, Client, Clients, Permit};
-use self::guarded::Guarded;
+use self::counts::{Counted, Counts};
 use crate::guard::access::{Access, Caller};
-use crate::guard::audit;
-use crate::guard::path;
 use crate::guard::problem::Failure;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::trace::Origin;
@@ -47,9 +44,27 @@ const PROBES: [&str; 2] = ["/healthz", "/readyz"];
 pub(crate) struct Traffic {
     access: Arc<Access>,
     settings: TrafficSettings,
-    clients: Arc<Clients>,
     faults: Faults,
+    requests: Arc<Counts<Client>>,
+    streams_of_clients: Arc<Counts<Client>>,
     streams: Arc<Semaphore>,
+}
+
+/// A client: its requests share one allowance.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+enum Client {
+    Tenant(String),
+    /// An address: of IPv6, the first half, which is what one machine has to itself.
+    Address(IpAddr),
+}
+
+impl Client {
+    fn of_address(address: IpAddr) -> Self {
+        Self::Address(match address.to_canonical() {
+            IpAddr::V6(address) => IpAddr::V6(Ipv6Addr::from_bits(address.to_bits() >> 64 << 64)),
+            v4 @ IpAddr::V4(_) => v4,
+        })
+    }
 }
 
 impl Traffic {
@@ -57,23 +72,15 @@ impl Traffic {
         Self {
             access,
             settings: settings.traffic.clone(),
-            clients: Arc::default(),
             faults,
+            requests: Arc::default(),
+            streams_of_clients: Arc::default(),
             streams: Arc::new(Semaphore::new(settings.traffic.constants.streams as usize)),
         }
     }
 
     pub fn open_streams(&self) -> u64 {
         u64::from(self.settings.constants.streams) - self.streams.available_permits() as u64
-    }
-
-    fn allowance(&self, caller: Option<&Caller>) -> Allowance {
-        let quotas = caller.and_then(|caller| caller.tenant.as_ref()).map(|tenant| tenant.quotas).unwrap_or_default();
-        Allowance {
-            rate: quotas.max_request_rate.unwrap_or(self.settings.max_request_rate),
-            requests: quotas.max_requests_at_once.unwrap_or(self.settings.constants.requests_at_once),
-            streams: quotas.max_streams.unwrap_or(self.settings.constants.streams_per_client),
-        }
     }
 }
 
@@ -86,29 +93,28 @@ pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
     }
     traffic.faults.pass(FaultPoint::Request);
     match check(&traffic, &request) {
-        Ok((mut caller, held)) => {
-            caller.origin = request.extensions().get::<Origin>().cloned();
+        Ok((caller, held)) => {
             if let Some(tenant) = &caller.tenant {
                 tracing::Span::current().record("tenant", &tenant.name);
             }
             request.extensions_mut().insert(caller.clone());
-            let mut response = next.run(request).await.map(|body| Body::new(Guarded::new(body, held)));
+            // the closure owns what is held, which so ends with the body
+            let mut response = next.run(request).await.map(|body| {
+                Body::new(body.map_err(move |error| {
+                    let _held_with_the_body = &held;
+                    error
+                }))
+            });
             // for the layers further out, which count and log the request
             response.extensions_mut().insert(caller);
             response
         }
-        Err(failure) => {
-            if matches!(failure.error.kind, Kind::Unauthorized | Kind::Forbidden) {
-                let origin = request.extensions().get::<Origin>();
-                audit::denied(failure.error.kind, request.method(), path::cut(request.uri().path()), origin);
-            }
-            failure.into_response()
-        }
+        Err(failure) => failure.into_response(),
     }
 }
 
 /// The permits of a request: its client's, and one of all streams.
-type Holding = (Permit, Option<OwnedSemaphorePermit>);
+type Holding = (Counted<Client>, Option<OwnedSemaphorePermit>);
 
 /// The caller of a request, and its permits.
 fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Failure> {
@@ -116,18 +122,39 @@ fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Fail
     let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");
     let caller = traffic.access.caller(path, request.headers());
     // a client without a token is known by its address, as is every client of a service without tokens
-    let client = match caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref()) {
+    let tenant = caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref());
+    let client = match tenant {
         Some(tenant) if tenant.name != LOCAL_TENANT => Client::Tenant(tenant.name.clone()),
         _ => {
             let origin = request.extensions().get::<Origin>();
             Client::of_address(origin.map_or(IpAddr::from([0, 0, 0, 0]), |origin| origin.client))
         }
     };
-    let permit = traffic.clients.admit(client, traffic.allowance(caller.as_ref().ok()), is_stream)?;
+    let (quotas, constants) = (tenant.map(|tenant| tenant.quotas).unwrap_or_default(), &traffic.settings.constants);
+    let (counts, limit, what) = match is_stream {
+        true => {
+            let limit = quotas.max_streams.unwrap_or(constants.streams_per_client);
+            (&traffic.streams_of_clients, limit, "event streams")
+        }
+        false => (&traffic.requests, quotas.max_requests_at_once.unwrap_or(constants.requests_at_once), "requests"),
+    };
+    let permit = counts.enter(client, limit).ok_or_else(|| {
+        let message = format_args!("as many {what} at a time as a client may have; try again later: {limit}");
+        Error::new(Kind::RateLimited, message)
+    })?;
     let caller = caller?;
     let stream = is_stream.then(|| Arc::clone(&traffic.streams).try_acquire_owned()).transpose().map_err(|_| {
-        let limit = traffic.settings.constants.streams;
+        let limit = constants.streams;
         Error::new(Kind::Overloaded, format_args!("as many event streams are open as may; try again later: {limit}"))
     })?;
     Ok((caller, (permit, stream)))
+}
+
+#[cfg(test)]
+#[test]
+fn an_ipv6_machine_is_one_client_under_all_its_addresses() {
+    let of = |text: &str| Client::of_address(text.parse().expect("an address"));
+    assert_eq!(of("2001:db8:1:2::1"), of("2001:db8:1:2:ffff::9"));
+    assert_ne!(of("2001:db8:1:2::1"), of("2001:db8:1:3::1"));
+    assert_eq!(of("::ffff:10.0.0.1"), of("10.0.0.1"));
 }

@@ -14,7 +14,6 @@ use utoipa::ToSchema;
 use super::binary::Binary;
 use super::view::{JobView, answer};
 use crate::guard::access::Caller;
-use crate::guard::audit::{self, Action};
 use crate::guard::problem::{Answer, Failure, Problematic};
 use crate::http::prefer;
 use crate::http::state::{App, Shared};
@@ -109,7 +108,8 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
     if shared.stop.is_cancelled() {
         return Err(Shared::stopping().into());
     }
-    let tenant = caller.tenant()?.clone();
+    let tenant = caller.tenant()?;
+    let most_waiting = shared.most_waiting(tenant);
     let key = idempotency::key(request.headers())?;
     let is_known = match &key {
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
@@ -119,7 +119,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let rules = Rules { limit: shared.settings.max_upload_bytes, patience };
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
-        shared.store.check_room(&tenant.name, shared.most_waiting(&tenant)).await?;
+        shared.store.check_room(&tenant.name, most_waiting).await?;
         // before the disk: an upload over the limit says nothing about the disk
         if bytes > rules.limit {
             return Err(rules.too_large(bytes).into());
@@ -134,7 +134,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
         shared.webhooks.check(webhook)?;
     }
     // On a task of its own, so that a client that hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), caller, upload, key).in_current_span())
+    let job = tokio::spawn(accept(Arc::clone(&shared), upload, key, most_waiting).in_current_span())
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = urls::path(job.id);
@@ -147,37 +147,31 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
         headers.insert(header::LOCATION, value);
     }
     if !job.state.is_ended() {
-        return Ok(answer(&shared, StatusCode::ACCEPTED, headers, job));
+        return Ok((headers, answer(&shared, StatusCode::ACCEPTED, job)).into_response());
     }
     if wait.is_some() {
         headers.insert("preference-applied", HeaderValue::from_static("wait"));
     }
     Ok(match job.problem {
         Some(error) => (headers, Failure { instance: Some(location), ..error.into() }).into_response(),
-        None => answer(&shared, StatusCode::OK, headers, job),
+        None => (headers, answer(&shared, StatusCode::OK, job)).into_response(),
     })
 }
 
 /// Makes a job of an upload, or finds the one that was made of it before.
-async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job> {
-    let tenant = caller.tenant()?;
+async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>, most_waiting: Option<u64>) -> Result<Job> {
     let Upload { mut folder, mut spec, digests, .. } = upload;
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
     let upload = folder.settle().await?;
     spec.is_small = !upload.is_empty();
-    let most_waiting = shared.most_waiting(tenant);
     match shared.store.create(NewJob { id, spec, idempotency, upload, most_waiting }).await {
         Ok(Created::New(job)) => {
             folder.keep();
-            audit::record(Action::Accepted(job.spec.bytes), &caller, id);
             shared.metrics.accepted(&job);
             Ok(job)
         }
-        Ok(Created::Known(job)) => {
-            audit::record(Action::Repeated, &caller, job.id);
-            Ok(job)
-        }
+        Ok(Created::Known(job)) => Ok(job),
         Err(error) => {
             // its answer may be lost, and the job be there; a sweep removes the upload otherwise
             if shared.store.is_shared() && error.is_of_storage() {

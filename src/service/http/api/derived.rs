@@ -6,8 +6,8 @@ use serde::Deserialize;
 use tesserae_mesh::artifacts::{Artifact, Choice, Choices, Form};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::remesh::Placement;
+use utoipa::{IntoParams, ToSchema};
 
-use super::view::tell_expiry;
 use crate::guard::access::Caller;
 use crate::guard::problem::Answer;
 use crate::guard::query;
@@ -18,20 +18,30 @@ use crate::http::results::stored::{Of, attachment, check_clusters, stored, succe
 use crate::http::state::App;
 use crate::store::kept::Kept;
 
-/// The query of an output.
-#[derive(Debug, Deserialize)]
+/// The query of an output. The table of outputs says which choices each has.
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct DerivedQuery {
-    clusters: Option<u64>,
+#[into_params(parameter_in = Query)]
+pub(crate) struct DerivedQuery {
+    /// The format; by `Accept` when left out, one that was made first
     format: Option<String>,
+    /// Cut a hierarchy at this number of clusters; 409 for a flat clustering
+    #[param(minimum = 1)]
+    clusters: Option<u64>,
+    /// Where vertices are placed
+    #[param(value_type = Placement, inline, required = false)]
     placement: Option<Placement>,
+    /// PLY: colour vertices instead of faces, split where clusters meet
     ply_vertex_colours: Option<bool>,
+    /// Make what takes readers long
     force: Option<bool>,
+    /// Colours and ids of clusters, or a GLB of the mesh alone, whose triangles are in upload order
+    #[param(value_type = Colours, inline, required = false)]
     colours: Option<Colours>,
 }
 
 /// Colours of a mesh.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 enum Colours {
     Clusters,
@@ -93,7 +103,6 @@ pub(crate) async fn derived(
     let what = uri.path_and_query().map_or("", |path| path.as_str());
     response.extensions_mut().insert(Content(format!("{what} {}", env!("CARGO_PKG_VERSION"))));
     attachment(&mut response, &job, form.file);
-    tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }
 

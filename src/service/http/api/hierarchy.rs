@@ -8,7 +8,6 @@ use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::hierarchy::json::Limits;
 use utoipa::IntoParams;
 
-use super::view::tell_expiry;
 use crate::guard::access::Caller;
 use crate::guard::problem::{Answer, Problematic};
 use crate::guard::query;
@@ -75,6 +74,5 @@ pub(crate) async fn hierarchy(
         false => made(&shared, &job, form, limits).await?,
     };
     attachment(&mut response, &job, form.file);
-    tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }

@@ -7,7 +7,6 @@ use tesserae_mesh::artifacts::{CutKind, HIERARCHY, LABELS, LABELS_BIN, LABELS_NP
 use tesserae_mesh::error::{Error, Kind};
 use utoipa::IntoParams;
 
-use super::view::tell_expiry;
 use crate::guard::access::Caller;
 use crate::guard::problem::{Answer, Problematic};
 use crate::guard::query;
@@ -97,6 +96,5 @@ pub(crate) async fn labels(
         response.extensions_mut().insert(Content(digest));
     }
     attachment(&mut response, &job, &format!("{name}.{}", form.extension()));
-    tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }

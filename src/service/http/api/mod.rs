@@ -5,7 +5,7 @@
 
 pub(crate) mod binary;
 mod create;
-mod derived;
+pub(crate) mod derived;
 pub(crate) mod events;
 mod health;
 mod hierarchy;

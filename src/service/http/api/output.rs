@@ -5,7 +5,6 @@ use axum::http::HeaderMap;
 use tesserae_mesh::artifacts::Artifact;
 use tesserae_mesh::error::{Error, Kind};
 
-use super::view::tell_expiry;
 use crate::guard::access::Caller;
 use crate::guard::problem::Answer;
 use crate::http::negotiate;
@@ -34,6 +33,5 @@ pub(crate) async fn output(
     if !is_only {
         attachment(&mut response, &job, form.file);
     }
-    tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }

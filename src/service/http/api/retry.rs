@@ -1,17 +1,16 @@
 //! Running a job again that was given up.
 
 use axum::extract::{Path, State as Extract};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::StatusCode;
 use tesserae_mesh::error::{Error, Kind};
 
 use super::view::{JobView, answer};
 use crate::files;
 use crate::files::job_blobs;
 use crate::guard::access::Caller;
-use crate::guard::audit::{self, Action};
 use crate::guard::problem::{Answer, Problematic};
 use crate::http::state::{App, Shared};
-use crate::store::{Retried, State, no_such_job};
+use crate::store::{State, not_failed};
 
 /// Run a failed job again
 ///
@@ -32,7 +31,6 @@ pub(crate) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         return Err(Shared::stopping().into());
     }
     let job = shared.job(&caller, &id).await?;
-    let id = job.id;
     if job.state != State::Failed {
         return Err(not_failed(job.state).into());
     }
@@ -44,28 +42,8 @@ pub(crate) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         Err(error) if error.kind == Kind::NotFound => return Err(upload_is_gone().into()),
         Err(error) => return Err(error.into()),
     }
-    let tenant = caller.tenant()?;
-    match shared.store.retry(id, shared.most_waiting(tenant)).await? {
-        Retried::Queued(job) => {
-            audit::record(Action::Retried, &caller, id);
-            Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))
-        }
-        Retried::NotFailed(state) => Err(not_failed(state).into()),
-        Retried::Unknown => Err(no_such_job(id).into()),
-    }
-}
-
-/// The error of a retry of a job that has not failed.
-fn not_failed(state: State) -> Error {
-    let what = match state {
-        State::Queued | State::Running => "wait for its end",
-        State::Succeeded => "its results are there",
-        State::Cancelled | State::Failed => "submit the mesh again",
-    };
-    Error::new(
-        Kind::Conflict,
-        format_args!("only a job that has failed can be run again; {what}: it is {}", state.name()),
-    )
+    let job = shared.store.retry(job.id, shared.most_waiting(caller.tenant()?)).await?;
+    Ok(answer(&shared, StatusCode::ACCEPTED, job))
 }
 
 /// The error of a retry of a job without its upload.

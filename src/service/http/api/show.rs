@@ -1,9 +1,9 @@
 //! One job.
 
+use axum::Json;
 use axum::extract::{Path, State as Extract};
-use axum::http::{HeaderMap, StatusCode};
 
-use super::view::{JobView, answer};
+use super::view::JobView;
 use crate::guard::access::Caller;
 use crate::guard::problem::Answer;
 use crate::http::state::App;
@@ -17,7 +17,7 @@ use crate::http::state::App;
         (status = 200, description = "The job", body = JobView),
     ),
 )]
-pub(crate) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+pub(crate) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer<Json<JobView>> {
     let job = shared.job(&caller, &id).await?;
-    Ok(answer(&shared, StatusCode::OK, HeaderMap::new(), job))
+    Ok(Json(JobView::new(&shared, job)))
 }

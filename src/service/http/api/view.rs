@@ -1,7 +1,7 @@
 //! A job as an answer.
 
 use axum::Json;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use tesserae_mesh::job::InputFormat;
@@ -89,19 +89,8 @@ pub(crate) struct MeshView {
     buffers: Vec<String>,
 }
 
-/// Says in the headers of an answer about a job when there will be none any more.
-pub(crate) fn tell_expiry(response: &mut Response, shared: &Shared, job: &Job) {
-    let expires = shared.expires_at(job).and_then(|time| HeaderValue::try_from(httpdate::fmt_http_date(time)).ok());
-    if let Some(expires) = expires {
-        response.headers_mut().insert(header::EXPIRES, expires);
-    }
-}
-
-pub(crate) fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
-    let view = JobView::new(shared, job.clone());
-    let mut response = (status, headers, Json(view)).into_response();
-    tell_expiry(&mut response, shared, &job);
-    response
+pub(crate) fn answer(shared: &Shared, status: StatusCode, job: Job) -> Response {
+    (status, Json(JobView::new(shared, job))).into_response()
 }
 
 impl JobView {

@@ -41,6 +41,17 @@ struct Check {
     files: Arc<Files>,
 }
 
+/// Number of bytes of a blob of the result of a job, without a look at it. [`Kind::NotFound`] if the job has none of
+/// this name.
+pub(crate) fn length(job: &Job, name: &str) -> Result<u64> {
+    expected(job, name).map(|expected| expected.bytes)
+}
+
+fn expected<'j>(job: &'j Job, name: &str) -> Result<&'j Contents> {
+    let found = job.summary.as_ref().and_then(|summary| summary.blobs.get(name));
+    found.ok_or_else(|| Error::new(Kind::NotFound, "the job has no such result"))
+}
+
 /// Opens a blob of the result of a job. [`Kind::NotFound`] if the job has none of this name.
 pub(crate) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Checked> {
     let mut check = Check::of(shared, job, name)?;
@@ -57,17 +68,15 @@ pub(crate) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Check
 }
 
 /// Opens a blob of the result of a job from one of its bytes on, after all of them were compared.
-pub(crate) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> Result<(u64, Blob)> {
+pub(crate) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> Result<Blob> {
     let opened = open(shared, job, name).await?;
-    let length = opened.length();
-    let blob = match length > HELD as u64 {
+    match opened.length() > HELD as u64 {
         true => {
             opened.compare().await?;
-            part(shared, job, name, GetRange::Offset(from)).await?
+            part(shared, job, name, GetRange::Offset(from)).await
         }
-        false => Blob::held(&opened.blob.bytes().await?, Some(GetRange::Offset(from)))?,
-    };
-    Ok((length, blob))
+        false => Blob::held(&opened.blob.bytes().await?, Some(GetRange::Offset(from))),
+    }
 }
 
 /// Opens a part of a blob of the result of a job.
@@ -141,8 +150,7 @@ impl Read for CheckedReader {
 
 impl Check {
     fn of(shared: &Shared, job: &Job, name: &str) -> Result<Self> {
-        let expected = job.summary.as_ref().and_then(|summary| summary.blobs.get(name)).cloned();
-        let expected = expected.ok_or_else(|| Error::new(Kind::NotFound, "the job has no such result"))?;
+        let expected = expected(job, name)?.clone();
         let (name, files) = (name.to_owned(), Arc::clone(&shared.files));
         Ok(Self { job: job.id, name, expected, sha256: Sha256::new(), files })
     }

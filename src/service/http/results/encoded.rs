@@ -55,13 +55,11 @@ pub(crate) async fn encoded<T: Send + 'static>(
     Ok((streamed(length, body, media_type), returned))
 }
 
-/// A body of known length as a response.
 pub(super) fn streamed(length: u64, body: Body, media_type: &'static str) -> Response {
     let headers = [(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())];
     (headers, body).into_response()
 }
 
-/// The error of a result that cannot be written.
 pub(crate) fn cannot(error: io::Error) -> Error {
     Error::io("the result cannot be written", error)
 }

@@ -8,13 +8,14 @@ use axum::http::header;
 use axum::response::Response;
 use futures_util::future::BoxFuture;
 use object_store::GetRange;
+use parking_lot::Mutex;
 use tesserae_mesh::artifacts::{HIERARCHY, LABELS, Need};
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::checked;
 use super::encoded::streamed;
 use crate::files::job_blobs;
-use crate::http::conditional::Parts;
+use crate::http::conditional::Opens;
 use crate::http::state::Shared;
 use crate::store::{Job, State, Summary};
 
@@ -65,7 +66,7 @@ pub(crate) enum Of {
     Result,
 }
 
-/// A blob of a job from one of its bytes on, as a response that streams it and can also give a part of it.
+/// A blob of a job from one of its bytes on, as a response that opens it once the client is known to need it.
 pub(crate) async fn stored(
     shared: &Arc<Shared>,
     job: &Job,
@@ -74,32 +75,37 @@ pub(crate) async fn stored(
     from: u64,
     media_type: &'static str,
 ) -> Result<Response> {
-    let (length, body) = match of {
+    let (whole, upload) = match of {
         Of::Upload => {
             let blob = job_blobs::upload(&shared.files, shared.store.as_ref(), job, name, None).await?;
-            (blob.length(), blob.into_body())
+            (blob.length(), Some(blob))
         }
-        Of::Result => {
-            let (length, blob) = checked::whole(shared, job, name, from).await?;
-            (length, blob.into_body())
-        }
+        Of::Result => (checked::length(job, name)?, None),
     };
+    let upload = Mutex::new(upload);
+    let length = whole.saturating_sub(from);
     let (shared, job, name) = (Arc::clone(shared), job.clone(), name.to_owned());
-    let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
+    let open = move |range: Option<Range<u64>>| -> BoxFuture<'static, Result<Body>> {
         let (shared, job, name) = (Arc::clone(&shared), job.clone(), name.clone());
-        let is_whole = range == (0..length.saturating_sub(from));
-        let range = GetRange::Bounded(from + range.start..from + range.end);
+        let range = range.filter(|range| *range != (0..length));
+        let range = range.map(|range| GetRange::Bounded(from + range.start..from + range.end));
+        let opened = upload.lock().take().filter(|_| range.is_none());
         Box::pin(async move {
-            let blob = match of {
-                Of::Result if is_whole => checked::whole(&shared, &job, &name, from).await.map(|(_, blob)| blob),
-                Of::Upload => job_blobs::upload(&shared.files, shared.store.as_ref(), &job, &name, Some(range)).await,
-                Of::Result => checked::part(&shared, &job, &name, range).await,
+            if let Some(upload) = opened {
+                return Ok(upload.into_body());
+            }
+            let blob = match (of, range) {
+                (Of::Upload, range) => {
+                    job_blobs::upload(&shared.files, shared.store.as_ref(), &job, &name, range).await
+                }
+                (Of::Result, None) => checked::whole(&shared, &job, &name, from).await,
+                (Of::Result, Some(range)) => checked::part(&shared, &job, &name, range).await,
             };
             Ok(blob?.into_body())
         })
     };
-    let mut response = streamed(length.saturating_sub(from), body, media_type);
-    response.extensions_mut().insert(Parts(Arc::new(part)));
+    let mut response = streamed(length, Body::empty(), media_type);
+    response.extensions_mut().insert(Opens(Arc::new(open)));
     Ok(response)
 }
 

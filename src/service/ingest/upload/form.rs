@@ -1,7 +1,7 @@
 //! Uploads as `multipart/form-data`: parts `mesh` or `points`, `parameters`, `buffer` (any number, told apart by file
 //! name), `seeds`, `weights` and `graph`, in any order.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::error::Error as StdError;
 
 use axum::body::Body;
@@ -28,9 +28,9 @@ pub(super) async fn receive(
     into: Destination,
     referred: Option<referred::Mesh>,
 ) -> Result<Upload> {
-    let allowance = content.allowance();
+    let Content { bytes, allowance } = content;
     allowance.between_parts();
-    let request = Request::from_parts(parts, Body::from_stream(content));
+    let request = Request::from_parts(parts, Body::from_stream(bytes));
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
@@ -42,9 +42,7 @@ pub(super) async fn receive(
         buffers: Vec::new(),
         names: HashSet::new(),
         digests: Vec::new(),
-        seeds: None,
-        weights: None,
-        graph: None,
+        beside: BTreeMap::new(),
         has_parameters: false,
     };
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
@@ -66,9 +64,8 @@ struct Form {
     names: HashSet<String>,
     /// Of the buffers.
     digests: Vec<[u8; 32]>,
-    seeds: Option<Saved>,
-    weights: Option<Saved>,
-    graph: Option<Saved>,
+    /// By their names, which are those of the parts.
+    beside: BTreeMap<&'static str, Saved>,
     has_parameters: bool,
 }
 
@@ -91,20 +88,9 @@ impl Form {
                 self.wanted.add_json(&small(field).await?)
             }
             "buffer" => self.add_buffer(field).await,
-            "seeds" => {
-                self.seeds = Some(self.file(field, files::SEEDS, self.seeds.is_some(), |_| Ok(())).await?);
-                Ok(())
-            }
-            "weights" => {
-                let is_there = self.weights.is_some();
-                self.weights = Some(self.file(field, files::WEIGHTS, is_there, job::check_head_of_weights).await?);
-                Ok(())
-            }
-            "graph" => {
-                let is_there = self.graph.is_some();
-                self.graph = Some(self.file(field, files::GRAPH, is_there, job::check_head_of_graph).await?);
-                Ok(())
-            }
+            "seeds" => self.add_beside(field, files::SEEDS, |_| Ok(())).await,
+            "weights" => self.add_beside(field, files::WEIGHTS, job::check_head_of_weights).await,
+            "graph" => self.add_beside(field, files::GRAPH, job::check_head_of_graph).await,
             "" => Err(Error::new(
                 Kind::BadRequest,
                 "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
@@ -116,17 +102,17 @@ impl Form {
     }
 
     /// Saves a part that there is once, and checks its first bytes.
-    async fn file(
+    async fn add_beside(
         &mut self,
         field: Field<'_>,
-        name: &str,
-        is_there: bool,
+        name: &'static str,
         check_head: fn(&[u8]) -> Result<()>,
-    ) -> Result<Saved> {
-        once(name, is_there)?;
+    ) -> Result<()> {
+        once(name, self.beside.contains_key(name))?;
         let saved = self.into.save(content(field), name, |_| Ok(())).await?;
         check_head(&saved.head)?;
-        Ok(saved)
+        self.beside.insert(name, saved);
+        Ok(())
     }
 
     async fn add_mesh(&mut self, field: Field<'_>, are_points: bool) -> Result<()> {
@@ -198,20 +184,16 @@ impl Form {
                 self.buffers[0]
             )));
         }
-        let parts = Beside {
-            listed_seeds: self.seeds.is_some(),
-            has_weights: self.weights.is_some(),
-            has_graph: self.graph.is_some(),
-        };
+        let has = |name| self.beside.contains_key(name);
+        let parts =
+            Beside { listed_seeds: has(files::SEEDS), has_weights: has(files::WEIGHTS), has_graph: has(files::GRAPH) };
         let spec = spec_of(self.wanted, format, saved.bytes, parts)?;
         if let Some(name) = spec.parameters.weight_attribute.as_ref().filter(|_| parts.has_weights) {
             return Err(Error::parameter(format_args!(
                 "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
             )));
         }
-        let beside = [&self.seeds, &self.weights, &self.graph];
-        let files = beside.into_iter().flatten();
-        let files = std::iter::once(&saved).chain(files);
+        let files = std::iter::once(&saved).chain(self.beside.values());
         let digests: Vec<_> = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
         let spec = Spec { file_name, buffers: self.buffers, referred, ..spec };
         Ok(Upload { folder: self.into.folder, spec, digests })
@@ -238,7 +220,6 @@ fn once(name: &str, there: bool) -> Result<()> {
     Ok(())
 }
 
-/// The content of a part as a stream.
 fn content(field: Field<'_>) -> impl Stream<Item = Result<axum::body::Bytes>> + Unpin {
     field.map_err(unreadable)
 }

@@ -43,7 +43,7 @@ pub(super) async fn without_body(
     into: Destination,
     mesh: Mesh,
 ) -> Result<Upload> {
-    while let Some(chunk) = content.next().await {
+    while let Some(chunk) = content.bytes.next().await {
         if !chunk?.is_empty() {
             return Err(Error::new(
                 Kind::BadRequest,

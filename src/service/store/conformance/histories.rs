@@ -80,7 +80,11 @@ impl<C: Crashes> Stored for Workers<C> {
             Change::Release { attempt, release } => store.release(ticket(attempt), release).await.is_ok(),
             Change::End { attempt, .. } => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
             Change::Cancel => store.cancel(id).await.expect("asked").is_some(),
-            Change::Retry => matches!(store.retry(id, None).await, Ok(Retried::Queued(_))),
+            Change::Retry => match store.retry(id, None).await {
+                Ok(_) => true,
+                Err(error) if error.kind == Kind::Conflict => false,
+                Err(error) => panic!("{error}"),
+            },
             Change::LeaseOver => {
                 let lost = store.heartbeat(&[ticket(attempt)], Duration::ZERO).await.expect("writable");
                 lost.is_empty() && store.reclaim().await == Ok(vec![ticket(attempt)])

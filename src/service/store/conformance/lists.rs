@@ -20,7 +20,7 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
     }
     assert_eq!(seen, newest_first);
 
-    let (_, running) = claim(store).await;
+    let (ticket, running) = claim(store).await;
     let only = store.list(&ListQuery { state: Some(State::Running), ..first(1) }).await.expect("listed");
     assert_eq!(only.jobs, [running]);
     assert_eq!(only.next, None);
@@ -28,6 +28,9 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
     assert_eq!(queued.jobs.len(), 9);
     assert_eq!(queued.jobs[8].queue_position, Some(1));
     assert_eq!(queued.jobs[0].queue_position, Some(9));
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+    let ended = store.list(&ListQuery { state: Some(State::Cancelled), ..first(9) }).await.expect("listed");
+    assert_eq!(ended.jobs.iter().map(|job| job.id).collect::<Vec<_>>(), [ticket.job]);
 }
 
 pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &Store) {

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use async_trait::async_trait;
 use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::Format;
@@ -14,7 +13,7 @@ use tesserae_mesh::report::Phase;
 use super::terms::Page;
 use super::{
     Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice, Progress,
-    Release, Retried, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
+    Release, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
 };
 use crate::store::kept::Kept;
 
@@ -32,48 +31,43 @@ mod server;
 mod sqlite;
 mod workers;
 
-#[async_trait]
-pub(crate) trait Subject: Sync {
-    async fn empty(&self, rules: Rules) -> Box<Store>;
+pub(crate) trait Subject {
+    async fn empty(&self, rules: Rules) -> Store;
 
-    /// What the last store that [`empty`](Self::empty) made has on disk right now, opened as after a crash; none when a
-    /// crash leaves nothing.
-    async fn after_crash(&self, _rules: Rules) -> Option<Box<Store>> {
-        None
-    }
+    /// What the last store that [`empty`](Self::empty) made has on disk right now, opened as after a crash.
+    async fn after_crash(&self, rules: Rules) -> Store;
 }
 
-pub(crate) async fn run(subject: &dyn Subject) {
+pub(crate) async fn run(subject: &impl Subject) {
     let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
-    life::a_new_job_is_as_it_was_created(make(9).await.as_ref()).await;
-    life::jobs_are_claimed_in_order_and_once(make(9).await.as_ref()).await;
-    life::a_full_queue_refuses_until_a_job_starts(make(2).await.as_ref()).await;
-    life::a_tenant_has_no_more_waiting_jobs_than_it_may(make(9).await.as_ref()).await;
-    life::events_are_numbered_and_read_from_anywhere(make(9).await.as_ref()).await;
-    life::every_end_is_told(make(9).await.as_ref()).await;
-    life::a_ticket_that_is_over_writes_nothing(make(9).await.as_ref()).await;
-    life::a_queued_job_is_cancelled_at_once(make(9).await.as_ref()).await;
-    life::a_running_job_is_asked_to_end(make(9).await.as_ref()).await;
-    life::an_ended_job_cannot_be_cancelled_and_can_be_deleted(make(9).await.as_ref()).await;
-    life::small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(make(9).await.as_ref())
-        .await;
-    life::unknown_jobs_are_unknown_everywhere(make(9).await.as_ref()).await;
-    lists::pages_hold_every_job_once(make(99).await.as_ref()).await;
-    lists::a_tenant_sees_only_its_own_jobs(make(99).await.as_ref()).await;
-    lists::every_end_with_a_webhook_is_untold_until_settled(make(99).await.as_ref()).await;
-    lists::a_foreign_cursor_is_refused(make(9).await.as_ref()).await;
-    lists::the_oldest_job_that_waits_is_known(make(9).await.as_ref()).await;
-    at_once::arrivals_wake_a_worker(Arc::from(make(9).await)).await;
-    at_once::many_at_once_lose_nothing(Arc::from(make(1000).await)).await;
-    at_once::a_key_stands_for_one_request(make(9).await.as_ref()).await;
-    at_once::the_same_key_at_once_gives_one_job(Arc::from(make(1000).await)).await;
-    attempts::a_released_job_runs_again_in_its_place(make(9).await.as_ref()).await;
-    attempts::a_lease_that_is_over_is_reclaimed(make(9).await.as_ref()).await;
-    attempts::attempts_whose_lease_is_over_are_counted(make(9).await.as_ref()).await;
-    attempts::a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(make(2).await.as_ref()).await;
-    life::priorities_order_the_jobs_of_a_tenant(make(9).await.as_ref()).await;
-    workers::a_worker_is_known_with_its_jobs(make(9).await.as_ref()).await;
-    lists::ended_jobs_are_found_by_their_age(make(9).await.as_ref()).await;
+    life::a_new_job_is_as_it_was_created(&make(9).await).await;
+    life::jobs_are_claimed_in_order_and_once(&make(9).await).await;
+    life::a_full_queue_refuses_until_a_job_starts(&make(2).await).await;
+    life::a_tenant_has_no_more_waiting_jobs_than_it_may(&make(9).await).await;
+    life::events_are_numbered_and_read_from_anywhere(&make(9).await).await;
+    life::every_end_is_told(&make(9).await).await;
+    life::a_ticket_that_is_over_writes_nothing(&make(9).await).await;
+    life::a_queued_job_is_cancelled_at_once(&make(9).await).await;
+    life::a_running_job_is_asked_to_end(&make(9).await).await;
+    life::an_ended_job_cannot_be_cancelled_and_can_be_deleted(&make(9).await).await;
+    life::small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(&make(9).await).await;
+    life::unknown_jobs_are_unknown_everywhere(&make(9).await).await;
+    lists::pages_hold_every_job_once(&make(99).await).await;
+    lists::a_tenant_sees_only_its_own_jobs(&make(99).await).await;
+    lists::every_end_with_a_webhook_is_untold_until_settled(&make(99).await).await;
+    lists::a_foreign_cursor_is_refused(&make(9).await).await;
+    lists::the_oldest_job_that_waits_is_known(&make(9).await).await;
+    at_once::arrivals_wake_a_worker(Arc::new(make(9).await)).await;
+    at_once::many_at_once_lose_nothing(Arc::new(make(1000).await)).await;
+    at_once::a_key_stands_for_one_request(&make(9).await).await;
+    at_once::the_same_key_at_once_gives_one_job(Arc::new(make(1000).await)).await;
+    attempts::a_released_job_runs_again_in_its_place(&make(9).await).await;
+    attempts::a_lease_that_is_over_is_reclaimed(&make(9).await).await;
+    attempts::attempts_whose_lease_is_over_are_counted(&make(9).await).await;
+    attempts::a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(&make(2).await).await;
+    life::priorities_order_the_jobs_of_a_tenant(&make(9).await).await;
+    workers::a_worker_is_known_with_its_jobs(&make(9).await).await;
+    lists::ended_jobs_are_found_by_their_age(&make(9).await).await;
     attempts::a_crash_loses_nothing(subject).await;
 }
 
@@ -85,7 +79,6 @@ const LEASE: Duration = Duration::from_secs(3600);
 /// The tenant of jobs whose tenant is of no matter.
 const TENANT: &str = "größe & co";
 
-/// The first jobs of a list.
 fn first(limit: usize) -> ListQuery {
     ListQuery { tenant: TENANT.to_owned(), limit, ..ListQuery::default() }
 }

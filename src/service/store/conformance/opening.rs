@@ -49,8 +49,12 @@ async fn damage_is_found_when_the_store_is_opened() {
     store.create(new_job()).await.expect("created");
     store.close().await;
     damage(&path);
+    let before = std::fs::read(&path).expect("readable");
     let error = Store::open(&path, RULES, Faults::default()).await.expect_err("damaged");
-    assert!(error.message.contains("damaged") && error.message.contains("backup"), "{error}");
+    for part in ["damaged", "backup", NAME] {
+        assert!(error.message.contains(part), "{error}");
+    }
+    assert!(std::fs::read(&path).expect("readable") == before, "it is left as it is");
     std::fs::write(&path, "no database, but a text that is long enough to be taken for one ".repeat(100))
         .expect("written");
     let error = Store::open(&path, RULES, Faults::default()).await.expect_err("no database");

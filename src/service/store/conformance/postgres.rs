@@ -22,21 +22,20 @@ struct OnServer {
     last: Mutex<Option<StoreUrl>>,
 }
 
-#[async_trait]
 impl Subject for OnServer {
-    async fn empty(&self, rules: Rules) -> Box<Store> {
+    async fn empty(&self, rules: Rules) -> Store {
         let url = self.server.database();
         *self.last.lock() = Some(url.clone());
-        Box::new(open(&url, rules).await)
+        open(&url, rules).await
     }
 
     /// Another service on the same database, when the leases of the first are over.
-    async fn after_crash(&self, rules: Rules) -> Option<Box<Store>> {
+    async fn after_crash(&self, rules: Rules) -> Store {
         let url = self.last.lock().clone().expect("a store was made");
         let store = open(&url, rules).await;
         expire(&store).await;
         store.reclaim().await.expect("reclaimed");
-        Some(Box::new(store))
+        store
     }
 }
 

@@ -34,7 +34,6 @@ pub(in crate::store) use values;
 pub enum Abort {
     /// It is not allowed; nothing was written.
     Refused(Error),
-    /// The database failed, and the transaction with it.
     Broken(Error),
     /// The database broke the transaction off for the sake of another one: it may be done again.
     #[cfg(feature = "postgres")]
@@ -82,7 +81,6 @@ pub trait Rows {
     /// When the database was started, or a time before.
     fn up_since(&mut self) -> Result<SystemTime, Abort>;
 
-    /// The rows of a query.
     fn query(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>, Abort> {
         Ok(self.all(&[(sql, values)])?.pop().unwrap_or_default())
     }

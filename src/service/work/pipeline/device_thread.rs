@@ -14,7 +14,6 @@
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
 //! [short](SmallMeshes::beside) one beside a long one. The others take [turns](Line).
 
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
@@ -57,7 +56,6 @@ pub(crate) struct DeviceThread {
     /// For small meshes, which then need not wait for others.
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
-    /// The meshes that wait for the thread.
     line: Line,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
     beside: Option<SmallMeshes>,
@@ -80,12 +78,6 @@ struct Shared {
     metrics: Arc<Metrics>,
     /// Threads that were abandoned: their failures are not reported any more.
     left: AtomicU64,
-}
-
-impl fmt::Debug for DeviceThread {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("DeviceThread").finish_non_exhaustive()
-    }
 }
 
 impl DeviceThread {
@@ -112,15 +104,26 @@ impl DeviceThread {
         Ok(Self { shared, like, thread, line: Line::default(), beside, timeout })
     }
 
+    /// Clusters a mesh on a thread beside that of the device, and makes its results.
+    async fn run_beside(
+        &self,
+        device: Box<dyn Device>,
+        threads: &SmallMeshes,
+        task: Task,
+        limit: Option<Duration>,
+    ) -> Result<Outcome> {
+        let thread = threads.thread().await?;
+        let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
+        let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
+        within(limit, thread.run(work)).await
+    }
+
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
     /// that beside the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it
     /// takes longer than `limit`, not counting the time that it waits for others.
     pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
         if let Some(device) = self.another().filter(|_| task.prepared.subject.items() <= SMALL_FACES) {
-            let thread = small.thread().await?;
-            let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
-            let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
-            return within(limit, thread.run(work)).await;
+            return self.run_beside(device, small, task, limit).await;
         }
         let turn = match &self.beside {
             None => self.line.turn(task.cost).await,
@@ -128,10 +131,7 @@ impl DeviceThread {
                 Some(turn) => turn,
                 None => {
                     let gone = || Error::new(Kind::Internal, "the device for short meshes is gone");
-                    let (device, threads) = (self.another().ok_or_else(gone)?, beside.thread().await?);
-                    let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
-                    let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
-                    return within(limit, threads.run(work)).await;
+                    return self.run_beside(self.another().ok_or_else(gone)?, beside, task, limit).await;
                 }
             },
         };
@@ -304,26 +304,22 @@ impl Devices {
         match (outcome, &mut self.cpu) {
             (Err(error), Some(cpu)) if error.kind == Kind::DeviceUnsuitable => {
                 tracing::warn!(%error, "taking the cpu instead of the gpu");
-                run(cpu).map(|clustered| clustered.with_warning(instead_of_gpu(&error)))
+                run(cpu).map(|clustered| clustered.with_warning(instead_of_gpu(&error.message)))
             }
             (Err(error), cpu) if error.kind == Kind::DeviceWrong => {
                 tracing::error!(%error, "the cpu runs the job again");
                 self.shared.metrics.families.device_wrong.inc();
                 self.shared.lost(&error.message);
-                if self.shared.reopen.is_some() {
-                    self.device = None;
-                }
+                self.device.take_if(|_| self.shared.reopen.is_some());
                 let outcome = run(cpu.get_or_insert_with(CpuDevice::new));
-                outcome.map(|clustered| clustered.with_warning(instead_of_gpu(&error)))
+                outcome.map(|clustered| clustered.with_warning(instead_of_gpu(&error.message)))
             }
             (Err(error), _) if error.kind == Kind::DeviceLost => {
                 if self.is_left() {
                     return Err(error);
                 }
                 self.shared.lost(&error.message);
-                if self.shared.reopen.is_some() {
-                    self.device = None;
-                }
+                self.device.take_if(|_| self.shared.reopen.is_some());
                 Err(error)
             }
             (outcome, _) => {

@@ -8,30 +8,29 @@
 
 use std::sync::Arc;
 
-use tesserae_mesh::data::{MOST_DIMENSIONS, Size};
+use tesserae_mesh::data::{Size, width};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::Clustering;
 use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
 use super::small::{SMALL_BYTES, SMALL_FACES};
 
-/// Bytes of a unit of memory.
 const UNIT: u64 = 64 << 10;
 
 /// Bytes that a face takes at the peak of a job, with its vertices, its edges and its labels (see `mesh::allowance`).
 const BYTES_A_FACE: u64 = 275;
 
 /// The same for what begins with a cluster a face: hierarchies, which record every merge and move, and merged starts.
-/// 630 were measured for `pml` with optimisation, 540 without, 610 for `hr`; normals take 24 more, sums of them 100.
-const BYTES_A_FACE_OF_HIERARCHY: u64 = 775;
+/// 630 were measured for `pml` with optimisation, 540 without, 610 for `hr`; by normals, `pml` 800.
+const BYTES_A_FACE_OF_HIERARCHY: u64 = 900;
 
-/// The same for hierarchies of planes and shapes, whose moments are kept for each cluster: 971 were measured for `ml`
-/// of shapes, 735 for `hr`.
+/// The same for planes and shapes, whose moments are kept for each cluster: 971 were measured for `ml` of shapes, 735
+/// for `hr`, 820 for flat planes.
 const BYTES_A_FACE_OF_SHAPES: u64 = 1100;
 
 /// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks
-/// of 100,000 items, without their file, were 128 bytes an item (5 coordinates, grid), 742 (16, grid), 1,323 (64,
-/// grid), 230 (3, knn:8) and 847 (3, knn:32).
+/// of 100,000 items, without their file, were 128 bytes an item (5 coordinates, grid), 730 (9, grid), 1,323 (64, grid),
+/// 230 (3, knn:8) and 847 (3, knn:32).
 const BYTES_AN_ITEM: u64 = 200;
 const BYTES_A_COORDINATE: u64 = 32;
 const BYTES_A_NEIGHBOUR: u64 = 16;
@@ -72,9 +71,27 @@ pub(crate) struct Reading {
 }
 
 /// Memory of a job; free again when dropped.
+pub(crate) type Held = OwnedSemaphorePermit;
+
+/// The place of a mesh among those in memory, shared by all that works on it.
+#[derive(Debug, Clone)]
+pub(super) struct Slot(Arc<HeldSlot>);
+
 #[derive(Debug)]
-pub(crate) struct Held {
-    _permit: OwnedSemaphorePermit,
+struct HeldSlot {
+    _slot: OwnedSemaphorePermit,
+    memory: parking_lot::Mutex<Option<Held>>,
+}
+
+impl Slot {
+    pub fn new(slot: OwnedSemaphorePermit) -> Self {
+        Self(Arc::new(HeldSlot { _slot: slot, memory: Default::default() }))
+    }
+
+    /// Holds the job's share of memory, too.
+    pub fn holds(&self, memory: Held) {
+        *self.0.memory.lock() = Some(memory);
+    }
 }
 
 impl Memory {
@@ -108,7 +125,7 @@ impl Reading {
     /// Reserves memory for the faces of a small mesh, without a wait; gives itself back for any other mesh.
     pub fn build_small(self, need: Needed) -> Result<Held, Self> {
         match self.turn {
-            None if need.bytes <= SMALL => Ok(Held { _permit: self.held }),
+            None if need.bytes <= SMALL => Ok(self.held),
             _ => Err(self),
         }
     }
@@ -130,7 +147,7 @@ impl Reading {
                 self.held
             }
         };
-        Ok(Held { _permit: held })
+        Ok(held)
     }
 }
 
@@ -138,7 +155,7 @@ impl Needed {
     /// That of faces, clustered in this way; of a flat clustering where none is given.
     pub fn of_faces(faces: u64, clustering: Option<&Clustering>) -> Self {
         let bytes_a_face = match clustering {
-            Some(shapes @ Clustering::Shapes(_)) if shapes.is_hierarchical() => BYTES_A_FACE_OF_SHAPES,
+            Some(Clustering::Shapes(_)) => BYTES_A_FACE_OF_SHAPES,
             Some(clustering) if clustering.merges_faces() => BYTES_A_FACE_OF_HIERARCHY,
             _ => BYTES_A_FACE,
         };
@@ -148,8 +165,8 @@ impl Needed {
     /// That of points, in a flat clustering or in a hierarchy.
     pub fn of_points(size: Size, is_hierarchical: bool) -> Self {
         let Size { items, dimensions, neighbours, inflated } = size;
-        // as uploaded and on the lattice, which has room for a power of two of them
-        let coordinates = dimensions.clamp(4, MOST_DIMENSIONS as u64).next_power_of_two();
+        // as uploaded and on the lattice
+        let coordinates = width(dimensions as usize).max(4) as u64;
         let bytes_an_item = BYTES_AN_ITEM + BYTES_A_COORDINATE * coordinates + BYTES_A_NEIGHBOUR * neighbours;
         let factor = if is_hierarchical { HIERARCHY_OF_POINTS } else { 1 };
         let bytes = items.saturating_mul(factor * bytes_an_item).saturating_add(inflated.saturating_mul(INFLATED));
@@ -207,7 +224,9 @@ mod tests {
         let reading = memory.read(LARGE).await.expect("it fits");
         assert!(memory.read(LARGE).now_or_never().is_none(), "one at a time reads");
         let small = memory.read(1).now_or_never().expect("but for small ones").expect("it fits");
-        small.build(Needed::of_faces(SMALL_FACES as u64, None)).now_or_never().expect("at once").expect("it fits");
+        drop(
+            small.build(Needed::of_faces(SMALL_FACES as u64, None)).now_or_never().expect("at once").expect("it fits"),
+        );
         let mut second = Box::pin(reading.build(Needed::of_faces(faces, None)));
         assert!(second.as_mut().now_or_never().is_none(), "the first has it");
         drop(first);

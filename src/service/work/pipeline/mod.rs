@@ -21,7 +21,6 @@ mod parts;
 mod patience;
 mod rows;
 mod run;
-mod slot;
 mod small;
 mod stages;
 mod task;

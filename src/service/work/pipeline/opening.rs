@@ -11,8 +11,7 @@ use tesserae_mesh::parameters::Seeds;
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
-use super::memory::{Needed, Reading};
-use super::slot::Slot;
+use super::memory::{Needed, Reading, Slot};
 use crate::store::Spec;
 
 /// What the files of an upload hold.

@@ -18,7 +18,6 @@ use crate::ops::faults::Faults;
 use crate::store::Store;
 use crate::store::live::Live;
 
-#[derive(Debug)]
 pub(crate) struct Pipeline {
     pub store: Arc<Store>,
     pub files: Arc<Files>,

@@ -15,10 +15,10 @@ use tracing::Instrument;
 
 use super::bounds::AGAIN;
 use super::leases::Lease;
+use super::memory::Slot;
 use super::parts::Pipeline;
 use super::patience::Patience;
 use super::rows::Log;
-use super::slot::Slot;
 use super::stages::Written;
 use crate::ops::trace::TraceParent;
 use crate::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
@@ -51,18 +51,16 @@ impl Pipeline {
         let mut arrivals = this.store.arrivals();
         while let Some(claimed) = this.next(&mut arrivals, &stop).await {
             for (slot, ticket, job) in claimed {
+                let parent = job.spec.trace_parent.as_deref().and_then(TraceParent::parse);
                 let span = tracing::info_span!(
                     "job",
                     id = %job.id,
                     attempt = ticket.attempt,
-                    trace = tracing::field::Empty,
+                    trace = parent.as_ref().map(TraceParent::trace),
                     tenant = job.spec.tenant,
                     faces = tracing::field::Empty,
                     clusters = job.spec.parameters.clusters,
                 );
-                if let Some(parent) = job.spec.trace_parent.as_deref().and_then(TraceParent::parse) {
-                    span.record("trace", parent.trace());
-                }
                 let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
                 jobs.spawn(work.instrument(span));
             }

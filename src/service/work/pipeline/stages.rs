@@ -15,12 +15,11 @@ use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::bounds::{AGAIN, caught};
-use super::memory::Reading;
+use super::memory::{Reading, Slot};
 use super::opening::{Admits, Contents, Waiting, open, open_with};
 use super::parts::Pipeline;
 use super::patience::Patience;
 use super::rows::{Inbox, Log};
-use super::slot::Slot;
 use super::task::Task;
 use crate::blobs::Blob;
 use crate::files::{self, BlobWriter, BlockingWriter, settle};
@@ -189,7 +188,6 @@ impl Pipeline {
     }
 }
 
-/// The files of an upload, in memory.
 struct Upload {
     memory: Reading,
     contents: Contents,

@@ -7,8 +7,8 @@ use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::job::{self, Clustered, Outcome, Prepared};
 
 use super::bounds::caught;
+use super::memory::Slot;
 use super::rows::OnRow;
-use super::slot::Slot;
 
 use crate::metrics::Metrics;
 use crate::ops::faults::{FaultPoint, Faults};

@@ -47,7 +47,6 @@ const BREATHER: Duration = Duration::from_secs(5);
 const SECRET_PREFIX: &str = "whsec_";
 
 /// What is allowed, and how deliveries are signed.
-#[derive(Debug)]
 pub(crate) struct Webhooks {
     targets: Targets,
     /// None where no webhooks are allowed.
@@ -57,12 +56,6 @@ pub(crate) struct Webhooks {
 struct Sender {
     client: reqwest::Client,
     key: Vec<u8>,
-}
-
-impl std::fmt::Debug for Sender {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Sender").finish_non_exhaustive()
-    }
 }
 
 #[derive(Debug, Serialize)]
@@ -132,7 +125,6 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
     })
 }
 
-#[derive(Debug)]
 pub(crate) struct Teller {
     store: Arc<Store>,
     webhooks: Arc<Webhooks>,

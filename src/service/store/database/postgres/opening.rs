@@ -15,7 +15,6 @@ const STORAGE: &str = "\
     ALTER TABLE workers SET (fillfactor = 50); ALTER TABLE tenants SET (fillfactor = 50); \
     ALTER TABLE blobs ALTER COLUMN bytes SET STORAGE EXTERNAL";
 
-/// The table with the version.
 const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version bigint NOT NULL)";
 
 /// Oldest server that is worked with, as it tells its version.

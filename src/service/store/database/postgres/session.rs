@@ -3,14 +3,12 @@
 //! A round trip takes longer than most statements. So what a transaction begins with is sent together with its first
 //! query, and changes with the next query or the commit.
 
-use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::task::Poll;
 use std::time::SystemTime;
 
 use deadpool_postgres::Object;
-use futures_util::future::join;
+use futures_util::future::{join, join_all};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
 use tokio::time::{Instant, timeout_at};
@@ -167,7 +165,8 @@ async fn send(
     for (statement, values) in &statements[inside..] {
         requests.push(Box::pin(run(client, statement, values)));
     }
-    let (begun, mut rows) = join(begin, in_order(requests)).await;
+    // their first polls, which send the statements, are in this order
+    let (begun, mut rows) = join(begin, join_all(requests)).await;
     let now = begun.map_err(failure)?.iter().rev().find_map(|message| match message {
         SimpleQueryMessage::Row(row) => row.get("now")?.parse().ok(),
         _ => None,
@@ -182,21 +181,6 @@ async fn send(
 }
 
 type Request<'r> = Pin<Box<dyn Future<Output = Result<Vec<tokio_postgres::Row>, tokio_postgres::Error>> + Send + 'r>>;
-
-/// The outputs of futures that run together. Their first polls, which send the statements, are in their order.
-async fn in_order<T: Unpin>(mut futures: Vec<Pin<Box<dyn Future<Output = T> + Send + '_>>>) -> Vec<T> {
-    let mut outputs: Vec<Option<T>> = futures.iter().map(|_| None).collect();
-    poll_fn(|context| {
-        for (future, output) in futures.iter_mut().zip(&mut outputs).filter(|(_, output)| output.is_none()) {
-            if let Poll::Ready(value) = future.as_mut().poll(context) {
-                *output = Some(value);
-            }
-        }
-        if outputs.iter().all(Option::is_some) { Poll::Ready(()) } else { Poll::Pending }
-    })
-    .await;
-    outputs.into_iter().flatten().collect()
-}
 
 async fn run(
     client: &Object,

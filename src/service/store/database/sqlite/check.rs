@@ -3,8 +3,6 @@
 //! The file is checked when it is opened, for a bounded time. Afterwards SQLite finds damage only where it looks, so
 //! what one statement found stands until the service is started again.
 
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
@@ -13,6 +11,9 @@ use tesserae_mesh::error::{Error, Kind};
 
 /// Longest time that the check may take when the store is opened. 300,000 jobs in 0.9 GB took 8 s on a busy machine.
 pub const START: Duration = Duration::from_secs(10);
+
+/// Operations of SQLite between two looks at the time; reading a page is one of them.
+const OPERATIONS: i32 = 1_000;
 
 /// What messages about damage begin with.
 const DAMAGED: &str = "the store of jobs is damaged";
@@ -52,18 +53,11 @@ pub fn damaged(what: &str) -> Error {
 }
 
 /// Checks the structure of all tables and indices, for so long at most.
-pub fn check(connection: &Connection, longest: Duration) -> rusqlite::Result<()> {
+pub fn check(connection: &mut Connection, longest: Duration) -> rusqlite::Result<()> {
     let started = Instant::now();
-    let (done, waits) = channel::<()>();
-    let interrupt = connection.get_interrupt_handle();
-    let guard = thread::spawn(move || {
-        if waits.recv_timeout(longest) == Err(RecvTimeoutError::Timeout) {
-            interrupt.interrupt();
-        }
-    });
+    connection.progress_handler(OPERATIONS, Some(move || started.elapsed() > longest))?;
     let found = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get::<_, String>(0));
-    drop(done);
-    let _ = guard.join();
+    connection.progress_handler(0, None::<fn() -> bool>)?;
     match found {
         Ok(verdict) if verdict == "ok" => {
             tracing::debug!(milliseconds = started.elapsed().as_millis() as u64, "the store of jobs is sound");
@@ -79,7 +73,6 @@ pub fn check(connection: &Connection, longest: Duration) -> rusqlite::Result<()>
     }
 }
 
-/// What the check found, as an error of the database.
 fn broken(verdict: String) -> rusqlite::Error {
     let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
     rusqlite::Error::SqliteFailure(code, Some(verdict.replace('\n', " ")))

@@ -76,32 +76,6 @@ impl Sqlite {
         self.damage.found()
     }
 
-    /// Lets other processes open the file, where they cannot, when the disk has room for that. `probe` writes.
-    pub async fn share(
-        &self,
-        probe: impl Fn(&mut dyn Rows, &mut Effects) -> Result<(), Abort> + Copy + Send + 'static,
-    ) -> Result<()> {
-        if !self.place.is_private() {
-            return Ok(());
-        }
-        self.change(probe).await?;
-        // privacy ends with the last connection
-        let readers = self.readers.pause().await;
-        self.place.set_private(false);
-        let reopen = |_: &mut dyn Rows, effects: &mut Effects| {
-            effects.reopens = true;
-            Ok(())
-        };
-        let shared = async {
-            self.change(reopen).await?;
-            self.change(probe).await
-        };
-        let shared = shared.await;
-        self.place.set_private(shared.is_err());
-        drop(readers);
-        shared
-    }
-
     /// Finishes the operations under way and closes the file.
     pub async fn close(&self) {
         // readers first: the last connection to close empties the log

@@ -1,4 +1,4 @@
-//! Opening the file of a store: checked for damage, with the tables as they are to be, on a full disk too.
+//! Opening the file of a store: checked for damage, with the tables as they are to be.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -15,38 +15,24 @@ use super::readers::Readers;
 /// The connection that writes, and those that read.
 type Opened = (Connection, Readers);
 
-/// Why the file cannot be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum OpenError {
-    /// The database failed.
-    #[error("{}", message(.0))]
-    Database(#[from] rusqlite::Error),
-    /// Its tables are of another version.
-    #[error("{0}")]
-    Refused(Error),
-}
-
-/// Opens the file, or makes it; as a private one when the disk has no room for the files beside it.
+/// Opens the file, or makes it, with the tables as they are to be.
 pub fn open(place: &Arc<DatabasePlace>) -> Result<Opened> {
-    let opened = open_up_to_date(place).or_else(|error| {
-        place.set_private(is_of_room(&error));
-        if !place.is_private() {
-            return Err(error);
-        }
-        let opened = open_up_to_date(place)?;
-        tracing::warn!("the disk is full; until it has room, the store of jobs cannot be copied by `tesserae backup`");
-        Ok(opened)
-    });
-    opened.map_err(|error| match error {
-        error if is_of_room(&error) => {
+    let failed = |error| match error {
+        error if lacks_room(&error) => {
             cannot_open(&place.path, &"its disk is full; make room there, a few megabytes are enough")
         }
-        OpenError::Database(error) if is_damage(&error) => {
+        error if is_damage(&error) => {
             let Error { kind, message } = failure(error);
             Error::new(kind, format_args!("{message}: {}", place.path.display()))
         }
-        error => cannot_open(&place.path, &error),
-    })
+        error => cannot_open(&place.path, &message(&error)),
+    };
+    let mut connection = place.writing(true).map_err(failed)?;
+    check::check(&mut connection, START).map_err(failed)?;
+    let steps = steps(&connection, &MIGRATIONS).map_err(failed)?;
+    let steps = steps.map_err(|refusal| cannot_open(&place.path, &refusal))?;
+    migrate(&connection, &steps).map_err(failed)?;
+    Ok((connection, Readers::open(Arc::clone(place)).map_err(failed)?))
 }
 
 /// The error of a file that cannot be opened.
@@ -54,31 +40,22 @@ pub fn cannot_open(path: &Path, why: &dyn Display) -> Error {
     Error::new(Kind::Io, format_args!("the store of jobs cannot be opened: {}: {why}", path.display()))
 }
 
-fn is_of_room(error: &OpenError) -> bool {
-    matches!(error, OpenError::Database(error) if lacks_room(error))
-}
-
-/// Opens the file, or makes it, with the tables as they are to be.
-fn open_up_to_date(place: &Arc<DatabasePlace>) -> Result<Opened, OpenError> {
-    let connection = place.writing(true)?;
-    check::check(&connection, START)?;
-    migrate(&connection, &MIGRATIONS)?;
-    Ok((connection, Readers::open(Arc::clone(place))?))
-}
-
-/// Makes the tables, or brings them up to date. Their version stands in the head of the file.
-pub fn migrate(connection: &Connection, migrations: &[&str]) -> Result<(), OpenError> {
+/// What brings the tables up to date. Their version stands in the head of the file.
+fn steps<'m>(connection: &Connection, migrations: &[&'m str]) -> rusqlite::Result<Result<Vec<&'m str>>> {
     let found = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
-    let steps = schema::steps(found, migrations).map_err(OpenError::Refused)?;
+    Ok(schema::steps(found, migrations))
+}
+
+/// Makes the tables, or brings them up to date.
+fn migrate(connection: &Connection, steps: &[&str]) -> rusqlite::Result<()> {
     if steps.is_empty() {
         return Ok(());
     }
     connection.execute_batch("BEGIN IMMEDIATE")?;
-    for sql in steps {
-        connection.execute_batch(sql)?;
-    }
-    connection.pragma_update(None, "user_version", schema::version(migrations))?;
-    connection.execute_batch("COMMIT").map_err(OpenError::Database)
+    steps.iter().try_for_each(|sql| connection.execute_batch(sql))?;
+    let version: i64 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
+    connection.pragma_update(None, "user_version", version + steps.len() as i64)?;
+    connection.execute_batch("COMMIT")
 }
 
 #[cfg(test)]
@@ -88,13 +65,17 @@ mod tests {
     #[test]
     fn a_migration_is_run_once_and_its_version_is_kept() {
         let connection = Connection::open_in_memory().expect("it opens");
-        migrate(&connection, &MIGRATIONS).expect("made");
+        let bring_up_to_date = |migrations: &[&'static str]| {
+            let steps = steps(&connection, migrations).expect("readable");
+            steps.map(|steps| migrate(&connection, &steps).expect("made"))
+        };
+        bring_up_to_date(&MIGRATIONS).expect("new");
         let later = ["ALTER TABLE jobs ADD COLUMN later TEXT"];
         for _ in 0..2 {
-            migrate(&connection, &later).expect("up to date");
+            bring_up_to_date(&later).expect("older");
             assert_eq!(connection.column_exists(None, "jobs", "later"), Ok(true));
         }
-        let error = migrate(&connection, &MIGRATIONS).expect_err("too new");
-        assert!(error.to_string().contains("version 2,"), "{error}");
+        let error = bring_up_to_date(&MIGRATIONS).expect_err("too new");
+        assert!(error.message.contains("version 2,"), "{error}");
     }
 }

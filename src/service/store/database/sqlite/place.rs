@@ -2,7 +2,6 @@
 
 use std::fs::{File, TryLockError};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use rusqlite::config::DbConfig;
@@ -70,10 +69,6 @@ pub fn lacks_room(error: &rusqlite::Error) -> bool {
 
 /// The file, and how connections to it are opened.
 ///
-/// The index of the log is a file of 32 KiB, shared by processes, that SQLite writes when the first connection is
-/// opened: on a full disk nothing could be read. While the file is *private*, the index is in the memory of this
-/// process, and other processes (`tesserae backup`) find the file locked.
-///
 /// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
 /// whatever happened to the lock of the data folder.
 #[derive(Debug)]
@@ -81,21 +76,17 @@ pub struct DatabasePlace {
     pub path: PathBuf,
     /// Whether the process outlasts the file: then no commit waits for the disk.
     pub is_temporary: bool,
-    is_private: AtomicBool,
     /// Closed after all connections: closing a file that SQLite has locked ends SQLite's own locks (POSIX).
     lock: Option<File>,
 }
 
 impl DatabasePlace {
-    /// SQLite's way to open a file for one process.
-    const PRIVATE: &str = "unix-excl";
-
-    /// The file at `path`, shared, and locked for this service. [`Kind::Conflict`] when another one has it.
+    /// The file at `path`, locked for this service. [`Kind::Conflict`] when another one has it.
     pub fn locked(path: PathBuf) -> Result<Self> {
         let cannot = |error| Error::io(format_args!("the store of jobs cannot be opened: {}", path.display()), error);
         let lock = private::options().open(&path).map_err(cannot)?;
         match lock.try_lock() {
-            Ok(()) => Ok(Self { path, is_temporary: false, is_private: AtomicBool::new(false), lock: Some(lock) }),
+            Ok(()) => Ok(Self { path, is_temporary: false, lock: Some(lock) }),
             Err(TryLockError::WouldBlock) => Err(Error::new(
                 Kind::Conflict,
                 format_args!(
@@ -116,17 +107,7 @@ impl DatabasePlace {
 
     /// The same in a temporary folder, which no other process knows.
     pub fn temporary(path: PathBuf) -> Self {
-        Self { path, is_temporary: true, is_private: AtomicBool::new(false), lock: None }
-    }
-
-    /// Whether the file is private.
-    pub fn is_private(&self) -> bool {
-        self.is_private.load(Ordering::Relaxed)
-    }
-
-    /// Makes the file private, or shared again, for connections that are opened from now on.
-    pub fn set_private(&self, is_private: bool) {
-        self.is_private.store(is_private, Ordering::Relaxed);
+        Self { path, is_temporary: true, lock: None }
     }
 
     /// Opens the connection that writes, and makes the file if that may be.
@@ -139,40 +120,31 @@ impl DatabasePlace {
         flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
         let connection = self.open(flags)?;
         if connection.pragma_query_value(None, "page_count", |row| row.get::<_, i64>(0))? == 0 {
-            // of a new file: pages of deleted jobs can be given back to the file system
+            // no job is in a new file yet, and the next statement writes its page again, to the disk
+            connection.pragma_update(None, "synchronous", "OFF")?;
+            // pages of deleted jobs can be given back to the file system
             connection.pragma_update(None, "auto_vacuum", "INCREMENTAL")?;
         }
-        connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.pragma_update(None, "synchronous", if self.is_temporary { "OFF" } else { "FULL" })?;
+        connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
         Ok(connection)
     }
 
     pub fn reading(&self) -> rusqlite::Result<Connection> {
-        let connection = match self.is_private() {
-            // a file that is opened for reading only would not be locked by this process
-            true => self.open(OpenFlags::SQLITE_OPEN_READ_WRITE)?,
-            false => self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?,
-        };
+        let connection = self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         connection.pragma_update(None, "query_only", true)?;
         connection.pragma_update(None, "cache_size", -READ_CACHE)?;
         Ok(connection)
     }
 
     fn open(&self, flags: OpenFlags) -> rusqlite::Result<Connection> {
-        let flags = flags | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let connection = match self.is_private() {
-            true => Connection::open_with_flags_and_vfs(&self.path, flags, Self::PRIVATE)?,
-            false => Connection::open_with_flags(&self.path, flags)?,
-        };
-        prepare(connection)
+        let connection = Connection::open_with_flags(&self.path, flags | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
+        connection.busy_timeout(PATIENCE)?;
+        connection.set_prepared_statement_cache_capacity(STATEMENTS);
+        // plans do not depend on what is bound; without this, some statements are prepared anew whenever something else
+        // is
+        connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
+        Ok(connection)
     }
-}
-
-fn prepare(connection: Connection) -> rusqlite::Result<Connection> {
-    connection.busy_timeout(PATIENCE)?;
-    connection.set_prepared_statement_cache_capacity(STATEMENTS);
-    // Plans do not depend on what is bound; without this, some statements are prepared anew whenever something else is.
-    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
-    Ok(connection)
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 use tesserae_mesh::error::Result;
 use tokio::runtime::{Handle, RuntimeFlavor};
-use tokio::sync::{Semaphore, SemaphorePermit};
+use tokio::sync::Semaphore;
 use tokio::task::block_in_place;
 
 use super::super::rows::Abort;
@@ -43,16 +43,10 @@ impl Readers {
         }
     }
 
-    /// Waits for reads under way, and closes the connections. Others are opened once what this returns is dropped.
-    pub async fn pause(&self) -> Option<SemaphorePermit<'_>> {
-        let all = self.places.acquire_many(READERS).await.ok();
-        self.idle.lock().clear();
-        all
-    }
-
     /// Waits for reads under way, and closes the connections.
     pub async fn close(&self) {
-        let _all = self.pause().await;
+        let _all = self.places.acquire_many(READERS).await;
+        self.idle.lock().clear();
         self.places.close();
     }
 

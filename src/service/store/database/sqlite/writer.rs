@@ -197,9 +197,6 @@ impl Worker {
             let written = session.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
             let _ = written.inspect_err(|error| tracing::debug!(%error, "the log was not written into the store"));
         }
-        if effects.reopens {
-            self.session = None;
-        }
         Ok(effects)
     }
 }
