@@ -99,12 +99,13 @@ def cluster(
     energy : {"cvd", "l21", "planes", "shapes"}
         What clusters have little of: ``"cvd"``, area x squared distance to their mean place, for compact clusters;
         ``"l21"``, area x squared distance of the unit normal to their mean normal, for flat ones; ``"planes"``, area x
-        squared distance to a plane; ``"shapes"``, to a plane, sphere or cylinder. Planes and shapes work on the cpu.
+        squared distance to a plane; ``"shapes"``, to a plane, sphere, cylinder or cone.
         ``Clustering.report["shapes"]`` has the shapes.
     shapes : str, optional
-        Energy shapes: types that clusters may have, ``"plane,sphere,cylinder"`` when left out; planes always.
+        Energy shapes: types that clusters may have, of ``"plane,sphere,cylinder,cone"``; all but cones when left out;
+        planes always.
     resolution : float or str, optional
-        Energy shapes: distances below it are noise, which no sphere or cylinder stands for; a share of the diagonal of
+        Energy shapes: distances below it are noise, which no curved shape stands for; a share of the diagonal of
         the mesh, 0.0003 or a tenth of the tolerance when left out, or a length, ``"0.5u"``.
     tolerance : float or str, optional
         Energies planes and shapes, in place of `clusters`: few clusters, such that no corner of a face is

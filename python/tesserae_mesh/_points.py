@@ -199,6 +199,8 @@ def _job(
 
 
 def _asarray(values: Any, what: str) -> NDArray[Any]:
+    if np.ma.is_masked(values):
+        raise Error("invalid-parameter", f"{what} is a masked array: give its values, and what takes part as mask")
     try:
         return np.asarray(values)
     except (TypeError, ValueError, OverflowError) as error:

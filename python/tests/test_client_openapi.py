@@ -238,7 +238,7 @@ class Recorder:
         if id == "listJobs":
             more = "more" if "cursor" not in request.url.params else None
             return httpx.Response(200, json={"jobs": [job], "next": more})
-        if id in ("streamEvents", "deleteJob"):
+        if id == "streamEvents" or (id == "deleteJob" and "cancel" not in request.url.params):
             return httpx.Response(204)
         if request.url.params.get("format") == "npy":
             file = io.BytesIO()

@@ -150,8 +150,9 @@ def test_every_output_is_there(client: tesserae_mesh.Client, sphere: pathlib.Pat
 
 
 def test_jobs_are_listed_cancelled_and_deleted(client: tesserae_mesh.Client, tmp_path: pathlib.Path) -> None:
-    mesh = sample(tmp_path, "sphere", 20_000, "glb")
-    jobs = [client.submit(mesh, clusters=200) for _ in range(3)]
+    # each takes seconds
+    mesh = sample(tmp_path, "sphere", 100_000, "glb")
+    jobs = [client.submit(mesh, clusters=2000, quality="best") for _ in range(3)]
     listed = {job.id for job in client.jobs(page=1)}
     assert {job.id for job in jobs} <= listed
     jobs[2].cancel()

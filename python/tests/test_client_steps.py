@@ -166,12 +166,11 @@ def test_waiting_ends_in_time(clock: Clock) -> None:
     assert clock.now == pytest.approx(3.0)
 
 
-def test_an_ended_job_is_not_deleted_by_its_cancellation(clock: Clock) -> None:
-    _, requests, _ = play(steps.cancel(ID, 60.0), [job("succeeded")], clock)
-    assert [request.method for request in requests] == ["GET"]
-    # The answer was lost, and the job has ended since.
-    _, requests, _ = play(steps.cancel(ID, 60.0), [job("running"), LOST, job("cancelled")], clock)
-    assert [request.method for request in requests] == ["GET", "DELETE", "GET"]
+def test_a_cancellation_deletes_no_ended_job_and_may_be_repeated(clock: Clock) -> None:
+    result, requests, _ = play(steps.cancel(ID, 60.0), [LOST, job("succeeded")], clock)
+    assert [request.method for request in requests] == ["DELETE", "DELETE"]
+    assert {request.query["cancel"] for request in requests} == {"true"}
+    assert result["state"] == "succeeded"
 
 
 def test_deletion_waits_for_the_end_and_may_be_repeated(clock: Clock) -> None:

@@ -274,6 +274,29 @@ class Cylinder(TypedDict):
     angle: float
 
 
+class Cone(TypedDict):
+    """A cone; the axis is from the apex into it, the extent is along the axis from the apex, angles are in degrees, and
+    the half angle is half the opening angle."""
+
+    apex: list[float]
+    axis: list[float]
+    half_angle: float
+    convex: bool
+    extent: list[float]
+    angle: float
+
+
+class Torus(TypedDict):
+    """A torus of which a cluster is a slice: the major radius is that of the circle in the middle of its tube."""
+
+    centre: list[float]
+    axis: list[float]
+    major_radius: float
+    minor_radius: float
+    convex: bool
+    residual: Deviation
+
+
 class Neighbour(TypedDict):
     """A cluster beside another: length of the border, and angle in degrees by which the surface bends there."""
 
@@ -287,7 +310,7 @@ ClusterShape = TypedDict(
     "ClusterShape",
     {
         "label": int,
-        "type": Literal["plane", "sphere", "cylinder"],
+        "type": Literal["plane", "sphere", "cylinder", "cone"],
         "faces": int,
         "area": float,
         "residual": Deviation,
@@ -295,6 +318,8 @@ ClusterShape = TypedDict(
         "plane": Plane,
         "sphere": Sphere,
         "cylinder": Cylinder,
+        "cone": Cone,
+        "torus": Torus,
         "neighbours": list[Neighbour],
     },
     total=False,
@@ -346,7 +371,7 @@ class _Node(TypedDict):
 class Node(_Node, total=False):
     """Two clusters that became one."""
 
-    type: Literal["plane", "sphere", "cylinder"]
+    type: Literal["plane", "sphere", "cylinder", "cone"]
 
 
 class CutNodes(TypedDict):

@@ -79,7 +79,7 @@ _ALL = [
     Operation("createJob", "POST", "/v1/jobs", ("format", "mesh_url"), ("Prefer", "Idempotency-Key")),
     Operation("listJobs", "GET", "/v1/jobs", ("state", "cursor", "limit")),
     Operation("getJob", "GET", "/v1/jobs/{id}"),
-    Operation("deleteJob", "DELETE", "/v1/jobs/{id}"),
+    Operation("deleteJob", "DELETE", "/v1/jobs/{id}", ("cancel",)),
     Operation("retryJob", "POST", "/v1/jobs/{id}/retry"),
     _of_job("getUpload", "upload", "buffer"),
     Operation("streamEvents", "GET", "/v1/jobs/{id}/events", ("labels",), ("Last-Event-ID",)),

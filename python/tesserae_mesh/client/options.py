@@ -34,7 +34,7 @@ class Parameters(TypedDict, total=False):
     algorithm: Algorithm
     #: What clusters have little of: distance from their mean place, their mean normal, a plane, or a shape.
     energy: Literal["cvd", "l21", "planes", "shapes"]
-    #: Energy ``"shapes"``: types that clusters may have, of ``"plane,sphere,cylinder"``.
+    #: Energy ``"shapes"``: types that clusters may have, of ``"plane,sphere,cylinder,cone"``.
     shapes: str
     #: Energy ``"shapes"``: distances below it are noise; a share of the diagonal, or a length as ``"0.5u"``.
     resolution: float | str

@@ -1,8 +1,8 @@
 """What the client does that takes more than one request.
 
 Each function is a generator of effects (see `exchange`). A request whose answer was lost is made again where that does
-no harm: uploads have a key, reading changes nothing. ``DELETE`` cancels a live job and deletes an ended one, so it is
-repeated only after a look at the job.
+no harm: uploads have a key, reading and cancelling change nothing the second time. A repeated ``DELETE`` may find that
+the job is gone.
 """
 
 from __future__ import annotations
@@ -85,18 +85,8 @@ def wait(id: str, timeout: float | None, patience: float) -> Steps[JobDocument]:
 
 def cancel(id: str, patience: float) -> Steps[JobDocument]:
     """Cancels a job that has not ended."""
-    pauses = Patience(patience)
-    while True:
-        job = yield from show(id, patience)
-        if job["state"] in ENDED or job["cancel_requested"]:
-            return job
-        request = OPERATIONS["deleteJob"].request(id)
-        outcome = yield from send(request)
-        error = error_in(request, outcome)
-        if error is None and isinstance(outcome, Answer):
-            return cast("JobDocument", members(outcome)) if outcome.body else job
-        if error is not None:
-            yield Pause(pauses.pause_after(error))
+    request = OPERATIONS["deleteJob"].request(id, query={"cancel": True})
+    return cast("JobDocument", members((yield from exchange(request, patience))))
 
 
 def delete(id: str, patience: float) -> Steps[None]:

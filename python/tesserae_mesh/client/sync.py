@@ -230,10 +230,7 @@ class Job:
         return self._is(steps.wait(self.id, timeout, self._patience))
 
     def cancel(self) -> Self:
-        """Cancels the job, if it has not ended: it ends soon, and stays in the list.
-
-        A job that ends between the look at it and the request is deleted with its results.
-        """
+        """Cancels the job, if it has not ended: it ends soon, and stays in the list."""
         return self._is(steps.cancel(self.id, self._patience))
 
     def retry(self) -> Self:
