@@ -34,12 +34,17 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
-# What the suites need is built first; then two of them run at a time, since most of them wait for much of their time.
+# What the suites need is built first; then three of them run at a time, since most of them wait for much of their time.
+# One that hangs fails when its time has passed, with what it printed.
 SUITES := unit page farm python end-to-end costs fuzz bucket outputs memory crash deploy
 .PHONY: test
 test: lint debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
 	cargo test --locked $(FEATURES) --no-run
-	@$(MAKE) --no-print-directory --jobs 2 --keep-going --output-sync=target $(SUITES)
+	@$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target $(SUITES:%=bounded-%)
+
+bounded-%:
+	@timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary $*; \
+		status=$$?; echo "$*: $$SECONDS s"; exit $$status
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied

@@ -24,7 +24,7 @@
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
 //! | [`hierarchy`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
-//! | [`shapes`] | planes, spheres and cylinders in place of centres: energies, fits, merges, moves |
+//! | [`shapes`] | planes, spheres, cylinders and cones in place of centres: energies, fits, merges, moves |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
 //! | [`export`] | formats of geometry, written |

@@ -61,15 +61,15 @@ pub struct Parameters {
     ///
     /// cvd: area × squared distance to the mean place of the cluster, for compact clusters. l21: area × squared
     /// distance of the unit normal to the mean normal, for clusters that are as flat as can be. planes: area × squared
-    /// distance to a plane. shapes: the same with planes, spheres and cylinders. Planes and shapes are for the cpu.
+    /// distance to a plane. shapes: the same with spheres, cylinders or cones, too.
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub energy: energy::Kind,
 
-    /// Energy shapes: which shapes clusters may have: plane,sphere,cylinder or some of them; planes are always allowed
-    #[arg(long, value_name = "plane,sphere,cylinder", help_heading = CLUSTERS, hide_short_help = true)]
+    /// Energy shapes: types of shapes, of plane,sphere,cylinder,cone; all but cone when left out; planes always
+    #[arg(long, value_name = "TYPES", help_heading = CLUSTERS, hide_short_help = true)]
     pub shapes: Option<Shapes>,
 
-    /// Energy shapes: distances below it are noise, which no sphere or cylinder stands for; as a share of the diagonal
+    /// Energy shapes: distances below it are noise, which no curved shape stands for; as a share of the diagonal
     /// of the mesh, 0.0003 or a tenth of the tolerance when left out, or with a u behind it as a length, 0.5u
     #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
     pub resolution: Option<Length>,
@@ -89,9 +89,9 @@ pub struct Parameters {
 
     /// How much time to take for how low an energy, for bb and pml
     ///
-    /// With fast, bb stops after 3 iterations on the faces and does not refine, then swaps clusters as long as that
-    /// pays. The default also tries another start where swaps pay, and merges and splits that pay later. best also
-    /// optimises its start further, and goes on as long as the energy falls.
+    /// With fast, bb stops after 3 iterations on the faces (4 for points and normals) and does not refine, then swaps
+    /// clusters as long as that pays. The default also tries another start where swaps pay, and merges and splits that
+    /// pay later. best also optimises its start further, and goes on as long as the energy falls.
     #[arg(long, value_enum, default_value_t, help_heading = CLUSTERS)]
     pub quality: Quality,
 
@@ -116,7 +116,7 @@ pub struct Parameters {
     pub seed: u64,
 
     /// Stop a flat clustering after this many iterations, converged or not, and without moves of whole clusters; when
-    /// left out, unlimited, and 3 with quality fast, which moves whole clusters all the same
+    /// left out, unlimited, and 3 with quality fast, 4 for points and normals, which moves whole clusters all the same
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = COMPARISON, hide_short_help = true)]
     pub max_iterations: Option<u32>,
 

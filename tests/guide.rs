@@ -7,6 +7,7 @@ use clap::CommandFactory;
 use tesserae_cli::Cli;
 use tesserae_mesh::artifacts::Artifact;
 use tesserae_mesh::cluster::quality::Quality;
+use tesserae_mesh::surface::Moves;
 
 /// The settings of the service as a table, from the flags that the program has.
 fn settings() -> String {
@@ -48,14 +49,15 @@ fn page(name: &str) -> String {
 #[test]
 fn the_guide_has_the_numbers_of_the_code() {
     let qualities = [Quality::Fast, Quality::Default, Quality::Best];
-    let [few, more, most] = qualities.map(|quality| quality.start().surplus_percent);
+    let [few, more, most] = qualities.map(|quality| quality.start(Moves::Free).surplus_percent);
     let [one, two, many] = qualities.map(Quality::iterations_a_round);
-    let iterations = Quality::Fast.max_iterations().expect("a limit");
+    let limit = |moves| Quality::Fast.max_iterations(moves).expect("a limit");
+    let [iterations, connected] = [Moves::Free, Moves::Connected].map(limit);
     let from = Quality::Default.optimised_from();
     for (name, phrase) in [
         ("command-line.md", format!("{more} % more clusters than *k*")),
         ("command-line.md", format!("({few} % with `--quality fast`, {most} % with `best`)")),
-        ("command-line.md", format!("| `fast` | {iterations} iterations a phase")),
+        ("command-line.md", format!("| `fast` | {iterations} iterations a phase (points and normals: {connected})")),
         ("hierarchies.md", format!("once clusters have {from} faces on average")),
         ("hierarchies.md", format!("has at most {two} iterations (`fast` {one}, `best` {many},")),
     ] {

@@ -367,7 +367,7 @@ mod tests {
             let even = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
             for (surface, quality) in [(even, Quality::Default), (uneven(sample, faces), Quality::Best)] {
                 for clusters in surface.components.len()..=surface.faces() {
-                    let plan = CoarseStart::new(&surface, clusters as u64, 3, quality.start())
+                    let plan = CoarseStart::new(&surface, clusters as u64, 3, quality.start(surface.moves))
                         .expect("that many are possible");
                     let start =
                         plan.labels(&surface, &mut CpuDevice::new(), &Cancel::default()).expect("no cancellation");

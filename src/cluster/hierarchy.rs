@@ -19,6 +19,10 @@
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters
 //! start with the internal number of their face.
 //!
+//! Around a *hub* ([`super::hubs`]), one pair merges a round. So a parallel round merges pairs of which one chose the
+//! other, the cheaper half of them one after the other, when there were [`PAIRED_ROUNDS`] since the last stop; and
+//! sequential rounds end at a bound, after which rounds do the same.
+//!
 //! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with
 //! sequential rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
 //!
@@ -34,19 +38,21 @@
 use std::time::{Duration, Instant};
 
 use super::fast;
-use super::merging::{Pairs, chosen_pairs};
+use super::hubs::Hubs;
+use super::merging::{PAIRED_ROUNDS, Pairs, chosen_pairs, half_chosen_pairs};
 use super::numbers;
 use super::relocation::{self, Relocation};
 use super::run::{Row, Run};
 use super::seeds::check_number;
 use super::tree_builder::Builder;
 use crate::device::dual_edge::Ties;
-use crate::device::{Cancel, Device, MergeSteps};
+use crate::device::{Cancel, Device, MergeSteps, Merges};
 use crate::energy::{Functional, LatticeEnergy};
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
 use crate::surface::{Items, Moves};
+use crate::union_find;
 
 /// What to build.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,6 +108,8 @@ pub struct Hierarchy {
     pub tree: Tree,
     /// Those of the last round, internal order.
     pub labels: Vec<u32>,
+    /// The number of clusters at which sequential rounds reached their bound.
+    pub bounded_at: Option<u64>,
     /// Time that the device took to open.
     pub upload: Duration,
 }
@@ -120,7 +128,19 @@ pub fn hierarchical<E: Functional>(
     let faces = items.faces() as u64;
     let target = check(items, options)?;
     let builder = Builder::new(items, (faces - target) as usize);
-    let mut rounds = Rounds { options, target, cancel, left: faces, iteration: 0, builder, on_row, on_round };
+    let mut rounds = Rounds {
+        options,
+        target,
+        cancel,
+        left: faces,
+        iteration: 0,
+        paired_rounds: 0,
+        hubs: Hubs::new(items),
+        bounded_at: None,
+        builder,
+        on_row,
+        on_round,
+    };
     let mut labels: Vec<u32> = (0..faces as u32).collect();
     let mut upload = Duration::ZERO;
     while rounds.left > target {
@@ -132,7 +152,7 @@ pub fn hierarchical<E: Functional>(
         steps.set_labels(&labels)?;
         labels = rounds.until_relocated(steps.as_mut())?;
     }
-    Ok(Hierarchy { tree: rounds.builder.tree, labels, upload })
+    Ok(Hierarchy { tree: rounds.builder.tree, labels, bounded_at: rounds.bounded_at, upload })
 }
 
 /// The rounds of a run.
@@ -145,6 +165,11 @@ struct Rounds<'a, E: Functional> {
     left: u64,
     /// Number of the last row.
     iteration: u32,
+    /// Parallel rounds since the last stop.
+    paired_rounds: u32,
+    hubs: Hubs,
+    /// The number of clusters at which sequential rounds reached their bound.
+    bounded_at: Option<u64>,
     builder: Builder<'a, E>,
     on_row: &'a mut dyn FnMut(Row),
     on_round: &'a mut dyn FnMut(RoundRow),
@@ -164,20 +189,21 @@ impl<E: Functional> Rounds<'_, E> {
     /// Makes a round. Returns the labels if whole clusters have moved, which the device does not know.
     fn round(&mut self, steps: &mut dyn MergeSteps<E>) -> Result<Option<Vec<u32>>> {
         self.cancel.check()?;
-        let Options { levels, clusters, ties, .. } = self.options;
+        let Options { levels, clusters, .. } = self.options;
         let round = self.builder.tree.rounds.len() as u32 + 1;
         let left = self.left;
         let stop = levels.iter().copied().filter(|&level| level < left).fold(self.target, u64::max);
-        let is_sequential = left <= self.options.sequential_at;
+        let is_sequential = left <= self.options.sequential_at && self.bounded_at.is_none();
         let merges = if is_sequential {
             let wanted = self.options.collapse_fraction.map_or(1, |percent| (left as f64 * percent / 100.0) as u64);
-            merge_cheapest(steps, *ties, wanted.clamp(1, left - stop), &mut self.builder)?
+            self.merge_cheapest(steps, wanted.clamp(1, left - stop))?
         } else {
-            let pairs = chosen_pairs(steps, *ties, self.options.pairs, (left - stop) as usize)?;
-            merge(steps, &pairs, &mut self.builder)?;
-            pairs.len() as u64
+            self.merge_parallel(steps, (left - stop) as usize)?
         };
         self.left -= merges;
+        if self.bounded_at.is_none() && self.left > self.target && self.hubs.are_bounded() {
+            self.bounded_at = Some(self.left);
+        }
         let is_level = self.left == stop && (levels.contains(&stop) || *clusters == Some(stop));
         let mut moves = Vec::new();
         let mut relocated = None;
@@ -195,13 +221,61 @@ impl<E: Functional> Rounds<'_, E> {
                 (relocated, energy) = (Some(labels), Some(after));
             }
             self.builder.moves(&moves);
+            self.hubs.moved(self.builder.items, &moves);
             relocated.iter().for_each(|labels| self.builder.relocated(labels));
+        }
+        if is_level {
+            self.paired_rounds = 0;
         }
         let energy = energy.map_or_else(|| steps.energy(), Ok)?;
         self.builder.end_round(self.left, self.builder.items.energy(energy));
         let moves = moves.len() as u64;
         (self.on_round)(RoundRow { round, clusters: self.left, energy, merges, moves, is_level });
         Ok(relocated)
+    }
+
+    /// Merges the cheapest dual edge of all, `times` times or until hubs are at their bound. Returns how often.
+    fn merge_cheapest(&mut self, steps: &mut dyn MergeSteps<E>, times: u64) -> Result<u64> {
+        let mut merges = 0;
+        while merges < times && !self.hubs.are_bounded() {
+            let pair = steps.cheapest_dual_edge(self.options.ties)?;
+            let pair = pair.ok_or_else(|| Error::new(Kind::Internal, "there is no dual edge left to collapse"))?;
+            let into = self.merge(steps, &[pair])?.first().map_or(pair.0, |&(_, into)| into);
+            self.hubs.count(into, self.options.optimise);
+            merges += 1;
+        }
+        Ok(merges)
+    }
+
+    /// Merges what chose each other, `most` pairs at most; around hubs, of what one of both chose. Returns how many.
+    fn merge_parallel(&mut self, steps: &mut dyn MergeSteps<E>, most: usize) -> Result<u64> {
+        let Options { ties, pairs, .. } = *self.options;
+        self.paired_rounds += 1;
+        if self.paired_rounds <= PAIRED_ROUNDS && self.bounded_at.is_none() {
+            let pairs = chosen_pairs(steps, ties, pairs, most)?;
+            return Ok(self.merge(steps, &pairs)?.len() as u64);
+        }
+        let mut merged_into = union_find::singletons(self.builder.items.faces());
+        let mut merges = 0;
+        for (low, high) in half_chosen_pairs(steps, ties, pairs, most)? {
+            self.cancel.check()?;
+            let [a, b] = [low, high].map(|cluster| union_find::root(&mut merged_into, cluster));
+            if a != b {
+                for (from, into) in self.merge(steps, &[(a.min(b), a.max(b))])? {
+                    merged_into[from as usize] = into;
+                    merges += 1;
+                }
+            }
+        }
+        Ok(merges)
+    }
+
+    /// Merges pairs, of which no cluster is in two, and records them. Returns them as (from, into).
+    fn merge(&mut self, steps: &mut dyn MergeSteps<E>, pairs: &[(u32, u32)]) -> Result<Merges> {
+        let (ordered, sums) = steps.merge_pairs(pairs)?;
+        self.builder.merge(&ordered, sums.as_chunks().0);
+        ordered.iter().for_each(|&(from, into)| self.hubs.merged(from, into));
+        Ok(ordered)
     }
 
     /// Whether clusters have enough faces to be optimised; one that is all of its component does not count.
@@ -254,32 +328,6 @@ pub fn check<E: Functional>(items: &Items<E>, options: &Options) -> Result<u64> 
         )));
     }
     Ok(target)
-}
-
-/// Merges the cheapest dual edge of all, `times` times; returns that number.
-fn merge_cheapest<E: Functional>(
-    steps: &mut dyn MergeSteps<E>,
-    ties: Ties,
-    times: u64,
-    builder: &mut Builder<'_, E>,
-) -> Result<u64> {
-    for _ in 0..times {
-        let pair = steps.cheapest_dual_edge(ties)?;
-        let pair = pair.ok_or_else(|| Error::new(Kind::Internal, "there is no dual edge left to collapse"))?;
-        merge(steps, &[pair], builder)?;
-    }
-    Ok(times)
-}
-
-/// Merges pairs and records them.
-fn merge<E: Functional>(
-    steps: &mut dyn MergeSteps<E>,
-    pairs: &[(u32, u32)],
-    builder: &mut Builder<'_, E>,
-) -> Result<()> {
-    let (ordered, sums) = steps.merge_pairs(pairs)?;
-    builder.merge(&ordered, sums.as_chunks().0);
-    Ok(())
 }
 
 /// The phases after the merges of a round.

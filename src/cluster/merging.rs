@@ -18,8 +18,9 @@ use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
-/// Rounds from single faces in which both of two clusters must have chosen each other. Slivers take up to 88.
-const PAIRED_ROUNDS: u32 = 256;
+/// Rounds from single faces, or from a stop of a hierarchy, in which both of two clusters must have chosen each other.
+/// Slivers take up to 88.
+pub(super) const PAIRED_ROUNDS: u32 = 256;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -94,12 +95,32 @@ pub(super) fn chosen_pairs<E: Functional>(
     pairs: Pairs,
     surplus: usize,
 ) -> Result<Vec<(u32, u32)>> {
-    let mut mutual = steps.mutual_dual_edges(ties)?;
-    if mutual.is_empty() {
-        return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
+    kept(steps.mutual_dual_edges(ties)?, pairs, surplus)
+}
+
+/// The same of pairs of which one chose the other; a cluster may be in several.
+pub(super) fn half_chosen_pairs<E: Functional>(
+    steps: &mut dyn MergeSteps<E>,
+    ties: Ties,
+    pairs: Pairs,
+    surplus: usize,
+) -> Result<Vec<(u32, u32)>> {
+    let edges = steps.optimal_dual_edges(ties)?;
+    let mut chosen: Vec<_> =
+        edges.iter().map(|edge| Rank::new(edge.cost, edge.cluster, edge.other, Ties::Hash)).collect();
+    // two that chose each other are there twice
+    chosen.sort_unstable();
+    chosen.dedup();
+    kept(chosen, pairs, surplus)
+}
+
+/// Those of some pairs that merge in a round.
+fn kept(mut of: Vec<Rank<u32>>, pairs: Pairs, surplus: usize) -> Result<Vec<(u32, u32)>> {
+    if of.is_empty() {
+        return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
     }
-    pairs.choose(&mut mutual, surplus);
-    Ok(mutual.iter().map(Rank::ends).collect())
+    pairs.choose(&mut of, surplus);
+    Ok(of.iter().map(Rank::ends).collect())
 }
 
 impl Start {

@@ -24,6 +24,7 @@ pub mod connected;
 pub mod fast;
 pub mod flat;
 pub mod hierarchy;
+mod hubs;
 pub mod merging;
 pub mod numbers;
 pub mod quality;

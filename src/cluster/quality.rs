@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 
 use super::coarse::Effort;
 use super::relocation;
+use crate::surface::Moves;
 
 /// Meshes with fewer faces than this get the best quality: it takes milliseconds.
 const TINY: usize = 1_000;
@@ -30,15 +31,16 @@ impl Quality {
         if faces < TINY { Quality::Best } else { self }
     }
 
-    /// Coarse starts.
-    pub fn start(self) -> Effort {
+    /// Coarse starts. Where moves are connected, iterations on coarse graphs lower the energy at the least cost
+    /// (`docs/constants.md`).
+    pub fn start(self, moves: Moves) -> Effort {
         match self {
             Quality::Fast => Effort {
                 groups_a_cluster: 8,
                 least_groups: 0,
                 surplus_percent: 20,
                 iterations_a_round: 2,
-                iterations_a_graph: 3,
+                iterations_a_graph: if moves == Moves::Connected { 8 } else { 3 },
                 refine: false,
                 teleport_rounds: 0,
                 clusters_in_starts: 0,
@@ -76,9 +78,9 @@ impl Quality {
     }
 
     /// Iterations of flat clusterings, unless the parameters have another number; None: to the end.
-    pub fn max_iterations(self) -> Option<u32> {
+    pub fn max_iterations(self, moves: Moves) -> Option<u32> {
         match self {
-            Quality::Fast => Some(3),
+            Quality::Fast => Some(if moves == Moves::Connected { 4 } else { 3 }),
             Quality::Default | Quality::Best => None,
         }
     }

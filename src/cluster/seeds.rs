@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::device::FREE;
 use crate::energy::Functional;
-use crate::error::names::{self, Name};
+use crate::error::names::{self, Name, more_than};
 use crate::error::{Error, Result};
 use crate::surface::{DualGraph, Items, NO_FACE};
 
@@ -172,14 +172,11 @@ pub(super) fn check_number<E: Functional>(items: &Items<E>, name: Name, number: 
         return Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
     }
     if number > faces {
-        return Err(Error::parameter(format_args!(
-            "{name} must not be more than there are {}, {faces}{}: {number}",
-            items.noun,
-            match items.loose.len() {
-                0 => String::new(),
-                loose => format!(" (without {loose} faces that have no area and share no edge with these)"),
-            }
-        )));
+        let loose = match items.loose.len() {
+            0 => String::new(),
+            loose => format!(" (without {loose} faces that have no area and share no edge with these)"),
+        };
+        return Err(more_than(name, number, items.noun, format_args!("{faces}{loose}")));
     }
     if number < components && items.has_features {
         return Err(Error::parameter(format_args!(

@@ -5,8 +5,8 @@
 
 use rayon::prelude::*;
 
-use super::PointSet;
 use super::members::Members;
+use super::{MOST_DIMENSIONS, PointSet};
 use crate::power::factors;
 
 /// Items that a thread takes at once.
@@ -17,6 +17,16 @@ pub fn bits(dimensions: usize) -> i32 {
     // ⌈log₂ d⌉
     let rounded_up = dimensions.next_power_of_two().trailing_zeros() as i32;
     ((58 - rounded_up) / 2 - 1).min(27)
+}
+
+/// Coordinates that points of d have room for: those beyond d are 0. The code for points is compiled once for each of
+/// these numbers, which takes 15 s of a processor.
+pub fn width(dimensions: usize) -> usize {
+    match dimensions {
+        ..=3 => 3,
+        4..=8 => 8,
+        _ => MOST_DIMENSIONS,
+    }
 }
 
 /// Coordinate = (source coordinate − centre) × 2^exponent.

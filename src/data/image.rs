@@ -14,6 +14,7 @@ use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::{Format, Graph, PointSet, Values};
+use crate::error::names::{Name, more_than};
 use crate::error::{Error, Result};
 
 /// Compactness where none is named, as in scikit-image.
@@ -257,6 +258,9 @@ pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactn
     let taking_part = mask.as_ref().map_or(pixels, |mask| mask.iter().filter(|&&takes_part| takes_part).count());
     if pixels > 0 && taking_part == 0 {
         return Err(Error::parameter("no pixel takes part: all are transparent, or left out by a mask"));
+    }
+    if pixels > 0 && clusters > taking_part as u64 {
+        return Err(more_than(Name::CLUSTERS, clusters, "items", taking_part));
     }
     let side = (taking_part.max(1) as f64 / clusters as f64).sqrt();
 

@@ -33,7 +33,7 @@ mod table;
 
 pub use csr::Csr;
 pub use format::Format;
-pub use frame::bits;
+pub use frame::{bits, width};
 pub use knn::{MOST_NEIGHBOURS, knn};
 pub use lay::{Laid, lay};
 pub use members::Members;
@@ -77,7 +77,8 @@ pub enum Graph {
     },
     /// A list of edges.
     Rows(Csr),
-    /// One is among the nearest of the other, as many as this says: exactly, equally near ones by number.
+    /// One is among the nearest of the other, as many as this says: exactly, of equally near ones those whose numbers
+    /// come next.
     Knn(u32),
 }
 

@@ -19,11 +19,11 @@ pub const MAGIC: &[u8] = b"PK\x03\x04";
 
 /// Times as many bytes as an archive has that may come of it,
 const INFLATION: u64 = 100;
-/// beyond these: small arrays may be very regular.
-const ANY_INFLATION: u64 = 1 << 20;
+/// beyond these: masks and matrices of ones deflate a thousandfold.
+const ANY_INFLATION: u64 = 1 << 26;
 
 /// What [`COUNTS`] are, in words.
-const COUNTS_IN_WORDS: &str = "little-endian whole numbers of 4 or 8 bytes";
+const COUNTS_IN_WORDS: &str = "int32, int64 or uint32, little-endian";
 /// Element types of a matrix.
 const NUMBERS: [&str; 11] = ["<f4", "<f8", "|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8"];
 

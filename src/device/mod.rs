@@ -30,6 +30,7 @@ pub use self::profile::{Profile, StageTime};
 use crate::energy::{Energy, Functional, LatticeEnergy, Sums as _};
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;
+use crate::surface::samples::Samples;
 
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
 pub const FREE: u32 = u32::MAX;
@@ -112,6 +113,21 @@ pub trait Device<E: Functional = Energy>: Send {
         graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps<E> + 'a>>;
+
+    /// Brings the samples of faces to the device; None where the host compares them with shapes.
+    fn open_shapes(&mut self, _: &DualGraph<E>, _: &Samples) -> Result<Option<Box<dyn ShapeSteps>>> {
+        Ok(None)
+    }
+}
+
+/// Words of a shape for a device, in the order that `shaders/shapes/shape_propose.wgsl` has them.
+pub type ShapeWords = [u32; 16];
+
+/// The step of clusterings by shapes that devices make.
+pub trait ShapeSteps: Send {
+    /// For each listed face the cluster beside it where it costs least (the smaller number of equal ones), [`FREE`] if
+    /// that is not less than in its own. `labels` has one a face, `shapes` one a cluster.
+    fn propose(&mut self, labels: &[u32], shapes: &[ShapeWords], listed: &[u32]) -> Result<Vec<u32>>;
 }
 
 /// The steps that algorithms are made of, on one surface. Faces are in the surface's internal order.

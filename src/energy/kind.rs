@@ -16,7 +16,7 @@ pub enum Kind {
     L21,
     /// By plane: area × squared distance to the plane of the cluster; planar clusters (Cohen-Steiner et al. 2004)
     Planes,
-    /// By shape: the same with planes, spheres and cylinders (Wu & Kobbelt 2005)
+    /// By shape: the same with planes, spheres, cylinders or cones (Wu & Kobbelt 2005)
     Shapes,
 }
 

@@ -26,8 +26,8 @@ pub type OfPoints<const D: usize> = cvd::Cvd<D>;
 pub type Energy = OfPoints<3>;
 
 /// The energy of meshes by normals. A point is the unit normal, and the centroid in so small a unit that it decides
-/// only between equal normals ([`crate::surface::of_faces::OfFaces`]).
-pub type Normals = OfPoints<6>;
+/// only between equal normals ([`crate::surface::of_faces::OfFaces`]); two coordinates are 0.
+pub type Normals = OfPoints<8>;
 
 /// The sums over the faces of a cluster of a mesh.
 pub type ClusterSums = <Energy as Functional>::Sums;

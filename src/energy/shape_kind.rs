@@ -14,11 +14,16 @@ pub enum Kind {
     Sphere,
     /// A circular cylinder.
     Cylinder,
+    /// One half of a circular cone.
+    Cone,
 }
 
 impl Kind {
     /// All of them, in the order in which fits are tried.
-    pub const ALL: [Kind; 3] = [Kind::Plane, Kind::Sphere, Kind::Cylinder];
+    pub const ALL: [Kind; 4] = [Kind::Plane, Kind::Sphere, Kind::Cylinder, Kind::Cone];
+
+    /// Those that clusters may have by default.
+    pub const USUAL: [Kind; 3] = [Kind::Plane, Kind::Sphere, Kind::Cylinder];
 
     /// As it is written in flags, queries and reports.
     pub fn name(self) -> &'static str {
@@ -26,6 +31,7 @@ impl Kind {
             Kind::Plane => "plane",
             Kind::Sphere => "sphere",
             Kind::Cylinder => "cylinder",
+            Kind::Cone => "cone",
         }
     }
 
@@ -35,6 +41,7 @@ impl Kind {
             Kind::Plane => 0,
             Kind::Sphere => 1,
             Kind::Cylinder => 2,
+            Kind::Cone => 3,
         }
     }
 }

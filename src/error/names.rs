@@ -3,6 +3,8 @@
 use std::fmt::{self, Display};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::Error;
+
 /// Whether messages of this process spell parameters as flags.
 static AS_FLAGS: AtomicBool = AtomicBool::new(false);
 
@@ -16,6 +18,11 @@ pub fn spell_as_flags(as_flags: bool) {
 /// Whether messages are about flags of the command line.
 pub fn are_flags() -> bool {
     AS_FLAGS.load(Ordering::Relaxed)
+}
+
+/// The error of a number of clusters above that of the faces or items.
+pub fn more_than(name: Name, number: u64, noun: &str, there: impl Display) -> Error {
+    Error::parameter(format_args!("{name} must not be more than there are {noun}, {there}: {number}"))
 }
 
 /// A parameter that a message names.

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use sha2::{Digest, Sha256};
 
-use super::shapes::Fitted;
+use super::shapes::LastShapes;
 use super::subject::with_items;
 use super::{Clustered, Outcome, Points, Prepared, Shaped, Subject, finite, hierarchical, milliseconds};
 use crate::device::{FREE, pieces};
@@ -166,15 +166,15 @@ impl Energies {
             Subject::Normals(surface, _) => Self::of_faces(surface, initial, labels, clusters),
             Subject::Shapes(shaped) => Self::of_faces(&shaped.surface, initial, labels, clusters),
             Subject::Points(points) => {
-                let initial = initial.map(|labels| points.energy(|item| labels[item], clusters));
-                let (last, total) =
-                    rayon::join(|| points.energy(|item| labels[item], clusters), || points.energy(|_| 0, 1));
+                let of = |labels: &[u32]| points.energy(|item| labels[item], clusters);
+                let ((initial, last), total) =
+                    rayon::join(|| rayon::join(|| initial.map(of), || of(labels)), || points.energy(|_| 0, 1));
                 Self { initial, last, total: Some(total), hexagon_ratio: None, l21: None }
             }
         }
     }
 
-    fn of_shapes(shaped: &Shaped, fitted: &Fitted, labels: &[u32], clusters: usize) -> Self {
+    fn of_shapes(shaped: &Shaped, fitted: &LastShapes, labels: &[u32], clusters: usize) -> Self {
         let l21 = shaped.surface.l21(labels, clusters);
         let (initial, last) = fitted.energies;
         Self { initial, last, total: None, hexagon_ratio: None, l21 }

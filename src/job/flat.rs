@@ -46,7 +46,7 @@ pub(super) fn run_coarse<E: Functional>(
     let start = coarse.start(items, device, cancel)?;
     let mut run = Run::new(job, started, &start, on_row);
     let mut clustering = run.phases(device, |steps, keep, record| {
-        flat::boundary_based(items, &start.labels, coarse.spec.options(), steps, cancel, keep, record)
+        flat::boundary_based(items, &start.labels, coarse.spec.options(items.moves), steps, cancel, keep, record)
     })?;
     if let Some(effort) = coarse.relocation_after(items.moves, clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
@@ -84,7 +84,7 @@ impl<E: Functional> Coarse<E> {
         let (device, record) = (&mut CpuDevice::new(), &mut Record::new(None));
         let start = self.start(items, device, cancel)?;
         let mut steps = device.open(items, &start.component_of_cluster)?;
-        let options = self.spec.options();
+        let options = self.spec.options(items.moves);
         let run = flat::boundary_based(items, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
         drop(steps);
         match self.relocation_after(items.moves, run.ending) {
@@ -115,8 +115,8 @@ const FEW_ITEMS: usize = 10_000;
 /// at all neighbours.
 const FEW_PAIRS: usize = 1 << 24;
 
-/// With more than this, and more than [`PAIRS_AN_ITEM`], there are hubs: around one, a round merges one pair, and each
-/// of its moves by `acvd` looks at all neighbours.
+/// With more than this, and more than [`PAIRS_AN_ITEM`], there are hubs: each move of one by `acvd` looks at all
+/// neighbours.
 const PAIRS_AT_HUBS: usize = 1 << 22;
 
 /// The same for each item.
@@ -134,7 +134,7 @@ fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> impl Itera
     let has_few_clusters = spec.clusters <= relocation::FEW_CLUSTERS as u64;
     let jobs = [
         (Cheaper::Default, is_best),
-        (Cheaper::Parallel, are_few || is_best && !has_hubs),
+        (Cheaper::Parallel, are_few || is_best),
         (Cheaper::Acvd, are_few || (is_best || is_default && has_few_clusters) && !has_hubs),
         (Cheaper::Sequential, are_few),
     ];
@@ -168,7 +168,7 @@ fn labels_of<E: Functional>(job: Cheaper, items: &Items<E>, spec: CoarseSpec, ca
         }
         Cheaper::Acvd => {
             let seeds = seeds::choose(items, spec.clusters, &Seeds::Morton, spec.seed, None)?;
-            let options = Options { refine: false, ..spec.options() };
+            let options = Options { refine: false, ..spec.options(items.moves) };
             let mut steps = device.open(items, &seeds.component_of_cluster)?;
             let record = &mut Record::new(None);
             acvd(items, &seeds, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels

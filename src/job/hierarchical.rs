@@ -48,7 +48,13 @@ pub(super) fn run<E: Functional>(
     };
     let hierarchy = hierarchical(items, options, device, cancel, &mut keep_iteration, &mut keep_round)?;
     let cluster = started.elapsed() - hierarchy.upload;
-    let Hierarchy { tree, labels, upload } = hierarchy;
+    let Hierarchy { tree, labels, bounded_at, upload } = hierarchy;
+    let warning = |clusters: u64| {
+        format!(
+            "merged many pairs at a time from a bound on work on: faces have very many neighbours; clusters then: \
+            {clusters}"
+        )
+    };
     Ok(Clustered {
         device: device.info().clone(),
         labels,
@@ -59,7 +65,7 @@ pub(super) fn run<E: Functional>(
         levels: levels.rows,
         shapes: None,
         snapshots: Record::default(),
-        warnings: Vec::new(),
+        warnings: bounded_at.map(warning).into_iter().collect(),
         upload,
         cluster,
     })

@@ -288,7 +288,7 @@ pub fn run(
     cancel: &Cancel,
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Outcome> {
-    where_it_works(device.info().kind, || finish(prepared, cluster(prepared, device, cancel, on_row)?))
+    where_it_works(prepared, device.info().kind, || finish(prepared, cluster(prepared, device, cancel, on_row)?))
 }
 
 /// The part of a job that needs the device. `on_row` is called with every row of the report as it comes.
@@ -299,16 +299,16 @@ pub fn cluster(
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Clustered> {
     cancel.check()?;
-    where_it_works(device.info().kind, || prepared.subject.cluster(prepared, device, cancel, on_row))
+    where_it_works(prepared, device.info().kind, || prepared.subject.cluster(prepared, device, cancel, on_row))
 }
 
 /// Runs `work` for a device. The cpu works from within rayon's pool, the current one or else the global: each of
 /// its many short parallel steps would otherwise wake the pool and wait for it, which took an eighth of a clustering's
-/// time. A gpu is waited for outside.
-fn where_it_works<T: Send>(kind: DeviceKind, work: impl FnOnce() -> T + Send) -> T {
+/// time. A gpu is waited for outside, but for shapes, of which it does a part alone.
+fn where_it_works<T: Send>(prepared: &Prepared, kind: DeviceKind, work: impl FnOnce() -> T + Send) -> T {
     match kind {
-        DeviceKind::Cpu => rayon::scope(|_| work()),
-        DeviceKind::Gpu => work(),
+        DeviceKind::Gpu if !prepared.spec.energy.is_of_shapes() => work(),
+        DeviceKind::Cpu | DeviceKind::Gpu => rayon::scope(|_| work()),
     }
 }
 
@@ -326,7 +326,7 @@ pub struct Clustered {
     levels: Vec<Level>,
     snapshots: Record,
     /// The shapes of clusters, of energies that have them.
-    shapes: Option<shapes::Fitted>,
+    shapes: Option<shapes::LastShapes>,
     warnings: Vec<String>,
     upload: Duration,
     cluster: Duration,

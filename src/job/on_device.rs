@@ -4,7 +4,7 @@ use super::{Outcome, Prepared, run};
 use crate::device::cpu::CpuDevice;
 use crate::device::select::{self, DeviceChoice, FACES_FOR_GPU};
 use crate::device::{Cancel, Device};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Kind, Result};
 use crate::report::Row;
 
 /// Bytes of a face in most files, at least.
@@ -88,7 +88,7 @@ impl OnDevice {
         match run(prepared, self.device.as_mut(), cancel, on_row) {
             Err(error) if error.kind == Kind::DeviceWrong || error.kind == Kind::DeviceUnsuitable && self.is_auto => {
                 let mut outcome = run(prepared, &mut CpuDevice::new(), cancel, on_row)?;
-                outcome.report.warnings.push(instead_of_gpu(&error));
+                outcome.report.warnings.push(instead_of_gpu(&error.message));
                 Ok(outcome)
             }
             outcome => outcome,
@@ -96,7 +96,7 @@ impl OnDevice {
     }
 }
 
-/// The warning that the cpu clustered a mesh because of an error of the gpu.
-pub fn instead_of_gpu(error: &Error) -> String {
-    format!("the cpu clustered the mesh, since {}", error.message)
+/// The warning that the cpu clustered a mesh in place of a gpu.
+pub fn instead_of_gpu(why: &str) -> String {
+    format!("the cpu clustered the mesh, since {why}")
 }

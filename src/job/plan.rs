@@ -39,7 +39,7 @@ impl<E: Functional> Coarse<E> {
     pub(super) fn new(items: &Items<E>, spec: CoarseSpec) -> Result<Self> {
         let start = match spec.is_merged {
             true => seeds::shares(items, spec.clusters).map(|_| None)?,
-            false => Some(CoarseStart::new(items, spec.clusters, spec.seed, spec.quality.start())?),
+            false => Some(CoarseStart::new(items, spec.clusters, spec.seed, spec.quality.start(items.moves))?),
         };
         Ok(Self { start, spec })
     }
@@ -69,8 +69,9 @@ impl<E: Functional> Plan<E> {
                 let quality = spec.quality.on(items.faces());
                 Self::Coarse(Coarse::new(items, CoarseSpec { quality, ..*spec })?)
             }
-            Clustering::Seeded { method, clusters, seeds, seed, listed, options } => {
-                Self::Seeded(*method, seeds::choose(items, *clusters, seeds, *seed, listed.as_deref())?, *options)
+            Clustering::Seeded { method, seeds, listed, spec } => {
+                let seeds = seeds::choose(items, spec.clusters, seeds, spec.seed, listed.as_deref())?;
+                Self::Seeded(*method, seeds, spec.options(items.moves))
             }
             Clustering::Hierarchy(options) => {
                 let target = hierarchy::check(items, options)?;

@@ -14,7 +14,7 @@ use crate::data::{
 use crate::device::FREE;
 use crate::energy::{Functional, OfPoints};
 use crate::error::Error;
-use crate::error::names::are_flags;
+use crate::error::names::{are_flags, more_than};
 use crate::mesh::Limits;
 use crate::parameters::{Name, Neighbours, Parameters};
 use crate::report::{Input, PointsInput, Timings, WeightedBy};
@@ -141,6 +141,16 @@ fn superpixels(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
         .map_err(Refusal::of(InputFile::Mesh))
 }
 
+/// Refuses more clusters than items before anything is made of these.
+fn check_clusters(parameters: &Parameters, items: usize) -> Result<(), Error> {
+    match parameters.clusters {
+        Some(clusters) if items > 0 && clusters > items as u64 => {
+            Err(more_than(Name::CLUSTERS, clusters, "items", items))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Checks and prepares points in memory.
 pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Refusal> {
     let PointsInMemory { set, format, max_items, parameters, seeds, started } = job;
@@ -152,6 +162,7 @@ pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Ref
     let parsed = Instant::now();
     let mut spec = JobSpec::new(parameters, seeds)?;
     let members = Members::new(set.items(), set.mask.as_deref());
+    check_clusters(parameters, members.len())?;
     if let Some(listed) = spec.clustering.listed_seeds() {
         renumber(listed, &members).map_err(Refusal::of(InputFile::Seeds))?;
     }
@@ -166,13 +177,9 @@ pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Ref
             Width::$width(Planned { plan: plan(&items, clustering)?, items })
         }};
     }
-    let planned = match set.dimensions {
-        ..=3 => planned!(D3, 3),
-        4..=8 => planned!(D8, 8),
-        #[cfg(not(debug_assertions))]
-        9..=16 => planned!(D16, 16),
-        #[cfg(not(debug_assertions))]
-        17..=32 => planned!(D32, 32),
+    let planned = match data::width(set.dimensions) {
+        3 => planned!(D3, 3),
+        8 => planned!(D8, 8),
         _ => planned!(D64, 64),
     };
     let input = Input::Points(PointsInput {

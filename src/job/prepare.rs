@@ -206,9 +206,9 @@ impl Prepared {
         Ok(())
     }
 
-    /// Whether a gpu is slow at it or cannot do it.
+    /// Whether a gpu is slow at it, cannot do it, or does the smaller part of it.
     pub fn wants_cpu(&self) -> bool {
-        self.spec.clustering.is_sequential() || self.subject.is_for_cpu()
+        self.spec.clustering.is_sequential() || self.spec.energy.is_of_shapes() || self.subject.is_for_cpu()
     }
 }
 

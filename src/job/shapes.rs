@@ -5,11 +5,13 @@ use std::time::{Duration, Instant};
 
 use super::hierarchical::Levels;
 use super::iterations::Iterations;
+use super::on_device::instead_of_gpu;
 use super::{Clustered, Clustering, Prepared, finite};
 use crate::cluster::hierarchy::{self, RoundRow};
 use crate::cluster::record::Record;
 use crate::cluster::seeds;
-use crate::device::{Cancel, DeviceInfo};
+use crate::device::cpu::CpuDevice;
+use crate::device::{Cancel, Device, DeviceInfo, DeviceKind, Ending};
 use crate::energy;
 use crate::error::{self, Error, Result};
 use crate::mesh::MeshView;
@@ -18,6 +20,8 @@ use crate::report::{self, Iteration, Row};
 use crate::shapes::faces::Faces;
 use crate::shapes::kind::Kind;
 use crate::shapes::merging::tree;
+use crate::shapes::moves::Gpu;
+use crate::shapes::proxy::ON_DEVICES;
 use crate::shapes::run::{self, Options, Step, Wanted};
 use crate::shapes::shape::Shape;
 use crate::shapes::table::{ClusterShape, table};
@@ -103,7 +107,7 @@ impl ShapesSpec {
 
 /// The shapes that a run ends with.
 #[derive(Debug)]
-pub(super) struct Fitted {
+pub(super) struct LastShapes {
     /// One a cluster, in units of moments.
     pub shapes: Vec<Shape>,
     /// F before, if there was a flat clustering, and after; source units.
@@ -117,6 +121,26 @@ pub(super) struct Fitted {
 pub(super) struct TakenTolerance {
     asked: Length,
     distance: f64,
+}
+
+/// The device of a job.
+struct OpenedForShapes {
+    gpu: Gpu,
+    info: DeviceInfo,
+    /// Why no gpu takes part, where that is known before the run.
+    without_gpu: Option<&'static str>,
+    upload: Duration,
+}
+
+impl OpenedForShapes {
+    /// The device for the report, and a warning if a gpu took no part.
+    fn reported(self) -> (DeviceInfo, Option<String>) {
+        if self.info.kind != DeviceKind::Gpu || self.gpu.has_taken_part {
+            return (self.info, None);
+        }
+        let why = self.without_gpu.unwrap_or("no pass over its faces was long enough for a gpu");
+        (CpuDevice::new().info().clone(), Some(instead_of_gpu(why)))
+    }
 }
 
 impl Shaped {
@@ -140,7 +164,7 @@ impl Shaped {
     }
 
     /// The shapes for the report. `labels` are those of the run, `number_of_cluster` what each became.
-    pub(super) fn table(&self, fitted: &Fitted, labels: &[u32], number_of_cluster: &[u32]) -> Vec<ClusterShape> {
+    pub(super) fn table(&self, fitted: &LastShapes, labels: &[u32], number_of_cluster: &[u32]) -> Vec<ClusterShape> {
         let labels: Vec<u32> = labels.iter().map(|&label| number_of_cluster[label as usize]).collect();
         let mut numbered: Vec<(u32, Shape)> = number_of_cluster.iter().copied().zip(fitted.shapes.clone()).collect();
         numbered.sort_unstable_by_key(|&(number, _)| number);
@@ -152,7 +176,7 @@ impl Shaped {
     /// What the report says of a tolerance, and a warning about single faces beyond it.
     pub(super) fn tolerance(
         &self,
-        fitted: &Fitted,
+        fitted: &LastShapes,
         table: &[ClusterShape],
     ) -> Option<(report::Tolerance, Option<String>)> {
         let TakenTolerance { asked, distance } = fitted.tolerance?;
@@ -179,13 +203,14 @@ impl Shaped {
     pub(super) fn cluster(
         &self,
         prepared: &Prepared,
-        device: &DeviceInfo,
+        device: &mut dyn Device,
         cancel: &Cancel,
         on_row: &mut dyn FnMut(Row),
     ) -> Result<Clustered> {
         if let Some(options) = prepared.spec.clustering.tree_of_shapes() {
             return self.hierarchy(prepared, options, device, cancel, on_row);
         }
+        let mut opened = self.open(prepared, device)?;
         let started = Instant::now();
         let parameters = prepared.spec.reported();
         let (options, tolerance) = self.options(prepared)?;
@@ -203,23 +228,25 @@ impl Shaped {
             number += 1;
         };
         let run::Clustering { initial, labels, shapes, energies, ending } =
-            run::cluster(self.faces(), &options, cancel, &mut on_step)?;
+            run::cluster(self.faces(), &options, &mut opened.gpu, cancel, &mut on_step)?;
+        let (upload, (device, without_gpu)) = (opened.upload, opened.reported());
+        let bounded = super::flat::warnings(parameters.max_iterations, ending, &record);
         Ok(Clustered {
-            device: device.clone(),
+            device,
             clusters: shapes.len(),
             labels,
             initial: Some(initial),
             tree: None,
             iterations: iterations.rows,
             levels: Vec::new(),
-            warnings: super::flat::warnings(parameters.max_iterations, ending, &record),
+            warnings: bounded.into_iter().chain(without_gpu).collect(),
             snapshots: record,
-            shapes: Some(Fitted {
+            shapes: Some(LastShapes {
                 shapes,
                 energies: (Some(self.energy(energies[0])), self.energy(energies[1])),
                 tolerance,
             }),
-            upload: Duration::ZERO,
+            upload,
             cluster: started.elapsed(),
         })
     }
@@ -229,10 +256,11 @@ impl Shaped {
         &self,
         prepared: &Prepared,
         options: &hierarchy::Options,
-        device: &DeviceInfo,
+        device: &mut dyn Device,
         cancel: &Cancel,
         on_row: &mut dyn FnMut(Row),
     ) -> Result<Clustered> {
+        let mut opened = self.open(prepared, device)?;
         let started = Instant::now();
         let spec = self.spec(prepared)?;
         let input = tree::Input {
@@ -257,22 +285,44 @@ impl Shaped {
             }
         };
         let tree::Hierarchy { tree, labels, shapes, energy, ending } =
-            tree::hierarchy(input, cancel, &mut on_step, &mut on_round)?;
-        let record = Record::default();
+            tree::hierarchy(input, &mut opened.gpu, cancel, &mut on_step, &mut on_round)?;
+        let (upload, (device, without_gpu)) = (opened.upload, opened.reported());
+        let bounded = (ending == Ending::WorkLimit).then(|| {
+            "a bound on work was reached: many pairs merged in a round, or faces moved at levels alone; clusters with \
+            long detours, or faces with very many neighbours, cause this"
+                .to_owned()
+        });
         Ok(Clustered {
-            device: device.clone(),
+            device,
             clusters: shapes.len(),
             labels,
             initial: None,
             tree: Some(tree),
             iterations: iterations.rows,
             levels: levels.rows,
-            warnings: super::flat::warnings(None, ending, &record),
-            snapshots: record,
-            shapes: Some(Fitted { shapes, energies: (None, self.energy(energy)), tolerance: None }),
-            upload: Duration::ZERO,
+            warnings: bounded.into_iter().chain(without_gpu).collect(),
+            snapshots: Record::default(),
+            shapes: Some(LastShapes { shapes, energies: (None, self.energy(energy)), tolerance: None }),
+            upload,
             cluster: started.elapsed(),
         })
+    }
+
+    /// The gpu that takes part in a job: in passes of flat runs and at stops, without a tolerance.
+    fn open(&self, prepared: &Prepared, device: &mut dyn Device) -> Result<OpenedForShapes> {
+        let (started, spec) = (Instant::now(), self.spec(prepared)?);
+        let without_gpu = match &spec.wanted {
+            _ if !spec.kinds.iter().all(|kind| ON_DEVICES.contains(kind)) => Some("no gpu takes part with cones"),
+            WantedShapes::Within(_) => Some("no gpu takes part with a tolerance"),
+            WantedShapes::Tree(options) if !options.optimise => Some("no gpu takes part where no face moves"),
+            WantedShapes::Clusters(_) | WantedShapes::Tree(_) => None,
+        };
+        let steps = match without_gpu {
+            Some(_) => None,
+            None => device.open_shapes(&self.surface.graph, &self.samples)?,
+        };
+        let gpu = Gpu { steps, ..Gpu::default() };
+        Ok(OpenedForShapes { gpu, info: device.info().clone(), without_gpu, upload: started.elapsed() })
     }
 
     fn faces(&self) -> Faces<'_> {

@@ -42,16 +42,12 @@ pub enum Clustering {
     Seeded {
         /// How clusters are made of the seeds.
         method: Method,
-        /// Number of clusters.
-        clusters: u64,
         /// How the seeds are chosen: not [`Seeds::Coarse`].
         seeds: Seeds,
-        /// What random choices are drawn from.
-        seed: u64,
         /// The faces, where they are listed.
         listed: Option<Vec<u32>>,
-        /// When to stop, and what follows.
-        options: flat::Options,
+        /// The rest, of which only the start is another one.
+        spec: CoarseSpec,
     },
     /// A hierarchy.
     Hierarchy(hierarchy::Options),
@@ -81,10 +77,10 @@ pub struct CoarseSpec {
 }
 
 impl CoarseSpec {
-    /// The phases.
-    pub fn options(&self) -> flat::Options {
+    /// The phases of items that move so.
+    pub fn options(&self, moves: Moves) -> flat::Options {
         flat::Options {
-            max_iterations: self.max_iterations.or(self.quality.max_iterations()),
+            max_iterations: self.max_iterations.or(self.quality.max_iterations(moves)),
             refine: self.refine && self.quality.refines(),
             allow_disconnected: self.allow_disconnected,
         }
@@ -256,7 +252,7 @@ impl Clustering {
     pub fn clusters(&self) -> Option<u64> {
         match self {
             Self::Coarse(coarse) => Some(coarse.clusters),
-            Self::Seeded { clusters, .. } => Some(*clusters),
+            Self::Seeded { spec, .. } => Some(spec.clusters),
             Self::Hierarchy(options) => options.clusters,
             Self::Shapes(spec) => spec.clusters(),
         }
@@ -277,7 +273,7 @@ impl Clustering {
         if let Some(options) = tree {
             return Ok(Self::Hierarchy(options));
         }
-        let coarse = CoarseSpec {
+        let spec = CoarseSpec {
             clusters: parameters.flat_clusters()?,
             seed: parameters.seed,
             quality: parameters.quality,
@@ -287,10 +283,9 @@ impl Clustering {
             is_merged: parameters.seeds == Seeds::Merged,
             energy: parameters.energy,
         };
-        let CoarseSpec { clusters, seed, .. } = coarse;
         Ok(match parameters.seeds.clone() {
-            Seeds::Coarse | Seeds::Merged => Self::Coarse(coarse),
-            seeds => Self::Seeded { method, clusters, seeds, seed, listed, options: coarse.options() },
+            Seeds::Coarse | Seeds::Merged => Self::Coarse(spec),
+            seeds => Self::Seeded { method, seeds, listed, spec },
         })
     }
 }
@@ -348,7 +343,9 @@ mod tests {
             let parameters = Parameters { algorithm, clusters: Some(9), seeds, ..Parameters::default() };
             let (made, settled) = spec(parameters.clone(), None);
             match made {
-                Clustering::Seeded { method: made, clusters: 9, listed: None, .. } => assert_eq!(Some(made), method),
+                Clustering::Seeded { method: made, listed: None, spec: CoarseSpec { clusters: 9, .. }, .. } => {
+                    assert_eq!(Some(made), method)
+                }
                 Clustering::Hierarchy(options) => {
                     assert_eq!((method, options.clusters), (None, Some(9)));
                     assert_eq!(options.sequential_at > 0, algorithm != Algorithm::Pml);
@@ -364,8 +361,8 @@ mod tests {
     fn listed_seeds_are_the_number_of_clusters_and_references_do_not_start_coarse() {
         let (made, settled) = spec(Parameters::default(), Some(b"[7, 3]"));
         assert_eq!((settled.clusters, settled.seeds), (Some(2), Seeds::Listed));
-        let Clustering::Seeded { clusters: 2, seeds: Seeds::Listed, listed, .. } = made else { panic!("{made:?}") };
-        assert_eq!(listed, Some(vec![7, 3]));
+        let Clustering::Seeded { seeds: Seeds::Listed, listed, spec: two, .. } = made else { panic!("{made:?}") };
+        assert_eq!((listed, two.clusters), (Some(vec![7, 3]), 2));
         let of = |algorithm| Parameters { algorithm, clusters: Some(2), ..Parameters::default() };
         assert!(matches!(spec(of(Algorithm::Bb), None).0, Clustering::Coarse(CoarseSpec { clusters: 2, .. })));
         let (made, settled) = spec(of(Algorithm::Vc), None);

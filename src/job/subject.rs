@@ -38,19 +38,14 @@ pub struct Points {
 }
 
 /// Items whose points have room for so many coordinates. Those beyond the points' own are 0.
-///
-/// Builds with debug assertions leave two widths out, which take an eighth of their time; the next one gives the
-/// same labels.
 #[derive(Debug)]
-#[allow(missing_docs, reason = "each variant is the width of its name")]
-#[allow(clippy::large_enum_variant, reason = "there is one a job")]
+#[allow(clippy::large_enum_variant, reason = "there is one a job, in a box")]
 pub enum Width {
+    /// Up to 3.
     D3(Planned<OfPoints<3>>),
+    /// Up to 8.
     D8(Planned<OfPoints<8>>),
-    #[cfg(not(debug_assertions))]
-    D16(Planned<OfPoints<16>>),
-    #[cfg(not(debug_assertions))]
-    D32(Planned<OfPoints<32>>),
+    /// Up to 64.
     D64(Planned<OfPoints<64>>),
 }
 
@@ -69,10 +64,6 @@ macro_rules! with_planned {
         match $width {
             $crate::job::Width::D3($planned) => $body,
             $crate::job::Width::D8($planned) => $body,
-            #[cfg(not(debug_assertions))]
-            $crate::job::Width::D16($planned) => $body,
-            #[cfg(not(debug_assertions))]
-            $crate::job::Width::D32($planned) => $body,
             $crate::job::Width::D64($planned) => $body,
         }
     };
@@ -156,8 +147,7 @@ impl Subject {
     /// Whether only the cpu has code for it.
     pub fn is_for_cpu(&self) -> bool {
         match self {
-            Self::Mesh(..) | Self::Normals(..) => false,
-            Self::Shapes(_) => true,
+            Self::Mesh(..) | Self::Normals(..) | Self::Shapes(_) => false,
             Self::Points(points) => !matches!(points.planned, Width::D3(_) | Width::D8(_)),
         }
     }
@@ -202,8 +192,7 @@ impl Subject {
         if self.is_for_cpu() && device.info().kind == DeviceKind::Gpu {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
-                "the device must be cpu or auto for the energies planes and shapes, and for points of more than 8 \
-                 coordinates",
+                "the device must be cpu or auto for points of more than 8 coordinates",
             ));
         }
         let mut cpu = CpuDevice::new();
@@ -212,7 +201,7 @@ impl Subject {
             Self::Normals(surface, plan) => {
                 cluster(prepared, &surface.items, plan, like(device, &mut cpu), cancel, on_row)
             }
-            Self::Shapes(shaped) => shaped.cluster(prepared, device.info(), cancel, on_row),
+            Self::Shapes(shaped) => shaped.cluster(prepared, device, cancel, on_row),
             Self::Points(points) => match &points.planned {
                 Width::D3(planned) => cluster(prepared, &planned.items, &planned.plan, device, cancel, on_row),
                 Width::D8(planned) => {

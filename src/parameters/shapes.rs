@@ -20,7 +20,7 @@ pub struct Shapes(pub Vec<Kind>);
 
 impl Default for Shapes {
     fn default() -> Self {
-        Self(Kind::ALL.to_vec())
+        Self(Kind::USUAL.to_vec())
     }
 }
 
@@ -42,7 +42,7 @@ impl FromStr for Shapes {
 
     fn from_str(text: &str) -> Result<Self> {
         let wrong = || {
-            let all = Self::default();
+            let all = Self(Kind::ALL.to_vec());
             Error::parameter(format_args!("{} must be some of {all}, not {}", Name::SHAPES, Quoted(text)))
         };
         let mut kinds = vec![Kind::Plane];
@@ -161,7 +161,7 @@ impl PartialSchema for Shapes {
         ObjectBuilder::new()
             .schema_type(Type::String)
             .pattern(Some(format!("^{one}(,{one})*$")))
-            .examples([json!("plane,sphere,cylinder"), json!("plane,cylinder")])
+            .examples([json!("plane,sphere,cylinder"), json!("plane,sphere,cylinder,cone")])
             .description(Some("Types of shapes that clusters may have; planes always."))
             .into()
     }
@@ -204,15 +204,15 @@ mod tests {
         for (text, list) in [
             ("plane", "plane"),
             ("cylinder", "plane,cylinder"),
-            ("cylinder,plane,sphere,plane", "plane,sphere,cylinder"),
+            ("cone,cylinder,plane,sphere,plane", "plane,sphere,cylinder,cone"),
         ] {
             let shapes: Shapes = text.parse().expect(text);
             assert_eq!(shapes.to_string(), list);
             assert_eq!(serde_json::from_value::<Shapes>(json!(text)).expect("JSON"), shapes);
         }
-        for text in ["", "cone", "plane,", "Plane", "plane sphere"] {
+        for text in ["", "torus", "plane,", "Plane", "plane sphere"] {
             let error = text.parse::<Shapes>().expect_err(text);
-            assert!(error.message.contains("plane,sphere,cylinder") && error.message.contains(text), "{error}");
+            assert!(error.message.contains("plane,sphere,cylinder,cone") && error.message.contains(text), "{error}");
         }
     }
 

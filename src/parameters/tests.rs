@@ -1,6 +1,7 @@
 //! Contradictions between parameters, and their help.
 
 use super::*;
+use crate::surface::Moves;
 
 fn parameters(json: serde_json::Value) -> Parameters {
     serde_json::from_value(json).expect("parameters")
@@ -56,16 +57,20 @@ fn numbers_in_the_help_are_those_of_the_code() {
         help.expect(id).to_string().split_whitespace().collect::<Vec<_>>().join(" ")
     };
     let [fast, default, best] = [Quality::Fast, Quality::Default, Quality::Best];
-    let iterations = fast.max_iterations().expect("a limit");
-    assert_eq!((default.max_iterations(), best.max_iterations()), (None, None));
+    let limits = |quality: Quality| [Moves::Free, Moves::Connected].map(|moves| quality.max_iterations(moves));
+    let [Some(iterations), Some(connected)] = limits(fast) else { panic!("limits") };
+    assert_eq!([default, best].map(limits), [[None; 2]; 2]);
     assert_eq!((fast.refines(), default.refines(), best.refines()), (false, true, true));
     assert_eq!(fast.optimised_from(), default.optimised_from());
     assert_eq!(best.optimised_from(), 1);
-    let [few, more, most] = [fast, default, best].map(|quality| quality.start().surplus_percent);
+    let [few, more, most] = [fast, default, best].map(|quality| quality.start(Moves::Free).surplus_percent);
     let [one, two, many] = [fast, default, best].map(Quality::iterations_a_round);
     for (id, words) in [
-        ("quality", format!("stops after {iterations} iterations on the faces and does not refine")),
-        ("max_iterations", format!("unlimited, and {iterations} with quality fast")),
+        (
+            "quality",
+            format!("stops after {iterations} iterations on the faces ({connected} for points and normals) and"),
+        ),
+        ("max_iterations", format!("and {iterations} with quality fast, {connected} for points and normals")),
         ("seeds", format!("begins with {more} percent more clusters on a coarser mesh, {few} with quality fast")),
         ("seeds", format!("and {most} with best, and merges")),
         ("optimize", format!("once clusters have {} faces on average", default.optimised_from())),

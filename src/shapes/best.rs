@@ -43,7 +43,7 @@ pub struct Best {
     pub energy: f64,
     /// Its type.
     pub kind: Kind,
-    /// Its axis, of a cylinder.
+    /// Its axis, if it has one.
     pub axis: Option<DVec3>,
     /// Whether its mean square is within the tolerance.
     pub is_within: bool,
@@ -67,7 +67,7 @@ impl Allowed<'_> {
     }
 
     /// Fits the types to a cluster of a component, but none that its price alone makes dearer than another. `higher` is
-    /// called if a curved type is tried; `axes` are for cylinders to begin with.
+    /// called if a curved type is tried; `axes` are for cylinders and cones to begin with.
     pub fn fits(
         &self,
         component: u32,

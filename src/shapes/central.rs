@@ -30,6 +30,8 @@ pub struct CentralHigher {
     pub third: [f64; 10],
     /// Of degree 4.
     pub fourth: [f64; 15],
+    /// The mean normal, over the root of the mean square of normals.
+    pub normal: [f64; 3],
     /// Of the normals; their trace is 1, or 0 where no face has a normal.
     pub normals: [f64; 6],
 }
@@ -84,6 +86,8 @@ impl CentralHigher {
         let third = third_about(moments, higher, c).map(|sum| sum as f64 / weight);
         let fourth = fourth_about(moments, higher, c).map(|sum| sum as f64 / weight);
         let trace = (higher.normals[0] + higher.normals[3] + higher.normals[5]) as f64;
+        // normals are rounded, so that the mean of their squares is not 1; samples weigh three times their face
+        let scale = (weight / 3.0 * trace).sqrt();
         Self {
             third: std::array::from_fn(|at| {
                 let axes @ [a, b, e] = TRIPLES[at];
@@ -101,6 +105,7 @@ impl CentralHigher {
                 }
                 sum - 3.0 * d[a] * d[b] * d[e] * d[f]
             }),
+            normal: higher.normal.map(|sum| if trace > 0.0 { sum as f64 / scale } else { 0.0 }),
             normals: higher.normals.map(|sum| if trace > 0.0 { sum as f64 / trace } else { 0.0 }),
         }
     }

@@ -7,14 +7,14 @@
 //!
 //! # Work
 //!
-//! Clusters are tried until all faces and their neighbours have been looked at [`LOOKS`] times on average.
+//! Clusters are tried until all faces and their neighbours have been looked at [`LOOKS_A_FACE`] times on average.
 
 use super::moves::Clusters;
 use crate::device::Cancel;
 use crate::error::Result;
 
 /// Looks at a face or a neighbour of one, on average.
-const LOOKS: usize = 64;
+const LOOKS_A_FACE: usize = 64;
 
 /// No cluster.
 const NONE: u32 = u32::MAX;
@@ -37,7 +37,7 @@ pub(super) fn dissolved(clusters: &Clusters<'_>, cancel: &Cancel) -> Result<Diss
     let mut members = super::faces::members(&labels, count as usize, |_| true);
     let mut by_size: Vec<u32> = (0..count).collect();
     by_size.sort_by_key(|&cluster| members[cluster as usize].len());
-    let mut looks_left = LOOKS * clusters.faces.all_looks();
+    let mut looks_left = LOOKS_A_FACE * clusters.faces.all_looks();
     for cluster in by_size {
         cancel.check()?;
         let all = std::mem::take(&mut members[cluster as usize]);

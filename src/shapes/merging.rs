@@ -9,8 +9,9 @@
 //!
 //! A round prices the edges of the clusters that merged: at most all that are left. Meshes take a round for every 12 %
 //! of the clusters, so that all rounds together look at every edge some 10 times. Where few pairs choose each other,
-//! there are more rounds. After [`LOOKS`] times as many looks as the mesh has edges, a cluster merges with its cheapest
-//! neighbour whether or not that chose it, which leaves at most half of the clusters of each component after a round.
+//! there are more rounds. After [`LOOKS_AN_EDGE`] times as many looks as the mesh has edges, a cluster merges with its
+//! cheapest neighbour whether or not that chose it, which leaves at most half of the clusters of each component after a
+//! round.
 //! (The edges that are the cheapest at one end form no circle, since no two have the same rank.)
 
 mod multilevel;
@@ -39,7 +40,7 @@ use crate::union_find;
 const NEARNESS: f64 = 1e-8;
 
 /// Looks at an edge, on average, in rounds in which clusters merge only if both chose each other.
-const LOOKS: usize = 64;
+const LOOKS_AN_EDGE: usize = 64;
 
 /// Clusters of fewer faces keep no higher moments: they are sums over the faces.
 const KEPT_FROM: u32 = 4;
@@ -156,7 +157,7 @@ impl<'a> Merging<'a> {
     ) -> Result<()> {
         let mut edges = self.edges_inside(group_of_face, &surplus);
         let mut left: usize = surplus.iter().sum();
-        let mut looks_left = LOOKS * edges.len();
+        let mut looks_left = LOOKS_AN_EDGE * edges.len();
         while left > 0 {
             cancel.check()?;
             on_round(self, left);

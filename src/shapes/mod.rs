@@ -1,4 +1,4 @@
-//! Shapes that stand for clusters: planes, spheres and cylinders in place of centres (P§8).
+//! Shapes that stand for clusters: planes, spheres, cylinders and cones in place of centres (P§8).
 //!
 //! The energy of a cluster is that of its shape: F = Σ over clusters of (Σ over faces of w·cost + price), where the
 //! cost of a face is three times the mean squared distance of its samples, and richer types than planes have a
@@ -27,9 +27,10 @@
 //! A fit may use any method that computes the same bits on every machine: what decides is the energy of proxies, in
 //! integers.
 //!
-//! A new type needs a row of [`kind::Kind`], a variant of [`shape::Shape`] with its tangent, a file in `fit`, and in
-//! [`mod@table`] its members and its step; outside of this module, a row in `openapi.yaml`, the Python client and
-//! `web/src/shapes.ts`.
+//! A new type needs a row of [`kind::Kind`], a variant of [`shape::Shape`] with its tangent, a file in `fit`, a step in
+//! [`geometric`], and in [`mod@table`] its members; one that is no quadric with |∇Q| = 1, as cones, a form of
+//! [`proxy::Proxy`]. Outside of this module it needs rows in the Python client and in `web/src/shapes.ts`, and a new
+//! `openapi.yaml`.
 
 pub mod best;
 pub mod central;

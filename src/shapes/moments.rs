@@ -24,7 +24,9 @@ pub struct Moments {
 /// Moments of degree 3 and 4, and of normals.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Higher {
-    /// Σ w·n·n with normals of length 2¹⁴, below 2⁶².
+    /// Σ w·n with normals of length 2¹⁴, below 2⁴⁸.
+    pub normal: [i64; 3],
+    /// Σ w·n·n, below 2⁶².
     pub normals: [i64; 6],
     /// Σ w·y·y·y, below 2⁹⁸·⁶.
     pub third: [i128; 10],
@@ -77,6 +79,7 @@ impl Higher {
         let mut moments = Self::default();
         each_sample(faces, face, |weight, y| moments.add_sample(weight, y));
         let normal = faces.normal(face);
+        moments.normal = normal.map(|n| i64::from(faces.weight(face)) * n);
         for (sum, [a, b]) in moments.normals.iter_mut().zip(PAIRS) {
             *sum = i64::from(faces.weight(face)) * (normal[a] * normal[b]);
         }
@@ -101,6 +104,7 @@ impl Higher {
 
     /// Adds those of other faces.
     pub fn add(&mut self, other: &Self) {
+        add(&mut self.normal, &other.normal);
         add(&mut self.normals, &other.normals);
         add(&mut self.third, &other.third);
         add(&mut self.fourth, &other.fourth);

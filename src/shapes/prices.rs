@@ -1,8 +1,8 @@
 //! What a type costs. A plane is a flat sphere: without a price, noise turns planes into spheres.
 //!
-//! A sphere costs 3·R²·Ā, a cylinder twice that, R the resolution and Ā the area of the mesh over the number of
-//! clusters: what faces at the distance R would cost in a cluster of mean size. Prices are those of clusters, so that
-//! borders do not shift.
+//! A sphere costs 3·R²·Ā, a cylinder twice and a cone three times that, R the resolution and Ā the area of the mesh
+//! over the number of clusters: what faces at the distance R would cost in a cluster of mean size. Prices are those of
+//! clusters, so that borders do not shift.
 
 use super::kind::Kind;
 use super::moments::SHIFT;
@@ -35,12 +35,12 @@ impl Prices {
 
     /// Those of each component, for clusters within a tolerance. Large resolutions are cut, so that the prices of a
     /// cluster a face sum up to no more than those of the largest resolution.
-    pub fn within(graph: &DualGraph, resolution: f64) -> Vec<Self> {
+    pub fn of_tolerance(graph: &DualGraph, resolution: f64) -> Vec<Self> {
         Self::of_tree(graph, None, resolution)
     }
 
     /// Those of each component, for a hierarchy that ends with so many clusters, if it does. Large resolutions are cut
-    /// as in [`within`](Self::within).
+    /// as in [`of_tolerance`](Self::of_tolerance).
     pub fn of_tree(graph: &DualGraph, clusters: Option<u64>, resolution: f64) -> Vec<Self> {
         let clusters = clusters.map_or(LIKELY, |clusters| clusters as usize);
         let most = LARGEST * (clusters as f64 / graph.faces() as f64).sqrt();
@@ -52,8 +52,9 @@ impl Prices {
         f64::from(kind.prices()) * self.unit
     }
 
-    /// The price of a type in the energy: weight × squared lattice units. Those of all clusters sum up to less than
-    /// 2¹²⁵ in units of the finest component.
+    /// The price of a type in the energy: weight × squared lattice units. A cluster that it does not pay for, within a
+    /// tolerance, has three faces at least, so that those of all sum up to less than 2¹²⁶ in units of the finest
+    /// component.
     pub fn exact(&self, kind: Kind) -> i128 {
         (self.of_kind(kind) * f64::from(1u32 << (2 * SHIFT))) as i128
     }

@@ -25,7 +25,7 @@ use super::fitted::{Fitted, cost, fitted};
 use super::kind::Kind;
 use super::merging::{Begun, Merged, MergedWithin, merged, merged_on, merged_within};
 use super::moments::Moments;
-use super::moves::Clusters;
+use super::moves::{Clusters, Gpu};
 use super::prices::Prices;
 use super::proxy::Proxy;
 use super::shape::Shape;
@@ -100,6 +100,7 @@ pub struct Clustering {
 pub fn cluster(
     faces: Faces<'_>,
     options: &Options<'_>,
+    gpu: &mut Gpu,
     cancel: &Cancel,
     on_step: &mut dyn FnMut(Step, &[u32]),
 ) -> Result<Clustering> {
@@ -109,19 +110,19 @@ pub fn cluster(
         Wanted::Clusters(clusters) => {
             let prices = Prices::of(faces.graph, clusters, *resolution);
             let allowed = Allowed { kinds, prices: &prices, tolerance: None };
-            let (merged, fork) = merged(faces, allowed, clusters, cancel)?;
+            let (merged, fork, is_bounded) = merged(faces, allowed, clusters, cancel)?;
             let start =
-                |merged: Merged| Run::fitted(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
+                |merged: Merged| Run::of(faces, allowed, merged.labels, merged.component_of_cluster, &merged.axes);
             let other = |(&factor, state): (&f64, &Merged)| {
                 let prices = Prices::of(faces.graph, clusters, factor * resolution);
                 merged_on(faces, Allowed { prices: &prices, ..allowed }, state, clusters, cancel).and_then(start)
             };
             let state = fork.filter(|_| *resolution > 0.0);
             let others = OTHER_STARTS.iter().filter_map(|factor| Some(other((factor, state.as_ref()?))));
-            start(merged)?.with_swaps(others, most_steps, cancel, on_step)
+            Run { is_bounded, ..start(merged)? }.with_swaps(others, most_steps, gpu, cancel, on_step)
         }
         Wanted::Within(tolerance) => {
-            let prices = Prices::within(faces.graph, *resolution);
+            let prices = Prices::of_tolerance(faces.graph, *resolution);
             let allowed = Allowed { kinds, prices: &prices, tolerance: Some(tolerance) };
             let merged = merged_within(faces, allowed, tolerance, None, cancel)?;
             Run::of_shapes(faces, allowed, merged)?.with_merges(tolerance, most_steps, cancel, on_step)
@@ -149,7 +150,7 @@ pub fn as_given(
         }
     }
     let component_of_cluster = component_of_cluster.into_iter().map(Option::unwrap_or_default).collect();
-    Ok(Run::fitted(faces, allowed, labels, component_of_cluster, &vec![None; clusters])?.ended_at_once())
+    Ok(Run::of(faces, allowed, labels, component_of_cluster, &vec![None; clusters])?.ended_at_once())
 }
 
 /// Clusters on the way.
@@ -163,7 +164,7 @@ pub(super) struct Run<'a> {
 
 impl<'a> Run<'a> {
     /// Of clusters to which shapes are fitted.
-    pub(super) fn fitted(
+    pub(super) fn of(
         faces: Faces<'a>,
         allowed: Allowed<'a>,
         labels: Vec<u32>,
@@ -179,8 +180,8 @@ impl<'a> Run<'a> {
     }
 
     /// Of clusters with shapes.
-    fn of_shapes(faces: Faces<'a>, allowed: Allowed<'a>, within: MergedWithin) -> Result<Self> {
-        let MergedWithin { merged: Merged { labels, component_of_cluster, .. }, shapes, is_bounded } = within;
+    fn of_shapes(faces: Faces<'a>, allowed: Allowed<'a>, merged: MergedWithin) -> Result<Self> {
+        let MergedWithin { merged: Merged { labels, component_of_cluster, .. }, shapes, is_bounded } = merged;
         let fit = |(members, &shape): (&Vec<u32>, &Shape)| {
             let proxy = Proxy::new(&shape, Central::of(&Moments::of_all(&faces, members)).mean)?;
             Some(Fitted { shape, proxy, cost: cost(faces, members, &proxy) })
@@ -207,16 +208,17 @@ impl<'a> Run<'a> {
         mut self,
         mut others: impl Iterator<Item = Result<Self>>,
         mut most_steps: u32,
+        gpu: &mut Gpu,
         cancel: &Cancel,
         on_step: &mut dyn FnMut(Step, &[u32]),
     ) -> Result<Clustering> {
-        let (initial, before) = self.begun(on_step);
-        let mut ending = self.converge(&mut most_steps, cancel, on_step)?;
+        let (initial, before) = self.tell_start(on_step);
+        let mut ending = self.converge(&mut most_steps, gpu, cancel, on_step)?;
         while ending == Ending::Converged
             && let Some(other) = others.next()
         {
             let mut other = other?;
-            let after = other.converge(&mut u32::MAX.clone(), cancel, &mut |_, _| ())?;
+            let after = other.converge(&mut u32::MAX.clone(), gpu, cancel, &mut |_, _| ())?;
             if other.energy() < self.energy() {
                 ending = after;
                 self.replace(other, Phase::MergedStart, on_step);
@@ -227,7 +229,7 @@ impl<'a> Run<'a> {
                 break;
             }
             let Some(mut other) = self.swapped(cancel)? else { break };
-            let after = other.converge(&mut u32::MAX.clone(), cancel, &mut |_, _| ())?;
+            let after = other.converge(&mut u32::MAX.clone(), gpu, cancel, &mut |_, _| ())?;
             if other.energy() >= self.energy() {
                 break;
             }
@@ -243,7 +245,7 @@ impl<'a> Run<'a> {
         let after = numbers::kept(before, &other.clusters.labels);
         let moves = before.iter().zip(&after).filter(|(a, b)| a != b).count() as u64;
         let phase = if moves == 0 { Phase::Refit } else { phase };
-        *self = other;
+        *self = Self { is_bounded: self.is_bounded || other.is_bounded, ..other };
         on_step(Step { phase, energy: self.energy(), moves }, &self.clusters.labels);
     }
 
@@ -255,9 +257,9 @@ impl<'a> Run<'a> {
         cancel: &Cancel,
         on_step: &mut dyn FnMut(Step, &[u32]),
     ) -> Result<Clustering> {
-        let (initial, before) = self.begun(on_step);
+        let (initial, before) = self.tell_start(on_step);
         let mut left = most_steps;
-        let mut ending = self.converge(&mut left, cancel, on_step)?;
+        let mut ending = self.converge(&mut left, &mut Gpu::default(), cancel, on_step)?;
         for _ in 0..MERGES {
             if ending != Ending::Converged {
                 break;
@@ -267,22 +269,22 @@ impl<'a> Run<'a> {
             let Clusters { faces, shapes, .. } = &self.clusters;
             let stay: Vec<Shape> = stay.iter().map(|&cluster| shapes[cluster as usize]).collect();
             let begun = Begun { labels: &labels, shapes: &stay };
-            let within = merged_within(*faces, self.allowed, tolerance, Some(begun), cancel)?;
-            let moves = (shapes.len() - within.shapes.len()) as u64;
-            let is_bounded = self.is_bounded | within.is_bounded;
+            let merged = merged_within(*faces, self.allowed, tolerance, Some(begun), cancel)?;
+            let moves = (shapes.len() - merged.shapes.len()) as u64;
+            let is_bounded = self.is_bounded | merged.is_bounded;
             if moves == 0 {
                 self.is_bounded = is_bounded;
                 break;
             }
-            self = Self { is_bounded, ..Self::of_shapes(*faces, self.allowed, within)? };
+            self = Self { is_bounded, ..Self::of_shapes(*faces, self.allowed, merged)? };
             on_step(Step { phase: Phase::Merge, energy: self.energy(), moves }, &self.clusters.labels);
-            ending = self.converge(&mut left, cancel, on_step)?;
+            ending = self.converge(&mut left, &mut Gpu::default(), cancel, on_step)?;
         }
         Ok(self.ended(initial, before, ending))
     }
 
     /// Tells the start. Returns its labels, and F without prices.
-    fn begun(&self, on_step: &mut dyn FnMut(Step, &[u32])) -> (Vec<u32>, i128) {
+    fn tell_start(&self, on_step: &mut dyn FnMut(Step, &[u32])) -> (Vec<u32>, i128) {
         on_step(Step { phase: Phase::Boundary, energy: self.energy(), moves: 0 }, &self.clusters.labels);
         (self.clusters.labels.clone(), self.costs())
     }
@@ -318,7 +320,13 @@ impl<'a> Run<'a> {
     }
 
     /// Moves faces and fits shapes until nothing changes, in so many steps that are `left` at most.
-    fn converge(&mut self, left: &mut u32, cancel: &Cancel, on_step: &mut dyn FnMut(Step, &[u32])) -> Result<Ending> {
+    fn converge(
+        &mut self,
+        left: &mut u32,
+        gpu: &mut Gpu,
+        cancel: &Cancel,
+        on_step: &mut dyn FnMut(Step, &[u32]),
+    ) -> Result<Ending> {
         let all = vec![true; self.clusters.shapes.len()];
         let mut has_new_shape = all.clone();
         for _ in 0..ROUNDS {
@@ -326,7 +334,8 @@ impl<'a> Run<'a> {
             let mut has_moved = false;
             while !faces.is_empty() && *left > 0 {
                 cancel.check()?;
-                let (moves, next) = self.clusters.pass(&faces);
+                let proposals = self.clusters.proposals(&faces, gpu)?;
+                let (moves, next) = self.clusters.pass(&faces, &proposals)?;
                 if moves > 0 {
                     (*left, has_moved) = (*left - 1, true);
                     on_step(Step { phase: Phase::Boundary, energy: self.energy(), moves }, &self.clusters.labels);
@@ -358,10 +367,10 @@ impl<'a> Run<'a> {
         let axes: Vec<Option<DVec3>> = clusters.shapes.iter().map(Shape::axis).collect();
         let swaps =
             Swaps { faces: clusters.faces, allowed: *allowed, labels: &clusters.labels, component_of_cluster, axes };
-        let begun = |Swapped { labels, component_of_cluster, axes }| {
-            Run::fitted(clusters.faces, *allowed, labels, component_of_cluster, &axes)
+        let run = |Swapped { labels, component_of_cluster, axes }| {
+            Run::of(clusters.faces, *allowed, labels, component_of_cluster, &axes)
         };
-        swaps.made(cancel)?.map(begun).transpose()
+        swaps.made(cancel)?.map(run).transpose()
     }
 
     /// Fits shapes to the clusters that changed. Returns which took one.

@@ -31,6 +31,30 @@ pub enum Shape {
         /// Its radius.
         radius: f64,
     },
+    /// A cone, on one side of its apex.
+    Cone {
+        /// Its apex.
+        apex: DVec3,
+        /// From there into the cone.
+        axis: DVec3,
+        /// How much the radius grows along the axis: the tangent of half the opening angle.
+        slope: f64,
+    },
+}
+
+/// A cone beside a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BesideCone {
+    /// From the axis to the place, a unit vector.
+    pub out: DVec3,
+    /// The distance from the axis.
+    pub from_axis: f64,
+    /// The place along the axis, from the apex on.
+    pub along: f64,
+    /// The cosine of half the opening angle.
+    pub cosine: f64,
+    /// The distance from the nearest generator, below 0 inside.
+    pub distance: f64,
 }
 
 /// A shape beside a place.
@@ -38,11 +62,11 @@ pub enum Shape {
 pub struct Tangent {
     /// The nearest point of the shape.
     pub point: DVec3,
-    /// The normal there: away from the centre or the axis.
+    /// The normal there: away from the centre, or from the axis and the inside.
     pub normal: DVec3,
-    /// 1 over the radius, 0 of a plane.
+    /// The largest: 1 over the radius, 0 of a plane.
     pub curvature: f64,
-    /// The axis of a cylinder.
+    /// The axis of a cylinder or a cone.
     pub axis: Option<DVec3>,
 }
 
@@ -72,13 +96,14 @@ impl Shape {
             Shape::Plane { .. } => Kind::Plane,
             Shape::Sphere { .. } => Kind::Sphere,
             Shape::Cylinder { .. } => Kind::Cylinder,
+            Shape::Cone { .. } => Kind::Cone,
         }
     }
 
-    /// The axis of a cylinder.
+    /// The axis of a cylinder or a cone.
     pub fn axis(&self) -> Option<DVec3> {
         match *self {
-            Shape::Cylinder { axis, .. } => Some(axis),
+            Shape::Cylinder { axis, .. } | Shape::Cone { axis, .. } => Some(axis),
             Shape::Plane { .. } | Shape::Sphere { .. } => None,
         }
     }
@@ -89,6 +114,7 @@ impl Shape {
             Shape::Plane { point, normal } => Shape::Plane { point: point * by, normal },
             Shape::Sphere { centre, radius } => Shape::Sphere { centre: centre * by, radius: radius * by },
             Shape::Cylinder { point, axis, radius } => Shape::Cylinder { point: point * by, axis, radius: radius * by },
+            Shape::Cone { apex, axis, slope } => Shape::Cone { apex: apex * by, axis, slope },
         }
     }
 
@@ -98,6 +124,10 @@ impl Shape {
             Shape::Plane { point, normal } => Shape::Plane { point: point + by * normal, normal },
             Shape::Sphere { centre, radius } => Shape::Sphere { centre, radius: radius + by },
             Shape::Cylinder { point, axis, radius } => Shape::Cylinder { point, axis, radius: radius + by },
+            Shape::Cone { apex, axis, slope } => {
+                let sine = slope / (1.0 + slope * slope).sqrt();
+                Shape::Cone { apex: apex - by / sine * axis, axis, slope }
+            }
         }
     }
 
@@ -118,6 +148,11 @@ impl Shape {
                 let along = (at - point).dot(axis) * axis;
                 round(point + along, radius, at - point - along, Some(axis))
             }
+            Shape::Cone { apex, axis, slope } => {
+                let BesideCone { out, from_axis, cosine, distance, .. } = beside_cone(apex, axis, slope, at);
+                let normal = cosine * (out - slope * axis);
+                Tangent { point: at - distance * normal, normal, curvature: cosine / from_axis, axis: Some(axis) }
+            }
         }
     }
 
@@ -130,6 +165,23 @@ impl Shape {
                 let from = at - point;
                 (from - from.dot(axis) * axis).length() - radius
             }
+            Shape::Cone { apex, axis, slope } => {
+                let BesideCone { from_axis, along, distance, .. } = beside_cone(apex, axis, slope, at);
+                // beyond the apex, the apex is nearest
+                if along + slope * from_axis < 0.0 { (at - apex).length() } else { distance }
+            }
         }
     }
+}
+
+/// A cone beside a place.
+pub(super) fn beside_cone(apex: DVec3, axis: DVec3, slope: f64, at: DVec3) -> BesideCone {
+    let from = at - apex;
+    let along = from.dot(axis);
+    let across_axis = from - along * axis;
+    let from_axis = across_axis.length();
+    let is_middle = from_axis <= 1e-9 * along.abs();
+    let out = if is_middle { across(axis) } else { across_axis / from_axis };
+    let cosine = 1.0 / (1.0 + slope * slope).sqrt();
+    BesideCone { out, from_axis, along, cosine, distance: cosine * (from_axis - slope * along) }
 }

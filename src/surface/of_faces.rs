@@ -48,18 +48,18 @@ impl OfFaces for Normals {
     const HAS_TILING: bool = false;
 
     /// The unit normal, 0 without area, and the centroid.
-    fn position(face: &FaceGeometry) -> [f64; 6] {
+    fn position(face: &FaceGeometry) -> [f64; 8] {
         let scale = if face.area > 0.0 { f64::from(1 << NORMAL_BITS) / face.area } else { 0.0 };
         let ([a, b, c], [x, y, z]) =
             ((face.normal * scale).into(), (face.centroid / f64::from(1 << CENTROID_BITS)).into());
-        [a, b, c, x, y, z]
+        [a, b, c, x, y, z, 0.0, 0.0]
     }
 
-    fn point(face: &FaceGeometry) -> [i32; 6] {
+    fn point(face: &FaceGeometry) -> [i32; 8] {
         Self::position(face).map(|axis| (axis + 0.5).floor() as i32)
     }
 
     fn units(_: &Frame, weight_exponent: i32, density: f64) -> Units<Self> {
-        Units { centre: [0.0; 6], exponent: NORMAL_BITS, weight_exponent, density }
+        Units { centre: [0.0; 8], exponent: NORMAL_BITS, weight_exponent, density }
     }
 }

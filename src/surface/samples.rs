@@ -4,6 +4,8 @@
 //! exactly, and they see how far a chord is from an arc. Corners alone do not: two sides of a box fit a cylinder
 //! through the three edges along them. A polygon has the middles of its edges, too, of [`MOST`] at most.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -15,7 +17,7 @@ use super::lattice::round_centroid;
 const MOST: usize = 64;
 
 /// Unit normals are multiplied by 2 to this power.
-const NORMAL_BITS: u32 = 14;
+pub const NORMAL_BITS: u32 = 14;
 
 /// Samples of all faces, internal order.
 #[derive(Debug, Clone)]
@@ -34,6 +36,19 @@ impl Samples {
         match &self.offsets {
             None => &self.points[3 * face..3 * face + 3],
             Some(offsets) => &self.points[offsets[face] as usize..offsets[face + 1] as usize],
+        }
+    }
+
+    /// Those of all faces, one face after the other.
+    pub fn points(&self) -> &[[i32; 3]] {
+        &self.points
+    }
+
+    /// First sample of each face, and one past the last.
+    pub fn offsets(&self) -> Cow<'_, [u32]> {
+        match &self.offsets {
+            None => (0..=self.points.len() as u32).step_by(3).collect(),
+            Some(offsets) => offsets.into(),
         }
     }
 

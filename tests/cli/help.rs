@@ -106,7 +106,10 @@ fn the_service_has_few_settings_and_each_is_a_variable() {
     let names: Vec<&str> = hidden.iter().filter_map(|argument| argument.get_long()).collect();
     assert_eq!(names, HIDDEN);
     assert!(hidden.iter().all(|argument| argument.get_env().is_none()), "{hidden:?}");
-    assert!(settings.iter().all(|argument| argument.get_env().is_some()), "{settings:?}");
+    for setting in &settings {
+        let name = setting.get_long().expect("a flag").replace('-', "_").to_uppercase();
+        assert_eq!(setting.get_env(), Some(format!("TESSERAE_{name}").as_ref()));
+    }
     assert!(settings.len() <= MOST_SETTINGS, "{}: make a constant of one, or compute it", settings.len());
 }
 

@@ -83,7 +83,7 @@ fn parameters_are_spelled_as_flags() {
         ("cluster s.obj -k 3 --features 30 --bridge-components", "joins what --features keeps apart"),
         ("cluster s.obj -k 3 --shapes sphere", "--shapes goes with --energy shapes"),
         ("cluster s.obj -k 3 --energy planes --resolution 1e-3", "--resolution goes with --energy shapes"),
-        ("cluster s.obj -k 3 --energy shapes --shapes cone", "--shapes must be some of plane,sphere,cylinder"),
+        ("cluster s.obj -k 3 --energy shapes --shapes torus", "--shapes must be some of plane,sphere,cylinder,cone"),
         (
             "cluster s.obj -k 3 --energy shapes --resolution -1",
             "--resolution and --tolerance must be a share of the diagonal",
@@ -98,10 +98,6 @@ fn parameters_are_spelled_as_flags() {
         ("cluster s.obj --algorithm pml --energy planes --pairs all", "--pairs does not go with the energy planes"),
         ("cluster s.obj --algorithm pml --energy planes --tolerance 1", "--tolerance goes with flat clusterings"),
         ("cluster s.obj -k 3 --energy planes --quality best", "--quality does not go with the energy planes"),
-        (
-            "cluster s.obj -k 3 --energy planes --device gpu",
-            "the energy planes is for the cpu: take --device cpu or auto",
-        ),
         ("cluster s.obj -k 3 --shapes-out x.json", "--shapes-out goes with --energy planes or shapes"),
         ("sample knot --faces 500 --noise 1 x.obj", "--noise and --truth go with the sample part"),
         ("sample part --faces 500 --noise 11 x.obj", "noise must be from 0 to 10 percent, not 11"),

@@ -3,14 +3,20 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStderr, Command, Stdio};
+use std::time::Duration;
 
 use crate::command::Folder;
+
+/// Longer than an answer takes on a slow machine.
+const PATIENCE: Duration = Duration::from_secs(180);
 
 /// The service in a process of its own; killed when the test ends before it does.
 pub struct Running {
     pub child: Child,
     pub address: String,
-    /// What it wrote up to the address, and what it writes afterwards.
+    /// What it wrote up to the address.
+    pub start: String,
+    /// What it writes afterwards.
     pub log: BufReader<ChildStderr>,
 }
 
@@ -32,14 +38,13 @@ impl Running {
     pub fn spawn(mut command: Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the binary runs");
         let mut log = BufReader::new(child.stderr.take().expect("a pipe"));
-        let mut line = String::new();
-        while !line.contains("listening on http://") {
-            line.clear();
-            assert_ne!(log.read_line(&mut line).expect("text"), 0, "it ended before it listened");
+        let mut start = String::new();
+        while !start.contains("listening on http://") {
+            assert_ne!(log.read_line(&mut start).expect("text"), 0, "it ended before it listened: {start}");
         }
-        let (_, rest) = line.split_once("listening on http://").expect("just found");
+        let (_, rest) = start.split_once("listening on http://").expect("just found");
         let address = rest.split([' ', '"', '\n']).next().expect("an address").to_owned();
-        Self { child, address, log }
+        Self { child, address, start, log }
     }
 
     /// The whole answer to a request without a body.
@@ -60,6 +65,7 @@ impl Running {
 
     fn send(&self, line: &str, head: &str, body: &[u8]) -> String {
         let mut stream = TcpStream::connect(&self.address).expect("it listens");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a time");
         write!(stream, "{line}\r\nHost: {}\r\n{head}\r\n", self.address).expect("it reads");
         stream.write_all(body).expect("it reads");
         let mut answer = String::new();

@@ -72,10 +72,10 @@ fn damaged(number: usize) -> (String, PolygonMesh) {
 /// Labels after all steps of a quality, and the number of iterations, rounds and breaths.
 fn clustered(surface: &Surface, clusters: u64, quality: Quality) -> (Vec<u32>, usize) {
     let (cancel, device, record) = (Cancel::default(), &mut CpuDevice::new(), &mut Record::new(None));
-    let start = CoarseStart::new(surface, clusters, 0, quality.start()).expect("a possible number");
+    let start = CoarseStart::new(surface, clusters, 0, quality.start(surface.moves)).expect("a possible number");
     let start = start.labels(surface, device, &cancel).expect("a start");
     let mut steps = device.open(surface, &start.component_of_cluster).expect("it opens");
-    let (max_iterations, refine) = (quality.max_iterations(), quality.refines());
+    let (max_iterations, refine) = (quality.max_iterations(surface.moves), quality.refines());
     let options = Options { max_iterations, refine, allow_disconnected: false };
     let mut rows = 0;
     let run = boundary_based(surface, &start.labels, options, steps.as_mut(), &cancel, &mut |_| rows += 1, record);

@@ -4,6 +4,7 @@ use crate::common::{pml, zoo};
 use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, RoundRow, hierarchical};
 use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::relocation::Effort;
+use tesserae_mesh::dev::sample::hard::star;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::device::cpu::CpuDevice;
@@ -162,6 +163,21 @@ fn parallel_rounds_merge_the_pairs_that_chose_each_other() {
             }
             assert_eq!(adjacent(&surface, &labels), [], "{name} {ties:?} {which:?}: something is left to merge");
         }
+    }
+}
+
+#[test]
+fn around_a_hub_rounds_are_few() {
+    let triangles = 3000;
+    let surface = Surface::build(&star(triangles)).expect("a surface");
+    for (options, bounded_at) in [(pml(), None), (hr(), Some(1602)), (Options { optimise: true, ..hr() }, Some(1684))] {
+        let (device, cancel) = (&mut CpuDevice::new(), Cancel::default());
+        let run = hierarchical(&surface, &options, device, &cancel, &mut |_| {}, &mut |_| {}).expect("no cancellation");
+        let rounds = &run.tree.rounds;
+        assert!(rounds.len() < 1399 + 32, "{options:?}: {} rounds", rounds.len());
+        // 1,399 merges of one pair count 3,000 neighbours each, more than 2²²; optimised ones a sixteenth more
+        assert_eq!(run.bounded_at, bounded_at, "{options:?}");
+        assert_eq!(rounds.last().map(|round| (round.clusters, round.merges_end)), Some((1, triangles)));
     }
 }
 

@@ -102,7 +102,8 @@ fn coarse_starts_are_those_of_the_plain_device() {
     for (name, surface) in small_surfaces(1000) {
         let clusters = (surface.faces() as u64 / 20).max(surface.components.len() as u64);
         let labels = |quality: Quality, device: &mut dyn Device| {
-            let start = CoarseStart::new(&surface, clusters, 3, quality.start()).expect("the number is possible");
+            let start =
+                CoarseStart::new(&surface, clusters, 3, quality.start(surface.moves)).expect("the number is possible");
             start.labels(&surface, device, &Cancel::default()).expect("no cancellation")
         };
         let expected = [Quality::Fast, Quality::Default].map(|q| labels(q, &mut PlainDevice::default()));

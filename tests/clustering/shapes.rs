@@ -13,8 +13,9 @@ use tesserae_mesh::device::dual_edge::Ties;
 use tesserae_mesh::energy::Kind;
 use tesserae_mesh::job::{self, InMemory, Outcome, Prepared, Refusal, Request};
 use tesserae_mesh::mesh::{Format, Limits, PolygonMesh};
-use tesserae_mesh::parameters::{Algorithm, Features, Parameters, Refine, Seeds};
+use tesserae_mesh::parameters::{Algorithm, Features, Parameters, Refine, Seeds, Shapes};
 use tesserae_mesh::report::Phase;
+use tesserae_mesh::shapes::kind::Kind as ShapeKind;
 use tesserae_mesh::surface::{Surface, Wanted, WantedFeatures};
 
 fn by(energy: Kind, clusters: u64) -> Parameters {
@@ -52,8 +53,9 @@ fn clusters_are_as_many_as_asked_for_connected_and_the_energy_falls() {
         let surface = Surface::build(&mesh).expect("a surface");
         let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
         for clusters in BTreeSet::from([fewest, (most / 9).max(fewest), most]) {
-            for energy in [Kind::Planes, Kind::Shapes] {
-                let outcome = run(&mesh, &by(energy, clusters));
+            let all = Some(Shapes(ShapeKind::ALL.to_vec()));
+            for (energy, shapes) in [(Kind::Planes, None), (Kind::Shapes, None), (Kind::Shapes, all)] {
+                let outcome = run(&mesh, &Parameters { shapes, ..by(energy, clusters) });
                 let report = &outcome.report;
                 let mut seen = 0;
                 for &label in labels(&outcome) {
@@ -109,6 +111,93 @@ fn a_part_is_cut_into_its_patches_which_have_their_shapes() {
     let planes = run(&mesh, &by(Kind::Planes, 13));
     assert!(planes.report.energy.final_.expect("finite") > 10.0 * outcome.report.energy.final_.expect("finite"));
     assert!(planes.report.shapes.as_ref().is_some_and(|rows| rows.iter().all(|row| row.plane.is_some())));
+}
+
+/// A part of revolution, turned so that nothing lies along an axis: a tip, a rod, a chamfer, a thicker rod, a rim, a
+/// countersink, a hole and its end; and the patch of each face. All corners lie on the shapes.
+pub(super) fn turned_part() -> (PolygonMesh, Vec<u32>) {
+    const AROUND: u32 = 40;
+    let profile = [(0.0, 3.0), (1.0, 1.5), (1.0, 0.5), (1.4, 0.1), (1.4, -0.6), (0.8, -0.6), (0.4, -0.1), (0.4, 0.4)];
+    let ends = profile.into_iter().skip(1).chain([(0.0, 0.4)]);
+    let (mut rings, mut patches) = (vec![profile[0]], Vec::new());
+    for (patch, ((r, z), (to_r, to_z))) in (0..).zip(profile.into_iter().zip(ends)) {
+        let rows = (f64::hypot(to_r - r, to_z - z) / 0.17).ceil();
+        for row in 1..=rows as u32 {
+            let share = f64::from(row) / rows;
+            rings.push((r + share * (to_r - r), z + share * (to_z - z)));
+            patches.push(patch);
+        }
+    }
+    let at = |(r, z): (f64, f64), turn: u32| {
+        let (sine, cosine) = (f64::from(turn) / f64::from(AROUND) * std::f64::consts::TAU).sin_cos();
+        let (x, y) = (r * cosine, r * sine);
+        [0.8 * x - 0.36 * y + 0.48 * z, 0.6 * x + 0.48 * y - 0.64 * z, 0.8 * y + 0.6 * z]
+    };
+    let last = rings.len() as u32 - 1;
+    let middle = &rings[1..rings.len() - 1];
+    let mut positions = vec![at(rings[0], 0)];
+    positions.extend(middle.iter().flat_map(|&ring| (0..AROUND).map(move |turn| at(ring, turn))));
+    positions.push(at(rings[last as usize], 0));
+    let vertex = |ring: u32, turn: u32| match ring {
+        0 => 0,
+        ring if ring == last => positions.len() as u32 - 1,
+        ring => 1 + (ring - 1) * AROUND + turn % AROUND,
+    };
+    let (mut faces, mut truth) = (Vec::new(), Vec::new());
+    for (ring, &patch) in (0..).zip(&patches) {
+        for turn in 0..AROUND {
+            let [a, b] = [turn, turn + 1].map(|turn| vertex(ring, turn));
+            let [c, d] = [turn, turn + 1].map(|turn| vertex(ring + 1, turn));
+            for corners in [[a, c, d], [a, d, b]].into_iter().filter(|[a, b, c]| a != b && b != c && c != a) {
+                faces.push(corners);
+                truth.push(patch);
+            }
+        }
+    }
+    let faces: Vec<&[u32]> = faces.iter().map(|corners| corners.as_slice()).collect();
+    (zoo::mesh(&positions, &faces), truth)
+}
+
+#[test]
+fn a_turned_part_has_its_cones() {
+    let (mesh, truth) = turned_part();
+    let all = Parameters { shapes: Some(Shapes(ShapeKind::ALL.to_vec())), ..by(Kind::Shapes, 8) };
+    let outcome = run(&mesh, &all);
+    assert_falls(&outcome, "a turned part");
+    let pairs: BTreeSet<(u32, u32)> = labels(&outcome).iter().copied().zip(truth).collect();
+    assert_eq!(pairs.len(), 8, "{pairs:?}");
+    let rows = outcome.report.shapes.as_ref().expect("shapes");
+    let row_of = |patch: u32| {
+        let label = pairs.iter().find(|pair| pair.1 == patch).expect("a patch").0;
+        &rows[label as usize]
+    };
+    for (patch, slope, convex, [low, high], apex) in
+        [(0, 1.0 / 1.5, true, [0.0, 1.5], 3.0), (2, 1.0, true, [1.0, 1.4], 1.5), (5, 0.8, false, [0.5, 1.0], 0.4)]
+    {
+        let cone = row_of(patch).cone.unwrap_or_else(|| panic!("a cone: {:?}", row_of(patch)));
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * b.abs().max(1.0), "{patch}: {a} {b} {cone:?}");
+        near(cone.half_angle, f64::atan(slope).to_degrees());
+        near(cone.extent[0], low);
+        near(cone.extent[1], high);
+        near(cone.angle, 360.0);
+        (0..3).for_each(|axis| near(cone.apex[axis], apex * [0.48, -0.64, 0.6][axis]));
+        assert_eq!(cone.convex, convex, "{patch}");
+    }
+    let kinds: Vec<ShapeKind> = (0..8).map(|patch| row_of(patch).kind).collect();
+    let [plane, cylinder, cone] = [ShapeKind::Plane, ShapeKind::Cylinder, ShapeKind::Cone];
+    assert_eq!(kinds, [cone, cylinder, cone, cylinder, plane, cone, cylinder, plane]);
+    // without cones it takes more clusters
+    let without = run(&mesh, &by(Kind::Shapes, 8));
+    assert!(without.report.energy.final_.expect("finite") > 10.0 * outcome.report.energy.final_.expect("finite"));
+}
+
+#[test]
+fn a_noisy_part_without_cones_has_none() {
+    let (mesh, _) = generate_part(3000, 0.05).expect("a part");
+    let outcome = run(&mesh, &Parameters { shapes: Some(Shapes(ShapeKind::ALL.to_vec())), ..by(Kind::Shapes, 13) });
+    let rows = outcome.report.shapes.as_ref().expect("shapes");
+    let of = |kind: ShapeKind| rows.iter().filter(|row| row.kind == kind).count();
+    assert_eq!(ShapeKind::ALL.map(of), [7, 1, 5, 0]);
 }
 
 /// ∫ squared distance to the best plane of each cluster, by sums over triangles: the smallest eigenvalue of the second
@@ -181,6 +270,18 @@ fn clusters_do_not_cross_features_and_a_limit_ends_the_run() {
     assert_eq!(outcome.report.iterations.len(), 3);
     assert_eq!(outcome.report.snapshots, [0, 1]);
     assert!(outcome.report.warnings.iter().any(|warning| warning.contains("max_iterations")));
+}
+
+#[test]
+fn merging_planes_one_by_one_stops_at_its_bound_on_work() {
+    // with one cluster more, clusters merge in rounds to the end
+    for (sides, clusters, is_bounded) in [(800, 100, false), (2400, 300, true), (2400, 301, false)] {
+        let outcome = run(&zoo::wheel(sides), &by(Kind::Planes, clusters));
+        let warnings = &outcome.report.warnings;
+        assert_eq!(warnings.iter().any(|warning| warning.contains("bound on work")), is_bounded, "{warnings:?}");
+        let all: BTreeSet<u32> = labels(&outcome).iter().copied().collect();
+        assert_eq!((all.len() as u64, outcome.report.disconnected_clusters), (clusters, 0));
+    }
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::shapes::turned_part;
 use crate::common::zoo;
 use tesserae_mesh::dev::sample::{Sample, generate, generate_part};
 use tesserae_mesh::device::Cancel;
@@ -9,8 +10,9 @@ use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::energy::Kind;
 use tesserae_mesh::job::{self, InMemory, Outcome, Request};
 use tesserae_mesh::mesh::{Format, Limits, PolygonMesh};
-use tesserae_mesh::parameters::{Algorithm, Features, Length, Parameters};
+use tesserae_mesh::parameters::{Algorithm, Features, Length, Parameters, Shapes};
 use tesserae_mesh::report::{Input, Phase};
+use tesserae_mesh::shapes::kind::Kind as ShapeKind;
 use tesserae_mesh::shapes::table::ClusterShape;
 
 fn within(energy: Kind, tolerance: Length) -> Parameters {
@@ -43,6 +45,15 @@ fn distance(row: &ClusterShape, at: [f64; 3]) -> f64 {
     if let Some(sphere) = row.sphere {
         let from = minus(at, sphere.centre);
         return (dot(from, from).sqrt() - sphere.radius).abs();
+    }
+    if let Some(cone) = row.cone {
+        let from = minus(at, cone.apex);
+        let along = dot(from, cone.axis);
+        let out = minus(from, cone.axis.map(|axis| axis * along));
+        let (sine, cosine) = cone.half_angle.to_radians().sin_cos();
+        let out = dot(out, out).sqrt();
+        let is_beyond = along * cosine + out * sine < 0.0;
+        return if is_beyond { dot(from, from).sqrt() } else { (out * cosine - along * sine).abs() };
     }
     let cylinder = row.cylinder.expect("a shape");
     let from = minus(at, cylinder.point);
@@ -115,12 +126,14 @@ fn no_corner_is_further_from_its_shape() {
     let few = |(name, mesh): &(String, PolygonMesh)| mesh.faces.len() < 800 && !["huge", "tiny"].contains(&&name[..]);
     for (name, mesh) in zoo::all().into_iter().filter(few) {
         for share in [1e-9, 1e-4, 3e-3, 0.03, 1.0] {
-            for energy in [Kind::Planes, Kind::Shapes] {
-                let outcome = run(&mesh, &within(energy, Length::Share(share)));
-                assert_holds(&mesh, &outcome, &format!("{name} {share} {energy:?}"));
+            let all = Some(Shapes(ShapeKind::ALL.to_vec()));
+            for (energy, shapes) in [(Kind::Planes, None), (Kind::Shapes, None), (Kind::Shapes, all)] {
+                let of = format!("{name} {share} {energy:?} {shapes:?}");
+                let outcome = run(&mesh, &Parameters { shapes, ..within(energy, Length::Share(share)) });
+                assert_holds(&mesh, &outcome, &of);
                 if share == 1.0 {
                     let components = outcome.report.input.components();
-                    assert_eq!(outcome.report.clusters, components, "{name} {energy:?}");
+                    assert_eq!(outcome.report.clusters, components, "{of}");
                 }
             }
         }
@@ -156,6 +169,19 @@ fn a_part_is_cut_into_its_patches() {
         let most = |label: u32| counts.range((label, 0)..=(label, u32::MAX)).map(|(_, &count)| count).max();
         let right: usize = (0..13).filter_map(most).sum();
         assert!(truth.len() - right <= wrong, "{noise} {share}: {right} of {}", truth.len());
+    }
+}
+
+#[test]
+fn a_turned_part_is_cut_into_its_cones() {
+    let (mesh, truth) = turned_part();
+    for share in [1e-3, 4e-3] {
+        let shapes = Some(Shapes(ShapeKind::ALL.to_vec()));
+        let outcome = run(&mesh, &Parameters { shapes, ..within(Kind::Shapes, Length::Share(share)) });
+        assert_holds(&mesh, &outcome, "a turned part");
+        let patches: BTreeSet<(u32, u32)> = labels(&outcome).iter().copied().zip(truth.iter().copied()).collect();
+        assert_eq!((outcome.report.clusters, patches.len()), (8, 8), "{share}: {patches:?}");
+        assert!(outcome.report.shapes.as_ref().is_some_and(|rows| rows.iter().filter_map(|row| row.cone).count() == 3));
     }
 }
 

@@ -37,6 +37,20 @@ pub fn tangle(vertices: u32, faces: usize, seed: u64) -> PolygonMesh {
     mesh(&positions, &corners)
 }
 
+/// A polygon, and a triangle at each of its sides, whose tips are at various heights.
+pub fn wheel(sides: u32) -> PolygonMesh {
+    let at = |turn: f64, radius: f64, height: f64| {
+        let (sine, cosine) = (turn * std::f64::consts::TAU / f64::from(sides)).sin_cos();
+        [radius * cosine, radius * sine, height]
+    };
+    let tip = |side: u32| at(f64::from(side) + 0.5, 1.1, f64::from(side * 7919 % 101) / 1000.0);
+    let positions: Vec<_> = (0..sides).map(|side| at(f64::from(side), 1.0, 0.0)).chain((0..sides).map(tip)).collect();
+    let polygon: Vec<u32> = (0..sides).collect();
+    let triangles: Vec<_> = (0..sides).map(|side| [(side + 1) % sides, side, sides + side]).collect();
+    let faces: Vec<&[u32]> = std::iter::once(&polygon[..]).chain(triangles.iter().map(|face| &face[..])).collect();
+    mesh(&positions, &faces)
+}
+
 /// A small mesh beside one a million times as large: two components on very different scales.
 pub fn flea_and_elephant() -> PolygonMesh {
     let mut all = generate(Sample::Sphere, 400).expect("a sample");

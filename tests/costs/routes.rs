@@ -44,7 +44,6 @@ impl Service {
             data_dir: Some(data.path().to_owned()),
             ..Settings::default()
         };
-        settings.traffic.max_request_rate = 0;
         settings.traffic.trusted_proxies = vec!["127.0.0.0/8".parse().expect("a network")];
         let device: Box<dyn Device> = Box::new(CpuDevice::new());
         let description = DeviceDescription {
@@ -55,7 +54,7 @@ impl Service {
         };
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
         let runtime = runtime.expect("a runtime");
-        let server = runtime.block_on(Server::bind_with(settings, device, description, Extras::default()));
+        let server = runtime.block_on(Server::bind(settings, device, description, Extras::default()));
         let server = server.expect("bound");
         let (address, (stop, stopped)) = (server.address(), oneshot::channel());
         runtime.spawn(server.run(async {

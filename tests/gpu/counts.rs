@@ -35,7 +35,8 @@ fn of_flat(surface: &Surface, clusters: u64) -> Option<(u64, u64)> {
     let mut device = counting();
     counts(&mut device);
     let cancel = Cancel::default();
-    let plan = CoarseStart::new(surface, clusters, 0, Quality::Default.start()).expect("so many are possible");
+    let plan =
+        CoarseStart::new(surface, clusters, 0, Quality::Default.start(surface.moves)).expect("so many are possible");
     let start = plan.labels(surface, &mut device, &cancel).expect("it runs");
     {
         let mut steps = device.open(surface, &start.component_of_cluster).expect("it fits");

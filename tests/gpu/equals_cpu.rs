@@ -159,7 +159,8 @@ fn coarse_starts_are_alike_whatever_the_quality() {
         let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
         let mut starts = Vec::new();
         for quality in [Quality::Fast, Quality::Default, Quality::Best] {
-            let plan = CoarseStart::new(&surface, clusters, 7, quality.start()).expect("so many are possible");
+            let plan =
+                CoarseStart::new(&surface, clusters, 7, quality.start(surface.moves)).expect("so many are possible");
             let on = |device: &mut dyn Device| plan.labels(&surface, device, &Cancel::default()).expect("it runs");
             let start = on(&mut CpuDevice::new());
             assert_eq!(on(&mut gpu), start, "{} {quality:?}", sample.name());

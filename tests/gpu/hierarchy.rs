@@ -8,6 +8,7 @@ use tesserae_mesh::Kind;
 use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, RoundRow, hierarchical};
 use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::run::Row;
+use tesserae_mesh::dev::sample::hard::star;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::adapter::AdapterKind;
 use tesserae_mesh::device::cpu::CpuDevice;
@@ -92,6 +93,15 @@ fn sequential_hierarchies_of_the_zoo_are_alike() {
     compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &fifth);
     let outcome = compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &ml());
     assert!(outcome.rounds.iter().map(|round| round.moves).sum::<u64>() > 100, "the optimisation has something to do");
+}
+
+#[test]
+fn hierarchies_around_a_hub_are_alike() {
+    let surface = Surface::build(&star(300)).expect("a surface");
+    for options in [pml(), Options { optimise: false, ..pml() }] {
+        let outcome = compare(&mut device(), "star", &surface, &options);
+        assert!(outcome.rounds.iter().skip(256).any(|round| round.merges > 1), "{options:?}: one pair a round");
+    }
 }
 
 #[test]

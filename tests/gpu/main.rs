@@ -11,3 +11,4 @@ mod failures;
 mod hierarchy;
 mod oracle;
 mod shader_layout;
+mod shapes;

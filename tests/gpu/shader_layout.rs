@@ -6,21 +6,27 @@ use std::path::Path;
 
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
+use tesserae_mesh::device::ShapeWords;
 use tesserae_mesh::device::gpu::Tuning;
 use tesserae_mesh::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
 use tesserae_mesh::device::gpu::layout::{self, Iteration};
+use tesserae_mesh::device::gpu::shapes;
 use tesserae_mesh::energy::shared::{Layout, Struct};
 use tesserae_mesh::energy::{Energy, Functional};
 
 /// Numbers of coordinates of points.
-const AXES: [usize; 3] = [3, 6, 8];
+const AXES: [usize; 2] = [3, 8];
 
 fn parse(kernel: &Kernel, source: &str) -> (Module, ModuleInfo) {
-    let module = naga::front::wgsl::parse_str(source)
-        .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(source)));
+    parse_text(kernel.name, source)
+}
+
+fn parse_text(name: &str, source: &str) -> (Module, ModuleInfo) {
+    let module =
+        naga::front::wgsl::parse_str(source).unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(source)));
     let info = Validator::new(ValidationFlags::all(), Capabilities::SHADER_INT64)
         .validate(&module)
-        .unwrap_or_else(|error| panic!("{}: {}", kernel.name, error.emit_to_string(source)));
+        .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(source)));
     (module, info)
 }
 
@@ -115,6 +121,19 @@ fn structs_have_the_same_layout_on_both_sides() {
 }
 
 #[test]
+fn the_kernel_of_shapes_is_valid_and_sees_the_words_of_a_shape() {
+    let (module, info) = parse_text("shape_propose", shapes::WGSL);
+    let found = used(&module, &info);
+    assert!(found.len() <= 8, "portable devices bind 8 storage buffers");
+    let strides: Vec<(&str, u32)> = found.iter().map(|(_, name, _, bytes)| (name.as_str(), *bytes)).collect();
+    let words = size_of::<ShapeWords>() as u32;
+    let expected =
+        [("neighbours", 4), ("samples", 4), ("labels", 4), ("shapes", words), ("listed", 4), ("proposals", 4)];
+    assert_eq!(strides, expected);
+    assert!(found.iter().all(|(_, name, is_written, _)| *is_written == Some(name == "proposals")));
+}
+
+#[test]
 fn the_tables_list_every_shader_file_and_every_shared_piece_is_used() {
     let shaders = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
     let list = |folder: &Path| -> Vec<String> {
@@ -127,7 +146,8 @@ fn the_tables_list_every_shader_file_and_every_shared_piece_is_used() {
         files.extend(list(&shaders.join(&folder)).into_iter().map(path));
     }
     let kernels = KERNELS.iter().flat_map(|kernel| kernel.parts).map(|part| (part.path, part.wgsl));
-    let texts: Vec<(&str, &str)> = kernels.chain(PIECES.iter().copied()).collect();
+    let alone = [("shapes/shape_propose", shapes::WGSL)];
+    let texts: Vec<(&str, &str)> = kernels.chain(PIECES.iter().copied()).chain(alone).collect();
     let path = |name: &str| match name {
         "energy" => format!("energy/{}", Energy::NAME),
         name if name.contains('/') => name.to_owned(),

@@ -12,7 +12,7 @@ HUES = [
 ]
 
 # Types of shapes, as in the page (web/src/shapes.ts).
-TYPES = {"plane": HUES[5], "sphere": HUES[6], "cylinder": HUES[4]}
+TYPES = {"plane": HUES[5], "sphere": HUES[6], "cylinder": HUES[4], "cone": HUES[3]}
 
 
 def of_cluster(cluster):

@@ -52,8 +52,7 @@ class Server:
             [BINARY, "serve", "--listen", "%s:%d" % self.address, "--data-dir", DATA, "--device", "cpu",
              "--max-queued-jobs", str(QUEUED), "--min-free-bytes", "0", "--log", "warn",
              # kills are so many that a job may be alone at work in several, and so close that pauses would fill the time
-             "--crash-pause", "0", "--max-attempts", "1000",
-             *LIMITS],
+             "--crash-pause", "0", "--max-attempts", "1000"],
             stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
 
     def wait_until_it_answers(self):
@@ -71,10 +70,6 @@ class Server:
 
     def tail(self):
         return (WORK / "log").read_text(errors="replace")[-3000:]
-
-
-# what keeps clients from asking for too much would only slow this down
-LIMITS = ["--max-request-rate", "1000000"]
 
 
 def request(server, method, path, body=None, headers={}):

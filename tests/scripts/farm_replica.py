@@ -46,7 +46,7 @@ class Replica:
         self.arguments = [
             "serve", "--listen", "%s:%d" % self.address, "--store", database.url, "--blobs", BLOBS,
             "--tokens", TOKENS, "--device", "cpu", "--min-free-bytes", "0", "--log", "info",
-            "--max-request-rate", "1000000", "--max-queued-jobs", "100000", "--max-queued-jobs-per-tenant", "100000",
+            "--max-queued-jobs", "100000", "--max-queued-jobs-per-tenant", "100000",
             "--crash-pause", "0",
             # kills are so many that a job may be alone at work in several
             "--max-attempts", "1000", *arguments]

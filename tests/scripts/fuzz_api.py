@@ -59,8 +59,9 @@ def fuzz(url, folder, config, *options, **more):
     """One run. Whether bytes are a mesh is nothing that the document can say: that they are refused is no fault."""
     path = folder / "schemathesis.toml"
     path.write_text(f'hooks = "{HOOKS}"\n' + config + REFUSALS + NO_HIERARCHY)
+    # by one worker: in several threads, ast of CPython 3.11 and 3.12.1 fails at random (python/cpython issue 106905)
     subprocess.run(
-        [SCHEMATHESIS, "--no-color", "--config-file", path, "run", url + "/openapi.yaml", "--seed", "1", "--workers", "2",
+        [SCHEMATHESIS, "--no-color", "--config-file", path, "run", url + "/openapi.yaml", "--seed", "1", "--workers", "1",
          "--request-timeout", "30", "--max-failures", "20", "--exclude-checks", "positive_data_acceptance", *options],
         check=True, timeout=300, cwd=folder, **more)
 
@@ -79,9 +80,7 @@ def follow_links(url, folder):
 
 
 def main(binary):
-    # as fast as it comes: the limits have tests of their own
-    unlimited = ["--max-request-rate", "0"]
-    with Service(binary, *unlimited) as service, tempfile.TemporaryDirectory() as folder:
+    with Service(binary) as service, tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         print("every operation", flush=True)
         fuzz(service.url, folder, "", "--max-examples", "150", *ONE_BY_ONE)
@@ -98,7 +97,7 @@ def main(binary):
         tokens = folder / "tokens.json"
         new = [binary, "token", "new", "fuzz", "--metrics", "--tokens", tokens]
         token = subprocess.run(new, check=True, capture_output=True, text=True).stdout.strip()
-        with Service(binary, *unlimited, "--tokens", str(tokens)) as service:
+        with Service(binary, "--tokens", str(tokens)) as service:
             print("every operation, with a token", flush=True)
             header = ["--header", f"Authorization: Bearer {token}"]
             fuzz(service.url, folder, "", "--max-examples", "40", *ONE_BY_ONE, *header)

@@ -58,8 +58,7 @@ def wait_until_forgotten(service):
 
 
 def measure(name, mesh, *arguments):
-    with Service(BINARY, "--device", "cpu", "--log", "warn", "--retention", "1", "--max-request-rate", "0",
-                 *arguments) as service:
+    with Service(BINARY, "--device", "cpu", "--log", "warn", "--retention", "1", *arguments) as service:
         done, memory = 0, []
         for share in (0.1, 0.25, 0.5, 1):
             jobs = int(JOBS * share)

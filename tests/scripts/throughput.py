@@ -50,7 +50,7 @@ def processor(process):
 
 
 def measure(name, quality, total, mesh, *arguments):
-    with Service(BINARY, "--device", "cpu", "--log", "warn", "--max-request-rate", "1000000", *arguments) as service:
+    with Service(BINARY, "--device", "cpu", "--log", "warn", *arguments) as service:
         memory = [round(resident(service.process))]
         before, worked = counted(service), processor(service.process)
         started = time.monotonic()

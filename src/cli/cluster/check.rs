@@ -68,10 +68,6 @@ fn check_device(arguments: &Arguments) -> Result<(), String> {
     if let Some(message) = arguments.device.contradiction() {
         return Err(message);
     }
-    let energy = arguments.parameters.energy;
-    if energy.is_of_shapes() && arguments.device.choice().wants_gpu() {
-        return Err(format!("the energy {} is for the cpu: take --device cpu or auto", energy.name()));
-    }
     let algorithm = arguments.parameters.algorithm;
     match algorithm.is_reference() && arguments.device.choice().wants_gpu() {
         true => Err(format!(

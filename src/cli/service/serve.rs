@@ -71,8 +71,6 @@ pub fn run(mut arguments: Arguments) -> Result<(), Failure> {
              compose"
         );
     }
-    // before the device is opened, which takes seconds
-    service::preflight(&arguments.settings)?;
     let works = arguments.settings.work.work == Switch::On;
     let mut adapters = Vec::new();
     let DeviceArguments { device: choice, adapter } = &arguments.device;
@@ -105,7 +103,7 @@ pub fn run(mut arguments: Arguments) -> Result<(), Failure> {
     let served = runtime.block_on(async {
         let cannot = |error| Error::io("cannot listen for signals", error);
         let shutdown = signals::requests_to_stop(stop_again).map_err(cannot)?;
-        service::serve(arguments.settings, device, description, extras, shutdown).await
+        service::Server::bind(arguments.settings, device, description, extras).await?.run(shutdown).await
     });
     // What still works on a mesh is left behind.
     runtime.shutdown_background();

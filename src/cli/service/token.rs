@@ -13,9 +13,8 @@ use crate::{Failure, print, print_line};
 #[command(after_help = "\
 A service that runs with the file takes the change within seconds. Quotas of a tenant are set by `token quota`, or in \
 the file, which is JSON:
-  \"quotas\": {\"max_queued_jobs\": 100, \"max_request_rate\": 50,
-    \"max_requests_at_once\": 16, \"max_streams\": 64, \"max_running_jobs\": 4,
-    \"weight\": 2}
+  \"quotas\": {\"max_queued_jobs\": 100, \"max_requests_at_once\": 16,
+    \"max_streams\": 64, \"max_running_jobs\": 4, \"weight\": 2}
 
 Example:
   tesserae token new acme --tokens tokens.json

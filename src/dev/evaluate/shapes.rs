@@ -39,7 +39,7 @@ struct Row {
     name: String,
     labels: Vec<u32>,
     /// Clusters of each type.
-    types: [usize; Kind::ALL.len()],
+    types: [usize; Kind::USUAL.len()],
     /// ∫ squared distance to the shapes, units of the file.
     l2: f64,
     l21: f64,
@@ -82,7 +82,7 @@ fn ours(mesh: &PolygonMesh, energy: energy::Kind, clusters: u64, cancel: &Cancel
     Ok(Row {
         name: format!("tesserae, {}", energy.name()),
         labels: outcome.labels.unwrap_or_default(),
-        types: Kind::ALL.map(|kind| rows.iter().filter(|row| row.kind == kind).count()),
+        types: Kind::USUAL.map(|kind| rows.iter().filter(|row| row.kind == kind).count()),
         l2: outcome.report.energy.final_.unwrap_or(f64::NAN),
         l21: outcome.report.energy.l21.unwrap_or(f64::NAN),
     })
@@ -95,11 +95,11 @@ fn measured(mesh: &PolygonMesh, given: Given) -> Result<Row> {
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| given.labels[face as usize]).collect();
     let (internal, clusters) = compact(&internal);
     let resolution = surface.on_lattice(|_| RESOLUTION);
-    let clustering = as_given(faces, &Kind::ALL, resolution, internal, clusters)?;
+    let clustering = as_given(faces, &Kind::USUAL, resolution, internal, clusters)?;
     Ok(Row {
         name: given.name,
         labels: given.labels,
-        types: Kind::ALL.map(|kind| clustering.shapes.iter().filter(|shape| shape.kind() == kind).count()),
+        types: Kind::USUAL.map(|kind| clustering.shapes.iter().filter(|shape| shape.kind() == kind).count()),
         l2: surface.source_of_lattice(clustering.energies[1] as f64) / 3.0,
         l21: surface.l21(&clustering.labels, clusters).unwrap_or(f64::NAN),
     })

@@ -17,6 +17,21 @@ pub fn cone(triangles: u32) -> PolygonMesh {
     join(vec![("cone".to_owned(), Piece { positions, faces })])
 }
 
+/// A star: one polygon with a triangle at each edge, which has no other neighbour.
+pub fn star(triangles: u32) -> PolygonMesh {
+    let at = |turns: f64, radius: f64| {
+        let (y, x) = sin_cos(turns / f64::from(triangles));
+        [radius * x, radius * y, 0.0]
+    };
+    let mut faces = Faces::default();
+    faces.push(&(0..triangles).collect::<Vec<_>>());
+    (0..triangles).for_each(|corner| faces.push(&[corner, triangles + corner, (corner + 1) % triangles]));
+    let inner = (0..triangles).map(|corner| at(f64::from(corner), 1.0));
+    let outer = (0..triangles).map(|corner| at(f64::from(corner) + 0.5, 1.1));
+    let positions = inner.chain(outer).collect();
+    join(vec![("star".to_owned(), Piece { positions, faces })])
+}
+
 /// Boxes of twelve triangles stacked in one place: around each edge, the faces of two places alternate.
 pub fn stacked_boxes(boxes: usize) -> PolygonMesh {
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];

@@ -220,8 +220,11 @@ impl<E: Functional> MergeSteps<E> for CpuSteps<'_, E> {
         // in this order, clusters that follow each other lie close together
         let mut pairs = pairs.to_vec();
         pairs.sort_unstable_by_key(|&(_, into)| into);
-        if let Known::Contracted(labels, clusters, contraction) = &mut self.known {
-            contraction.merge(clusters, &pairs);
+        // the contraction searches between any two merges, which costs too much where they are of single pairs
+        if let Known::Contracted(labels, clusters, contraction) = &mut self.known
+            && contraction.is_current()
+        {
+            contraction.merge(&pairs);
             labels.merge(clusters.len(), &pairs);
             clusters.merge(&pairs);
         } else {

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use super::adapter::Found;
 use super::clock::{self, Clock};
 use super::kernels::{KERNELS, Kernel};
+use super::pipeline::{Compiled, compile};
 use super::{Fault, FaultPoint, Overrides, Tuning, lock};
 use crate::device::Profile;
 use crate::device::adapter::AdapterKind;
@@ -23,9 +24,6 @@ use crate::error::{Error, Kind, Result};
 
 /// How long a batch may take before the device counts as lost.
 pub(super) const PATIENCE: Duration = Duration::from_secs(120);
-
-/// The layout of a kernel's bind group, and its pipeline.
-type Compiled = (wgpu::BindGroupLayout, wgpu::ComputePipeline);
 
 /// An open device of wgpu.
 #[derive(Debug)]
@@ -41,7 +39,7 @@ pub(super) struct Connection {
     /// Whether chains of kernels are used: they have more storage buffers than portable devices bind.
     pub(super) has_chains: bool,
     /// Compiled kernels, by name and number of axes.
-    pipelines: Mutex<HashMap<(&'static str, usize), Compiled>>,
+    pub(super) pipelines: Mutex<HashMap<(&'static str, usize), Compiled>>,
     /// What the self-test of the kernels for each number of axes ended with.
     pub(super) tested: Mutex<HashMap<usize, Result<()>>>,
     /// Name of the adapter.
@@ -166,9 +164,9 @@ impl Connection {
     }
 
     /// Counts a dispatch, if there is a clock.
-    pub(super) fn count(&self, kernel: &Kernel) {
+    pub(super) fn count(&self, kernel: &'static str) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel.name);
+            clock.count(kernel);
         }
     }
 
@@ -325,46 +323,6 @@ fn failure(name: &str, error: &wgpu::Error) -> Error {
 /// Joins the lines of a message: wgpu's messages are trees.
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-/// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
-fn compile(device: &wgpu::Device, kernel: &Kernel, tuning: &Tuning, axes: usize) -> Compiled {
-    let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
-    let types = kernel.bindings().into_iter().map(|binding| storage(binding.is_written));
-    let entries: Vec<_> = (0..)
-        .zip(std::iter::once(wgpu::BufferBindingType::Uniform).chain(types))
-        .zip(kernel.binding_sizes(axes))
-        .map(|((binding, ty), bytes)| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer {
-                ty,
-                has_dynamic_offset: binding == 0,
-                min_binding_size: wgpu::BufferSize::new(bytes as u64),
-            },
-            count: None,
-        })
-        .collect();
-    let label = Some(kernel.name);
-    let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label,
-        source: wgpu::ShaderSource::Wgsl(kernel.source(tuning, axes).into()),
-    });
-    let constants: Vec<_> = kernel.constant.into_iter().map(|(name, value)| (name, f64::from(value))).collect();
-    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label,
-        layout: Some(&device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label,
-            bind_group_layouts: &[Some(&layout)],
-            immediate_size: 0,
-        })),
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
-        cache: None,
-    });
-    (layout, pipeline)
 }
 
 #[cfg(test)]

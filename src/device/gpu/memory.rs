@@ -169,7 +169,7 @@ impl SurfaceMemory {
         kernel: &Kernel,
         slot: u32,
     ) {
-        connection.count(kernel);
+        connection.count(kernel.name);
         let mut bound = self.bound.borrow_mut();
         let (pipeline, bind_group) = bound.entry(kernel.name).or_insert_with(|| self.bind(connection, kernel));
         let place = match slot {
@@ -252,11 +252,15 @@ fn check_counts<E: Words>(connection: &Connection, graph: &DualGraph<E>) -> Resu
     Ok(())
 }
 
-/// A storage buffer; of one item if it is not needed. Errors: it is larger than the device allows, or there is no
-/// memory.
+/// A storage buffer; of one item if it is not needed. Errors are those of [`storage`].
 fn create(connection: &Connection, buffer: Buffer, sizes: &Sizes, is_needed: bool) -> Result<wgpu::Buffer> {
     let spec = buffer.spec();
     let bytes = if is_needed { (spec.bytes)(sizes) } else { (spec.stride)(sizes.axes) as u64 };
+    storage(connection, spec.name, bytes)
+}
+
+/// A storage buffer. Errors: it is larger than the device allows, or there is no memory.
+pub(super) fn storage(connection: &Connection, name: &str, bytes: u64) -> Result<wgpu::Buffer> {
     let limit = connection.limits.max_storage_buffer_binding_size.min(connection.limits.max_buffer_size);
     if bytes > limit {
         return Err(Error::new(
@@ -265,10 +269,10 @@ fn create(connection: &Connection, buffer: Buffer, sizes: &Sizes, is_needed: boo
                 "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
                  and needs {bytes}",
                 connection.name,
-                spec.name.replace('_', " ")
+                name.replace('_', " ")
             ),
         ));
     }
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-    connection.buffer(spec.name, bytes, usage)
+    connection.buffer(name, bytes, usage)
 }

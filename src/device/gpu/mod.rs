@@ -12,6 +12,7 @@
 //! | `state` | what the host knows about a surface, and how submissions begin; `readback` has how they end |
 //! | `batches` | iterations that are queued at once |
 //! | `steps`, `merge_steps` | the steps of the algorithms, as lists of kernels |
+//! | `shapes` | the step of clusterings by shapes, with a kernel of its own |
 //! | `probe` | what dispatches, round trips and transfers cost |
 //! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
@@ -45,9 +46,11 @@ pub mod kernels;
 pub mod layout;
 mod memory;
 mod merge_steps;
+mod pipeline;
 mod probe;
 mod readback;
 mod self_test;
+pub mod shapes;
 mod state;
 mod steps;
 #[cfg(test)]
@@ -62,14 +65,16 @@ pub use self::axes::MOST_AXES;
 pub use self::choice::{adapters, open, open_hardware, tested_adapters};
 use self::connection::Connection;
 pub use self::probe::probe;
+use self::shapes::GpuShapes;
 use self::state::GpuSteps;
 use super::adapter::{AdapterKind, AdapterReport};
 use super::cpu::CpuDevice;
 pub use super::tuning::Tuning;
-use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
+use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, ShapeSteps, Steps};
 use crate::energy::{Energy, Words};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
+use crate::surface::samples::Samples;
 
 /// What a mutex holds, also after a panic.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -302,5 +307,12 @@ impl<E: Words> Device<E> for GpuDevice {
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps<E> + 'a>> {
         Ok(Box::new(self.steps(graph, component_of_cluster, true)?))
+    }
+
+    fn open_shapes(&mut self, graph: &DualGraph<E>, samples: &Samples) -> Result<Option<Box<dyn ShapeSteps>>> {
+        let fault = self.fault.take();
+        let connection = self.connection()?;
+        connection.arm(fault);
+        Ok(Some(Box::new(GpuShapes::new(connection, graph, samples)?)))
     }
 }

@@ -10,6 +10,7 @@ use super::Overrides;
 use super::adapter::enumerate;
 use super::choice::choose;
 use super::connection::Connection;
+use super::pipeline::with_own_layout;
 use super::upload::{upload, upload_staged};
 use crate::energy::{Energy, Words as _};
 use crate::error::Result;
@@ -89,16 +90,7 @@ impl Chain {
     fn microseconds(&self, connection: &Connection) -> Result<f64> {
         let device = &connection.device;
         let label = Some(self.name);
-        let source = wgpu::ShaderSource::Wgsl(self.wgsl().into());
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label, source });
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label,
-            layout: None,
-            module: &module,
-            entry_point: Some("main"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            cache: None,
-        });
+        let (layout, pipeline) = &with_own_layout(device, self.name, &self.wgsl());
         let bytes = 4 * u64::from(WORDS);
         let buffers = (0..self.bindings).map(|_| connection.buffer(self.name, bytes, STORAGE));
         let buffers = buffers.collect::<Result<Vec<_>>>()?;
@@ -106,7 +98,6 @@ impl Chain {
             .zip(&buffers)
             .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
-        let layout = &pipeline.get_bind_group_layout(0);
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries });
         let dispatches = DISPATCHES[usize::from(connection.is_software)];
         let mut fastest = f64::MAX;
@@ -115,7 +106,7 @@ impl Chain {
             {
                 let mut pass = connection.pass(&mut encoder, self.name);
                 for _ in 0..dispatches {
-                    pass.set_pipeline(&pipeline);
+                    pass.set_pipeline(pipeline);
                     pass.set_bind_group(0, &bind_group, &[]);
                     pass.dispatch_workgroups(self.groups, 1, 1);
                 }
@@ -163,7 +154,7 @@ fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 3]> {
     for _ in 0..REPEATS {
         let mut times = [0.0; 3];
         let started = Instant::now();
-        upload_staged(connection, &target, &data)?;
+        upload_staged(connection, &target, 0, &data)?;
         finish()?;
         times[0] = started.elapsed().as_secs_f64();
         let started = Instant::now();

@@ -3,6 +3,7 @@
 //! What the next call is likely to need comes along with what a call reads, since a wait costs more than some thousand
 //! bytes.
 
+use std::cell::Cell;
 use std::mem::offset_of;
 use std::sync::mpsc::channel;
 
@@ -10,7 +11,7 @@ use bytemuck::{Pod, pod_collect_to_vec};
 
 use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
-use super::connection::PATIENCE;
+use super::connection::{Connection, PATIENCE};
 use super::kernels;
 use super::layout::{BoundaryList, IterationStats, Move, UNLISTED};
 use super::memory::{BETWEEN, Numbers};
@@ -76,47 +77,62 @@ impl Parts<'_> {
     }
 }
 
+/// Submits the commands, waits for them, and reads parts of buffers, one after the other: the first byte of each, and
+/// their number. `kept` is memory that the host reads through.
+pub(super) fn read<T>(
+    connection: &Connection,
+    kept: &Cell<Option<wgpu::Buffer>>,
+    mut encoder: wgpu::CommandEncoder,
+    parts: &[(&wgpu::Buffer, u64, u64)],
+    look: impl FnOnce(&[u8]) -> T,
+) -> Result<T> {
+    let bytes = parts.iter().map(|part| part.2).sum();
+    let buffer = match kept.take().filter(|buffer| buffer.size() >= bytes) {
+        Some(buffer) => buffer,
+        None => {
+            let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+            let least = size_of::<IterationStats>() as u64 * u64::from(BATCH);
+            connection.buffer("results for the host", bytes.max(least), usage)?
+        }
+    };
+    let mut end = 0;
+    for &(from, first, bytes) in parts.iter().filter(|part| part.2 > 0) {
+        encoder.copy_buffer_to_buffer(from, first, &buffer, end, bytes);
+        end += bytes;
+    }
+    let submission = connection.queue.submit([encoder.finish()]);
+    connection.check()?;
+    let (sender, mapped) = channel();
+    buffer.slice(..bytes).map_async(wgpu::MapMode::Read, move |outcome| {
+        // the receiver is gone if another error came first
+        let _ = sender.send(outcome);
+    });
+    connection.wait(submission)?;
+    let unreadable = || connection.break_down("its memory could not be read");
+    // another thread may have polled first, and be about to call back
+    mapped.recv_timeout(PATIENCE).ok().and_then(Result::ok).ok_or_else(unreadable)?;
+    let seen = {
+        let view = buffer.slice(..bytes).get_mapped_range().map_err(|_| unreadable())?;
+        let wrong = connection.corrupted(&view);
+        look(wrong.as_deref().unwrap_or(&view))
+    };
+    buffer.unmap();
+    kept.set(Some(buffer));
+    Ok(seen)
+}
+
 impl<E: Words> GpuSteps<'_, E> {
     /// Submits the commands, waits for them, and reads parts of buffers.
     pub(super) fn read<T>(
         &self,
-        mut encoder: wgpu::CommandEncoder,
+        encoder: wgpu::CommandEncoder,
         parts: &[Part],
         look: impl FnOnce(Parts<'_>) -> T,
     ) -> Result<T> {
-        let bytes = parts.iter().map(|part| part.bytes as u64).sum();
-        let buffer = match self.host_buffer.take().filter(|buffer| buffer.size() >= bytes) {
-            Some(buffer) => buffer,
-            None => {
-                let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-                let least = size_of::<IterationStats>() as u64 * u64::from(BATCH);
-                self.connection.buffer("results for the host", bytes.max(least), usage)?
-            }
-        };
-        let mut end = 0;
-        for &Part { buffer: from, first, bytes } in parts.iter().filter(|part| part.bytes > 0) {
-            encoder.copy_buffer_to_buffer(self.memory.get(from), first as u64, &buffer, end, bytes as u64);
-            end += bytes as u64;
-        }
-        let submission = self.connection.queue.submit([encoder.finish()]);
-        self.connection.check()?;
-        let (sender, mapped) = channel();
-        buffer.slice(..bytes).map_async(wgpu::MapMode::Read, move |outcome| {
-            // the receiver is gone if another error came first
-            let _ = sender.send(outcome);
-        });
-        self.connection.wait(submission)?;
-        let unreadable = || self.connection.break_down("its memory could not be read");
-        // another thread may have polled first, and be about to call back
-        mapped.recv_timeout(PATIENCE).ok().and_then(Result::ok).ok_or_else(unreadable)?;
-        let seen = {
-            let view = buffer.slice(..bytes).get_mapped_range().map_err(|_| unreadable())?;
-            let wrong = self.connection.corrupted(&view);
-            look(Parts { view: wrong.as_deref().unwrap_or(&view), parts: parts.iter() })
-        };
-        buffer.unmap();
-        self.host_buffer.set(Some(buffer));
-        Ok(seen)
+        let place = |part: &Part| (self.memory.get(part.buffer), part.first as u64, part.bytes as u64);
+        let places: Vec<_> = parts.iter().map(place).collect();
+        let look = |view: &[u8]| look(Parts { view, parts: parts.iter() });
+        read(&self.connection, &self.host_buffer, encoder, &places, look)
     }
 
     /// Submits the commands, and reads the first items of a buffer.

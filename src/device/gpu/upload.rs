@@ -34,23 +34,38 @@ pub(super) fn upload_graph<E: Words>(
     faces: &wgpu::Buffer,
     neighbours: &wgpu::Buffer,
 ) -> Result<()> {
-    let rows = graph.faces() + 1;
     let mut words = Vec::new();
-    write(connection, faces, (0, rows - 1), E::AXES + 1, |range, mut to| {
+    write(connection, faces, (0, graph.faces()), E::AXES + 1, |range, mut to| {
         words.clear();
         range.for_each(|face| words.extend(E::of_face(graph.face(face))));
         to.copy_from_slice(cast_slice(&words));
     })?;
-    let offset = |face: usize| graph.neighbour_offsets[face] + rows as u32;
-    write(connection, neighbours, (0, rows), 1, |range, to| to.write_iter(range.map(offset).map(cast)))?;
-    write(connection, neighbours, (rows, graph.neighbours.len()), 1, |range, mut to| {
-        to.copy_from_slice(cast_slice(&graph.neighbours[range]));
-    })
+    upload_rows(connection, neighbours, &graph.neighbour_offsets, 1, &graph.neighbours)
 }
 
-/// Writes numbers to the beginning of a buffer, through [`Staging`].
-pub(super) fn upload_staged(connection: &Connection, target: &wgpu::Buffer, numbers: &[u32]) -> Result<()> {
-    write(connection, target, (0, numbers.len()), 1, |range, mut to| {
+/// Writes rows of items through [`Staging`]: the index of the first word of each row, and one more index for the end,
+/// given as items; then the items, which are some words each.
+pub(super) fn upload_rows(
+    connection: &Connection,
+    target: &wgpu::Buffer,
+    offsets: &[u32],
+    words: u32,
+    items: &[u32],
+) -> Result<()> {
+    let rows = offsets.len();
+    let offset = |row: usize| cast(offsets[row] * words + rows as u32);
+    write(connection, target, (0, rows), 1, |range, to| to.write_iter(range.map(offset)))?;
+    upload_staged(connection, target, rows, items)
+}
+
+/// Writes numbers to a buffer, from number `first` on, through [`Staging`].
+pub(super) fn upload_staged(
+    connection: &Connection,
+    target: &wgpu::Buffer,
+    first: usize,
+    numbers: &[u32],
+) -> Result<()> {
+    write(connection, target, (first, numbers.len()), 1, |range, mut to| {
         to.copy_from_slice(cast_slice(&numbers[range]));
     })
 }

@@ -20,7 +20,7 @@ macro_rules! products {
         }
     )*};
 }
-products!(3: 3, 6: 15, 8: 28, 16: 0, 32: 0, 64: 0);
+products!(3: 3, 8: 28, 64: 0);
 
 /// Exact sums, and Σ w·d·dᵀ over the faces of a cluster, d = g − the centroid of its first face.
 #[derive(Debug, Clone)]

@@ -13,6 +13,7 @@ pub struct Foreign {
 const CONVERT: &str = "convert it to OBJ or glTF 2.0, for example with Blender or MeshLab";
 const MESH_IT: &str = "it holds no polygon mesh; mesh it in a CAD program and export OBJ or glTF 2.0";
 const UNPACK: &str = "unpack it first";
+const IMAGE: &str = "of images PNG and JPEG are read, and clustered by pixels; convert it";
 const NO_MESH: &str = "it holds no mesh; send the file of the mesh itself";
 
 /// First bytes, name, advice. Longer ones come before those that they begin with.
@@ -26,8 +27,8 @@ const KNOWN: [(&[u8], &str, &str); 45] = [
     (b"Kaydara FBX", "an FBX file", CONVERT),
     (b"; FBX", "an FBX file", CONVERT),
     (b"BLENDER", "a Blender file", "open it in Blender and export glTF 2.0 or OBJ"),
-    (b"MM\x00\x2a", "a TIFF image", NO_MESH),
-    (b"II\x2a\x00", "a TIFF image", NO_MESH),
+    (b"MM\x00\x2a", "a TIFF image", IMAGE),
+    (b"II\x2a\x00", "a TIFF image", IMAGE),
     (b"# vtk DataFile", "a VTK file", CONVERT),
     (b"#VRML V", "a VRML file", CONVERT),
     (b"#X3D V", "an X3D file", CONVERT),
@@ -47,12 +48,12 @@ const KNOWN: [(&[u8], &str, &str); 45] = [
     (b"<X3D", "an X3D file", CONVERT),
     (b"<VTKFile", "a VTK file", CONVERT),
     (b"<amf", "an AMF file", CONVERT),
-    (b"<svg", "an SVG image", NO_MESH),
+    (b"<svg", "an SVG image", IMAGE),
     (b"<", "HTML or XML", "check what was downloaded or sent"),
     (b"\x89PNG", "a PNG image", NO_MESH),
     (b"\xff\xd8\xff", "a JPEG image", NO_MESH),
-    (b"GIF8", "a GIF image", NO_MESH),
-    (b"RIFF", "a RIFF file such as a WebP image", NO_MESH),
+    (b"GIF8", "a GIF image", IMAGE),
+    (b"RIFF", "a RIFF file such as a WebP image", IMAGE),
     (b"\xabKTX", "a KTX texture", NO_MESH),
     (b"DDS ", "a DDS texture", NO_MESH),
     (b"%PDF", "a PDF document", NO_MESH),

@@ -4,6 +4,7 @@
 //! exact as the curvature goes to 0 (Lukács et al. 1998): the smallest eigenvalue of the covariance of (ζ, y) is the
 //! mean squared distance, ζ = (|y|² − mean |y|²) / (2·√mean |y|²).
 
+mod cone;
 mod cylinder;
 mod plane;
 mod sphere;
@@ -51,6 +52,7 @@ pub fn of_kind(kind: Kind, known: Known<'_>) -> Option<Fit> {
         Kind::Plane => Some(plane::fit(known.central)),
         Kind::Sphere => sphere::fit(known),
         Kind::Cylinder => cylinder::fit(known),
+        Kind::Cone => cone::fit(known),
     }
 }
 

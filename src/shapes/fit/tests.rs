@@ -2,6 +2,7 @@ use super::*;
 use crate::energy::OfPoints;
 use crate::shapes::faces::Faces;
 use crate::shapes::moments::{Higher, Moments};
+use crate::shapes::proxy::Proxy;
 use crate::shapes::shape::across;
 use crate::surface::samples::Samples;
 use crate::surface::{Component, DualGraph, Moves};
@@ -119,6 +120,102 @@ fn no_sphere_nearby_has_a_smaller_taubin_distance() {
             let mut other = own;
             other[number] += turn * 1e-3 * radius;
             assert!(taubin(&at, &weights, other) > least, "{number} {turn}");
+        }
+    }
+}
+
+/// Points of a cone around [`AXIS`], and normals: from the apex to `height`, `arc` of the circle in radians, moved by
+/// `noise`.
+fn cone(apex: DVec3, slope: f64, heights: [f64; 2], arc: f64, noise: f64) -> Vec<(DVec3, DVec3)> {
+    let u = across(AXIS);
+    let v = AXIS.cross(u);
+    let mut state = 5u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    let points = grid(|a, b| {
+        let out = libm::cos(a * arc) * u + libm::sin(a * arc) * v;
+        let along = heights[0] + b * (heights[1] - heights[0]);
+        (apex + along * (AXIS + slope * out), (out - slope * AXIS).normalize())
+    });
+    points.into_iter().map(|(at, normal)| (at + noise * random() * normal, normal)).collect()
+}
+
+#[test]
+fn true_cones_are_found_from_their_apex_on_far_from_it_and_inside_out() {
+    let apex = DVec3::new(3e7, -2e7, 4e7);
+    let unit = f64::from(1 << crate::shapes::moments::SHIFT);
+    for (slope, heights, arc, side) in [
+        (0.6, [0.0, 5e7], 6.1, 1.0),
+        (0.6, [2e7, 5e7], 1.6, -1.0),
+        (2.0, [1e7, 2e7], 6.1, 1.0),
+        (8.0, [1e6, 4e6], 3.0, -1.0),
+        (0.02, [4e8, 5e8], 3.0, 1.0),
+    ] {
+        let points = cone(apex - heights[0] * AXIS, slope, heights, arc, 0.0);
+        let points: Vec<_> = points.into_iter().map(|(at, normal)| (at, side * normal)).collect();
+        let fit = fitted(Kind::Cone, &points).0.unwrap_or_else(|| panic!("no cone: {slope} {heights:?}"));
+        let Shape::Cone { apex: found, axis, slope: of } = fit.shape else { panic!("{fit:?}") };
+        let off = (found * unit - apex + heights[0] * AXIS).length();
+        assert!(axis.dot(AXIS) > 1.0 - 1e-8 && (of / slope - 1.0).abs() < 1e-4, "{slope} {heights:?}: {axis} {of}");
+        assert!(off < 1e-3 * heights[1] && fit.mean_square < 1.0, "{slope} {heights:?}: {off} {fit:?}");
+    }
+    // cylinders, planes and double cones are none
+    let cylinder = cone(apex - 5e9 * AXIS, 0.004, [5e9, 5.05e9], 3.0, 0.0);
+    assert_eq!(fitted(Kind::Cone, &cylinder).0, None);
+    let mut both = cone(apex, 0.6, [1e7, 5e7], 6.1, 0.0);
+    both.extend(cone(apex, 0.6, [-5e7, -1e7], 6.1, 0.0));
+    assert_eq!(fitted(Kind::Cone, &both).0, None);
+}
+
+#[test]
+fn short_slices_of_cones_are_found() {
+    for slope in [1.0, 7.0] {
+        for radii in [[1e8, 2e8], [1.9e8, 3.8e8]] {
+            let foot = (radii[0] + radii[1]) / 2.0;
+            let apex = -foot * across(AXIS) - foot / slope * AXIS;
+            let points = cone(apex, slope, radii.map(|radius| radius / slope), 0.35, 0.0);
+            let fit = fitted(Kind::Cone, &points).0.unwrap_or_else(|| panic!("no cone: {slope} {radii:?}"));
+            let Shape::Cone { axis, slope: found, .. } = fit.shape else { panic!("{fit:?}") };
+            assert!(axis.dot(AXIS) > 1.0 - 1e-4 && (found / slope - 1.0).abs() < 0.02, "{slope} {radii:?}: {fit:?}");
+            assert!(Proxy::new(&fit.shape, DVec3::ZERO).is_some(), "{fit:?}");
+        }
+    }
+}
+
+#[test]
+fn no_cone_nearby_has_a_smaller_taubin_distance() {
+    for (slope, heights, arc) in [(0.6, [1e7, 6e7], 3.0), (0.1, [2e8, 2.6e8], 2.0)] {
+        let points = cone(DVec3::new(1e7, 0.0, -3e7) - heights[0] * AXIS, slope, heights, arc, 1e6);
+        let fit = fitted(Kind::Cone, &points).0.expect("a cone");
+        let Shape::Cone { apex, axis, slope } = fit.shape else { panic!("{fit:?}") };
+        let at: Vec<DVec3> = points.iter().map(|&(at, _)| at / 64.0).collect();
+        let weights: Vec<f64> = (0..at.len()).map(|number| (1000 + number % 7) as f64).collect();
+        let mean = at.iter().sum::<DVec3>() / at.len() as f64;
+        let foot = apex + (mean - apex).dot(axis) * axis;
+        let radius = slope * (foot - apex).length();
+        let (u, v) = (across(axis), axis.cross(across(axis)));
+        // of the cone whose foot, axis, radius and slope differ by these
+        let taubin = |[x, y, turn_u, turn_v, r, s]: [f64; 6]| {
+            let (foot, axis) = (foot + x * u + y * v, (axis + turn_u * u + turn_v * v).normalize());
+            let (mut value, mut gradient) = (0.0, 0.0);
+            for (&at, w) in at.iter().zip(&weights) {
+                let (along, all) = ((at - foot).dot(axis), (at - foot).length_squared());
+                let (across, at) = (all - along * along, radius + r + (slope + s) * along);
+                value += w * (across - at * at) * (across - at * at);
+                gradient += w * 4.0 * (across + (slope + s) * (slope + s) * at * at);
+            }
+            value / gradient
+        };
+        let least = taubin([0.0; 6]);
+        assert!((least / fit.mean_square - 1.0).abs() < 1e-4, "{least} {}", fit.mean_square);
+        for number in 0..6 {
+            for turn in [-1.0, 1.0] {
+                let mut other = [0.0; 6];
+                other[number] = turn * if matches!(number, 0 | 1 | 4) { 3e-3 * radius } else { 3e-3 };
+                assert!(taubin(other) > least, "{slope} {number} {turn}: {} {least}", taubin(other));
+            }
         }
     }
 }

@@ -9,8 +9,13 @@
 //! A merge looks at the faces of the clusters that change. Looks count together with those of passes; when there were
 //! too many ([`Clusters::is_bounded`]), no face moves any more.
 
-use super::*;
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Merging, Union};
+use crate::error::{self, Error, Result};
 use crate::shapes::fitted::{Fitted, fitted};
+use crate::shapes::kind::Kind;
 use crate::shapes::moves::Clusters;
 
 /// Rounds of fits after a merge at most; faces that could move on do so after later merges.
@@ -65,7 +70,7 @@ impl<'a> Settling<'a> {
         for _ in 0..ROUNDS {
             let mut faces = self.at_boundaries(merging, &has_new_shape);
             while !faces.is_empty() {
-                faces = self.clusters.pass(&faces).1;
+                faces = self.clusters.pass(&faces, &[])?.1;
             }
             let moved = self.clusters.log.replace(Vec::new()).unwrap_or_default();
             if moved.is_empty() {

@@ -6,13 +6,16 @@
 //! # Work
 //!
 //! A merge prices the edges of the cluster that it makes. Meshes take some 10 prices an edge. Where clusters have very
-//! many neighbours, as around holes that are polygons, it is more: after [`LOOKS`] prices an edge, on average, the
-//! queue is exhausted.
+//! many neighbours, as around holes that are polygons, it is more: after [`LOOKS_AN_EDGE`] prices an edge, on average,
+//! the queue is exhausted.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::*;
+use rayon::prelude::*;
+
+use super::{Edge, LOOKS_AN_EDGE, Merging, Union};
+use crate::error::{self, Error};
 
 /// Neighbours that a thread prices at a time.
 const PRICES_A_THREAD: usize = 64;
@@ -46,7 +49,7 @@ impl Queue {
             beside[low as usize].push(high);
             beside[high as usize].push(low);
         }
-        let looks_left = LOOKS * edges.len();
+        let looks_left = LOOKS_AN_EDGE * edges.len();
         let others = edges.into_iter().map(|edge| (edge, 0)).collect();
         let changed_at = vec![0; clusters];
         Self { heap: BinaryHeap::new(), others, limit: None, beside, changed_at, time: 0, looks_left }
@@ -121,6 +124,11 @@ impl Queue {
             }
         }
     }
+}
+
+/// The error for a queue that is empty while clusters are to merge.
+pub(super) fn no_edge() -> Error {
+    Error::new(error::Kind::Internal, "there is no dual edge left to collapse")
 }
 
 /// Whether both clusters are as they were when the edge was priced.

@@ -1,31 +1,61 @@
 //! Merges to a number of clusters, and others that go on from a state on the way there.
 //!
 //! Where the number of faces is many times that of clusters, most of the time goes into the merges before that state.
+//!
+//! Planes have one start, whose last merges are made one by one, with moves of faces after each
+//! ([`multilevel`](super::multilevel)): that takes as long as the other starts of curved shapes, or less.
 
-use super::*;
-use crate::shapes::faces::members;
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::multilevel::{Settled, Settling};
+use super::one_by_one::{Queue, no_edge};
+use super::{KEPT_FROM, Merged, Merging, Part};
+use crate::device::Cancel;
+use crate::error::Result;
+use crate::shapes::best::{Allowed, Best, FEWEST_FACES};
+use crate::shapes::faces::{Faces, members};
+use crate::shapes::moments::{Higher, Moments};
 
 /// Clusters for each that is wanted, in the state from which other merges go on.
 const FORK: usize = 64;
 
+/// Planes merge one by one from so many clusters for each that is wanted.
+const ONE_BY_ONE: f64 = 1.25;
+
+/// They merge in rounds to the end where clusters have fewer faces, on average.
+const FEWEST: usize = 8;
+
+/// Merges one by one end after so many looks at a face or a neighbour of one, on average: faces may have very many
+/// neighbours.
+const LOOKS_A_FACE: u64 = 64;
+
 /// Merges faces until there are so many clusters, which must be possible
 /// ([`crate::cluster::seeds::shares`]). Also returns the state with [`FORK`] times as many, or all faces, unless all
-/// shapes are planes, which prices do not touch.
+/// shapes are planes, which prices do not touch; and whether a bound on work ended merges one by one.
 pub fn merged(
     faces: Faces<'_>,
     allowed: Allowed<'_>,
     clusters: usize,
     cancel: &Cancel,
-) -> Result<(Merged, Option<Merged>)> {
+) -> Result<(Merged, Option<Merged>, bool)> {
     let mut merging = Merging::new(faces, allowed);
-    let surplus = faces.count().saturating_sub(clusters);
+    let is_one_by_one = !allowed.are_curved() && clusters <= faces.count() / FEWEST;
+    let factor = if is_one_by_one { ONE_BY_ONE } else { 1.0 };
+    let surplus = faces.count().saturating_sub((factor * clusters as f64) as usize);
     let mut fork = None;
     merging.merge_all(&vec![0; faces.count()], vec![surplus], cancel, &mut |merging, left| {
         if allowed.are_curved() && fork.is_none() && left <= (FORK - 1).saturating_mul(clusters) {
             fork = Some(merging.clusters(None));
         }
     })?;
-    Ok((merging.clusters(None), fork))
+    if !is_one_by_one {
+        return Ok((merging.clusters(None), fork, false));
+    }
+    let merged = merging.one_by_one(faces.count() - surplus, clusters, cancel)?;
+    let is_bounded = merged.axes.len() > clusters;
+    let merged = if is_bounded { merged_on(faces, allowed, &merged, clusters, cancel)? } else { merged };
+    Ok((merged, None, is_bounded))
 }
 
 /// Merges the clusters of a state until there are so many.
@@ -43,7 +73,26 @@ pub fn merged_on(
     Ok(merging.clusters(None))
 }
 
-impl Merging<'_> {
+impl<'a> Merging<'a> {
+    /// Merges one pair after the other, and moves faces after each, until `left` clusters have become so many or a
+    /// bound on work is reached.
+    fn one_by_one(mut self, mut left: usize, clusters: usize, cancel: &Cancel) -> Result<Merged> {
+        let labels: Vec<u32> = (0..self.parts.len() as u32).map(|face| self.root(face)).collect();
+        self.into.copy_from_slice(&labels);
+        let mut queue = Queue::new(&self, self.edges_inside(&vec![0; labels.len()], &[1]));
+        let mut settling = Settling::new(&self, labels)?;
+        settling.clusters.limit_looks(LOOKS_A_FACE);
+        while left > clusters && !queue.is_exhausted() && !settling.clusters.is_bounded() {
+            cancel.check()?;
+            let edge = queue.pop(&self).ok_or_else(no_edge)?;
+            let union = self.merge(edge.ends());
+            let Settled { clusters: changed, .. } = settling.settle(&mut self, &union)?;
+            queue.changed(&self, &changed, |cluster| settling.beside(&self, cluster));
+            left -= 1;
+        }
+        Ok(self.clusters(Some(&settling.clusters.labels)))
+    }
+
     /// Makes clusters of faces in place of those so far, without merges; axes are of clusters that are cylinders.
     /// Returns their numbers.
     pub(super) fn begin(&mut self, labels: &[u32], axes: &[Option<DVec3>]) -> Vec<u32> {

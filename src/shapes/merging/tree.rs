@@ -9,16 +9,21 @@
 //! bound on work, faces move at stops only from then on; where prices of single merges do, rounds have several.
 
 use super::multilevel::{Settled, Settling};
-use super::one_by_one::Queue;
-use super::*;
+use super::one_by_one::{Queue, no_edge};
+use super::{Edge, LOOKS_AN_EDGE, Merged, Merging, Union};
 use crate::cluster::hierarchy::{Options, RoundRow, check};
 use crate::cluster::numbers;
 use crate::cluster::tree_builder::Builder;
-use crate::device::Ending;
+use crate::device::{Cancel, Ending};
 use crate::energy::{Energy, Merged as Made};
+use crate::error::Result;
 use crate::hierarchy::Tree;
+use crate::shapes::best::Allowed;
 use crate::shapes::central::Central;
+use crate::shapes::faces::Faces;
+use crate::shapes::kind::Kind;
 use crate::shapes::moments::SHIFT;
+use crate::shapes::moves::Gpu;
 use crate::shapes::prices::Prices;
 use crate::shapes::run::{Clustering, Run, Step};
 use crate::shapes::shape::Shape;
@@ -58,6 +63,7 @@ pub struct Hierarchy {
 /// round, its energy in source units.
 pub fn hierarchy(
     input: Input<'_>,
+    gpu: &mut Gpu,
     cancel: &Cancel,
     on_step: &mut dyn FnMut(u32, Step),
     on_round: &mut dyn FnMut(RoundRow<f64>),
@@ -72,6 +78,7 @@ pub fn hierarchy(
         surface,
         options,
         target,
+        gpu,
         cancel,
         merges: Merges::in_rounds(&merging),
         energy: (0..count).map(|face| merging.cost(face)).sum(),
@@ -105,7 +112,7 @@ impl Merges {
     }
 
     fn of(edges: Vec<Edge>) -> Self {
-        let looks = LOOKS * edges.len();
+        let looks = LOOKS_AN_EDGE * edges.len();
         Self::InRounds(edges, looks)
     }
 }
@@ -116,6 +123,7 @@ struct Growing<'a> {
     options: &'a Options,
     /// Clusters to end with.
     target: u64,
+    gpu: &'a mut Gpu,
     cancel: &'a Cancel,
     merging: Merging<'a>,
     merges: Merges,
@@ -194,8 +202,7 @@ impl<'a> Growing<'a> {
             Merges::OneByOne(queue) => queue.pop(&self.merging),
             Merges::InRounds(..) => None,
         };
-        let none = || Error::new(error::Kind::Internal, "there is no dual edge left to collapse");
-        Ok(self.merge(&edge.ok_or_else(none)?))
+        Ok(self.merge(&edge.ok_or_else(no_edge)?))
     }
 
     /// Merges a pair, and records it.
@@ -253,7 +260,8 @@ impl<'a> Growing<'a> {
     /// Moves faces and swaps clusters until neither changes anything. Returns the moves.
     fn optimised(&mut self, on_step: &mut dyn FnMut(Step)) -> Result<Moves> {
         let (before, run) = self.run()?;
-        let clustering = run.with_swaps(std::iter::empty(), u32::MAX, self.cancel, &mut |step, _| on_step(step))?;
+        let clustering =
+            run.with_swaps(std::iter::empty(), u32::MAX, self.gpu, self.cancel, &mut |step, _| on_step(step))?;
         let after = numbers::kept(&before, &clustering.labels);
         let axes: Vec<_> = clustering.shapes.iter().map(Shape::axis).collect();
         let numbers = self.merging.begin(&clustering.labels, &axes);
@@ -273,7 +281,7 @@ impl<'a> Growing<'a> {
         let name = |&label: &u32| self.names[numbers[label as usize] as usize];
         let names = labels.iter().map(name).collect();
         let Merging { faces, allowed, .. } = self.merging;
-        Ok((names, Run::fitted(faces, allowed, labels, component_of_cluster, &axes)?))
+        Ok((names, Run::of(faces, allowed, labels, component_of_cluster, &axes)?))
     }
 
     fn end(mut self) -> Result<Hierarchy> {

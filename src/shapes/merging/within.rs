@@ -7,18 +7,26 @@
 //! # Work
 //!
 //! A round prices and looks at edges as in [`super`], those that wait included. Merging ends after twice as many such
-//! looks as that has until one end suffices, or after [`LOOKS`] looks at a corner on average: there are more clusters
-//! than need be then. Scans take 1 to 35, and a fit of [`super::super::geometric`], 30 steps at most, for some.
+//! looks as that has until one end suffices, or after [`LOOKS_A_CORNER`] looks at a corner on average: there are more
+//! clusters than need be then. Scans take 1 to 35, and a fit of [`super::super::geometric`], 30 steps at most, for
+//! some.
 
 use std::cell::Cell;
 
-use super::*;
+use rayon::prelude::*;
+
+use super::{Edge, LOOKS_AN_EDGE, Merged, Merging, Union};
+use crate::device::Cancel;
+use crate::device::dual_edge::from_into;
+use crate::error::Result;
+use crate::shapes::best::{Allowed, Candidates};
+use crate::shapes::faces::Faces;
 use crate::shapes::proxy::Proxy;
 use crate::shapes::shape::Shape;
 use crate::shapes::tolerance::Tolerance;
 
 /// Looks at a corner on average, to see whether it is within the tolerance of a shape.
-const LOOKS: usize = 512;
+const LOOKS_A_CORNER: usize = 512;
 
 /// Tries to merge between two looks whether the job is cancelled.
 const TRIES: usize = 256;
@@ -66,39 +74,40 @@ pub fn merged_within(
     }
     let components = faces.graph.components.len();
     let edges = merging.edges_inside(&vec![0; faces.count()], &[1]);
-    let most = super::LOOKS * faces.graph.neighbours.len() / 2;
-    let (has_begun, looks_left) = (begun.is_some(), LOOKS * tolerance.corners.count());
-    let mut within = Within { merging, tolerance, shapes, has_begun, looks_left, waiting: Vec::new() };
-    let mut edges = within.without_waiting(edges);
+    let most = LOOKS_AN_EDGE * faces.graph.neighbours.len() / 2;
+    let (has_begun, looks_left) = (begun.is_some(), LOOKS_A_CORNER * tolerance.corners.count());
+    let mut state = MergingWithin { merging, tolerance, shapes, has_begun, looks_left, waiting: Vec::new() };
+    let mut edges = state.without_waiting(edges);
     let (mut looks, mut is_bounded) = (0, false);
     while !edges.is_empty() && !is_bounded {
         cancel.check()?;
-        looks += edges.len() + within.waiting.len();
-        let chosen = within.merging.choose(&edges, clusters - components, looks > most);
+        looks += edges.len() + state.waiting.len();
+        let chosen = state.merging.choose(&edges, clusters - components, looks > most);
         let tried = chosen.len();
         let mut refused = Vec::new();
         for (at, edge) in chosen.into_iter().enumerate() {
             if at % TRIES == TRIES - 1 {
                 cancel.check()?;
             }
-            if !within.merge(edge.ends()) {
+            if !state.merge(edge.ends()) {
                 refused.push(edge);
             }
         }
         clusters -= tried - refused.len();
         edges.retain(|edge| refused.binary_search(edge).is_err());
-        within.waiting.extend(refused.iter().map(Edge::ends));
-        within.merging.contract(&mut edges, &mut within.waiting);
-        edges = within.without_waiting(edges);
-        is_bounded = looks > 2 * most || within.looks_left == 0;
+        state.waiting.extend(refused.iter().map(Edge::ends));
+        state.merging.contract(&mut edges, &mut state.waiting);
+        edges = state.without_waiting(edges);
+        is_bounded = looks > 2 * most || state.looks_left == 0;
     }
-    let Within { mut merging, shapes, .. } = within;
+    let MergingWithin { mut merging, shapes, .. } = state;
     let merged = merging.clusters(None);
     let shapes = merged.numbers.iter().map(|&number| shapes[number as usize]).collect();
     Ok(MergedWithin { merged, shapes, is_bounded })
 }
 
-struct Within<'a> {
+/// Clusters that merge within a tolerance.
+struct MergingWithin<'a> {
     merging: Merging<'a>,
     tolerance: Tolerance<'a>,
     /// One a number of a cluster.
@@ -110,7 +119,7 @@ struct Within<'a> {
     looks_left: usize,
 }
 
-impl Within<'_> {
+impl MergingWithin<'_> {
     /// The edges that do not wait.
     fn without_waiting(&mut self, mut edges: Vec<Edge>) -> Vec<Edge> {
         edges.retain(|edge| {

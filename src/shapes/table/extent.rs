@@ -1,4 +1,4 @@
-//! Which part of a cylinder a cluster covers.
+//! Which part of a cylinder or a cone a cluster covers.
 
 use std::f64::consts::TAU;
 
@@ -16,14 +16,22 @@ pub(super) fn along(cluster: Cluster<'_>, point: DVec3, axis: DVec3) -> [f64; 2]
     })
 }
 
-/// The angle that faces cover around an axis, in degrees. A face covers the arc between its corners.
+/// A corner nearer to the axis, over the distance of its face, is on it: the apex of a cone.
+const ON_AXIS: f64 = 1e-6;
+
+/// The angle that faces cover around an axis, in degrees. A face covers the arc between its corners; those on the axis
+/// do not count.
 pub(super) fn around(cluster: Cluster<'_>, point: DVec3, axis: DVec3) -> f64 {
     let u = across(axis);
     let v = axis.cross(u);
     let turn = |at: DVec3| libm::atan2((at - point).dot(v), (at - point).dot(u));
+    let from_axis = |at: DVec3| (at - point).cross(axis).length();
     let arc = |&face: &u32| {
-        let first = turn(cluster.surface.area_normal_and_place(face).2);
-        let from_first = cluster.corners.positions_of(face).map(|at| {
+        let middle = cluster.surface.area_normal_and_place(face).2;
+        let first = turn(middle);
+        let least = ON_AXIS * from_axis(middle);
+        let beside = cluster.corners.positions_of(face).filter(|&at| from_axis(at) >= least);
+        let from_first = beside.map(|at| {
             let by = turn(at) - first;
             by - TAU * (by / TAU + 0.5).floor()
         });

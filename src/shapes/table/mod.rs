@@ -5,6 +5,7 @@
 
 mod borders;
 mod extent;
+mod torus;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -21,6 +22,8 @@ use crate::surface::Surface;
 use crate::surface::corners::Corners;
 
 pub use self::borders::Neighbour;
+use self::torus::Ring;
+pub use self::torus::Torus;
 
 /// The shape of a cluster. Lengths in units of the file, angles in degrees.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -48,6 +51,12 @@ pub struct ClusterShape {
     /// Of a cylinder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cylinder: Option<Cylinder>,
+    /// Of a cone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cone: Option<Cone>,
+    /// The torus of which the cluster is a slice, where it is much nearer to the corners than the curved shape.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub torus: Option<Torus>,
     /// The clusters beside it, by label.
     pub neighbours: Vec<Neighbour>,
 }
@@ -98,6 +107,23 @@ pub struct Cylinder {
     pub angle: f64,
 }
 
+/// A cone, on one side of its apex.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Cone {
+    /// Its apex.
+    pub apex: [f64; 3],
+    /// From the apex into the cone, a unit vector.
+    pub axis: [f64; 3],
+    /// Half the opening angle, between the axis and the surface, in degrees.
+    pub half_angle: f64,
+    /// Whether normals of faces point away from the axis, as on a tip; false of a countersink.
+    pub convex: bool,
+    /// Where it begins and ends along the axis, from the apex on.
+    pub extent: [f64; 2],
+    /// How much of the circle it covers, in degrees: 360 all around.
+    pub angle: f64,
+}
+
 /// The shapes of clusters. `labels` are those of the faces in internal order, `shapes` those that decided them, in
 /// units of moments. A shape that decided is reported as it is where the faces are within the tolerance of it, and not
 /// of the one that is fitted to their corners.
@@ -123,7 +149,8 @@ pub fn table(
             let of_corners = fitted.scaled(1.0 / unit);
             let admits = |tolerance: Tolerance<'_>, shape: &Shape| tolerance.admits(shape, members.iter().copied());
             let keeps = tolerance.is_some_and(|tolerance| !admits(tolerance, &of_corners) && admits(tolerance, shape));
-            cluster.row(label, if keeps { &decided } else { &fitted })
+            let shape = if keeps { &decided } else { &fitted };
+            ClusterShape { torus: cluster.torus(&places, shape), ..cluster.row(label, shape) }
         })
         .collect();
     borders::add(surface, corners, labels, &mut rows);
@@ -176,7 +203,7 @@ impl Cluster<'_> {
             self.corners.positions_of(face).for_each(|at| residual.add(shape.distance(at).abs(), of_face / corners));
         }
         let convex = side > 0.0;
-        let (mut plane, mut sphere, mut cylinder) = (None, None, None);
+        let (mut plane, mut sphere, mut cylinder, mut cone) = (None, None, None, None);
         match *shape {
             Shape::Plane { point, normal } => {
                 plane = Some(Plane { point: place(point), normal: (side * normal).to_array() });
@@ -185,12 +212,17 @@ impl Cluster<'_> {
                 sphere = Some(Sphere { centre: place(centre), radius: length(radius), convex });
             }
             Shape::Cylinder { point, axis, radius } => {
-                // of the two directions, the one whose largest coordinate is above 0
-                let axis = if axis.max_element() > -axis.min_element() { axis } else { -axis };
+                let axis = up(axis);
                 let extent = extent::along(*self, point, axis).map(length);
                 let angle = extent::around(*self, point, axis);
                 let (point, axis, radius) = (place(point), axis.to_array(), length(radius));
                 cylinder = Some(Cylinder { point, axis, radius, convex, extent, angle });
+            }
+            Shape::Cone { apex, axis, slope } => {
+                let extent = extent::along(*self, apex, axis).map(length);
+                let angle = extent::around(*self, apex, axis);
+                let half_angle = libm::atan(slope).to_degrees();
+                cone = Some(Cone { apex: place(apex), axis: axis.to_array(), half_angle, convex, extent, angle });
             }
         }
         ClusterShape {
@@ -203,9 +235,42 @@ impl Cluster<'_> {
             plane,
             sphere,
             cylinder,
+            cone,
+            torus: None,
             neighbours: Vec::new(),
         }
     }
+
+    /// The torus that is much nearer to the corners than a shape is.
+    fn torus(&self, places: &[(DVec3, f64)], shape: &Shape) -> Option<Torus> {
+        if self.members.len() < torus::FEWEST_FACES {
+            return None;
+        }
+        let normal = |&face: &u32| {
+            let (area, normal, place) = self.surface.area_normal_and_place(face);
+            (area > 0.0).then_some((place, normal / area, area))
+        };
+        let normals: Vec<(DVec3, DVec3, f64)> = self.members.iter().filter_map(normal).collect();
+        let ring = Ring::of(places, &normals, shape)?;
+        let outwards: f64 = normals.iter().map(|&(place, normal, area)| area * normal.dot(ring.normal(place))).sum();
+        let mut residual = Sum::default();
+        places.iter().for_each(|&(at, weight)| residual.add(ring.distance(at).abs(), weight));
+        let frame = self.surface.frame();
+        let scale = libm::ldexp(1.0, -frame.exponent);
+        Some(Torus {
+            centre: frame.source_position(ring.centre).to_array(),
+            axis: up(ring.axis).to_array(),
+            major_radius: ring.major * scale,
+            minor_radius: ring.minor * scale,
+            convex: outwards > 0.0,
+            residual: residual.deviation().scaled(scale),
+        })
+    }
+}
+
+/// Of the two directions of an axis, the one whose largest coordinate is above 0.
+fn up(axis: DVec3) -> DVec3 {
+    if axis.max_element() > -axis.min_element() { axis } else { -axis }
 }
 
 /// A sum of squares.

@@ -1,6 +1,7 @@
 use super::*;
 use crate::dev::sample::generate_part;
 use crate::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
+use crate::shapes::run::as_given;
 
 /// The true patches of a part, and the shapes that are reported of them from a start that is somewhat off.
 fn reported(noise: f64) -> Vec<ClusterShape> {
@@ -119,4 +120,84 @@ fn angles_at_borders_take_winding_and_faces_without_area_into_account() {
     assert!((bend_of_a_roof(turned, None) - 40.0).abs() < 1e-4, "{}", bend_of_a_roof(turned, None));
     // a face without area between both, of the first cluster
     assert!((bend_of_a_roof(right, Some([0, 1, 0])) - 40.0).abs() < 1e-4);
+}
+
+/// The shape of a slice of a surface of revolution as one cluster: `profile` has the distance from the axis and the
+/// height at places from 0 to 1; with noise in percent of the diagonal.
+fn slice(turn: f64, noise: f64, kinds: &[Kind], profile: impl Fn(f64) -> [f64; 2]) -> ClusterShape {
+    let (around, along) = ((turn / 10.0) as u32 + 6, 8u32);
+    let mut state = 1u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    let mut positions = Vec::new();
+    for (row, column) in (0..=along).flat_map(|row| (0..=around).map(move |column| (row, column))) {
+        let [from_axis, height] = profile(f64::from(row) / f64::from(along));
+        let (sine, cosine) = libm::sincos((turn * f64::from(column) / f64::from(around)).to_radians());
+        // uniform, with the deviation of the noise; most slices are some 3 wide
+        let off = [0; 3].map(|_| random() * 3f64.sqrt() * noise / 100.0 * 3.0);
+        let [x, y, z] = [from_axis * cosine + off[0], from_axis * sine + off[1], height + off[2]];
+        positions.push([0.8 * x - 0.36 * y + 0.48 * z, 0.6 * x + 0.48 * y - 0.64 * z, 0.8 * y + 0.6 * z]);
+    }
+    let mut faces = Faces::default();
+    for a in (0..along).flat_map(|row| (0..around).map(move |column| row * (around + 1) + column)) {
+        let b = a + around + 1;
+        faces.push(&[a, a + 1, b + 1]);
+        faces.push(&[a, b + 1, b]);
+    }
+    let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
+    let (warnings, adjusted) = (Vec::new(), Adjusted::default());
+    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted };
+    let surface = Surface::build(&mesh).expect("a surface");
+    let corners = surface.corners((&mesh).into());
+    let samples = surface.samples(&corners);
+    let faces = crate::shapes::faces::Faces { graph: &surface.items.graph, samples: &samples };
+    let clustering = as_given(faces, kinds, 1.0, vec![0; surface.items.upload_face.len()], 1).expect("a shape");
+    table(&surface, &corners, &clustering.labels, &clustering.shapes, None).remove(0)
+}
+
+/// Of a fillet: from the top of the tube out, or in.
+fn tube(major: f64, from: f64) -> impl Fn(f64) -> [f64; 2] {
+    move |at| {
+        let (sine, cosine) = libm::sincos((from + 90.0 * at).to_radians());
+        [major + 0.5 * cosine, 0.5 * sine]
+    }
+}
+
+#[test]
+fn slices_of_tori_are_named() {
+    for noise in [0.0, 0.05] {
+        for (major, from) in [(2.0, 0.0), (2.0, 90.0), (0.8, 90.0), (4.0, 0.0)] {
+            for turn in [30.0, 45.0, 90.0, 180.0, 360.0] {
+                let row = slice(turn, noise, &Kind::ALL, tube(major, from));
+                let torus = row.torus.unwrap_or_else(|| panic!("{turn}° of {major}, {from}, {noise}: {row:?}"));
+                let off = if noise > 0.0 { 0.02 } else { 1e-6 };
+                let near = |a: f64, b: f64| assert!((a - b).abs() <= off * b, "{turn}° of {major}: {row:?}");
+                near(torus.major_radius, major);
+                near(torus.minor_radius, 0.5);
+                near(DVec3::from(torus.axis).dot(DVec3::new(0.48, -0.64, 0.6)).abs(), 1.0);
+                assert!(DVec3::from(torus.centre).length() <= off * major, "{row:?}");
+                assert!(torus.convex && torus.residual.rms < 0.5 * row.residual.rms);
+            }
+        }
+    }
+}
+
+#[test]
+fn spheres_cylinders_and_cones_are_no_tori() {
+    let sphere = |at: f64| tube(0.0, -30.0)(at).map(|x| 2.0 * x);
+    for noise in [0.0, 0.05, 0.5] {
+        for turn in [30.0, 90.0, 180.0, 360.0] {
+            for kinds in [&Kind::ALL[..], &Kind::ALL[..3], &Kind::ALL[..2]] {
+                for row in [
+                    slice(turn, noise, kinds, sphere),
+                    slice(turn, noise, kinds, |at| [1.0, 2.0 * at]),
+                    slice(turn, noise, kinds, |at| [1.0 + at, 1.5 * at]),
+                ] {
+                    assert_eq!(row.torus, None, "{turn} {noise}: {row:?}");
+                }
+            }
+        }
+    }
 }

@@ -117,10 +117,14 @@ impl<E: Functional> Contraction<E> {
         self.pairs.iter().map(|(rank, _)| *rank).collect()
     }
 
-    /// Merges the first cluster of each pair into the second; no cluster is in two pairs. Call it before `clusters` are
-    /// merged.
-    pub fn merge(&mut self, clusters: &Clusters<E>, pairs: &[(u32, u32)]) {
-        self.update(clusters);
+    /// Whether the best edges are those after the last round.
+    pub fn is_current(&self) -> bool {
+        self.is_current
+    }
+
+    /// Merges the first cluster of each pair into the second; no cluster is in two pairs. The best edges are current.
+    pub fn merge(&mut self, pairs: &[(u32, u32)]) {
+        debug_assert!(self.is_current);
         // the second condition: a cluster with a long row that grows in many rounds
         if self.ended > self.rows.len() / 2 || self.edges.len() > room(self.compacted, self.rows.len()) {
             self.compact();

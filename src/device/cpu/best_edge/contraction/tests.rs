@@ -33,7 +33,7 @@ impl<'a> Both<'a> {
         pairs.sort_unstable();
         assert_eq!(pairs, mutual(&edges));
         let pairs = choose(&edges);
-        self.contraction.merge(&self.clusters, &pairs);
+        self.contraction.merge(&pairs);
         self.plain.merge(&pairs).expect("merges");
         self.clusters.merge(&pairs);
         edges
