@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use super::iterations::Iterations;
-use super::{Clustered, Coarse, CoarseSpec, Method, Prepared, finite};
+use super::watched::Watched;
+use super::{Clustered, Coarse, CoarseSpec, Method, Prepared, Viewer, finite};
 use crate::cluster::coarse::Start;
 use crate::cluster::fast;
 use crate::cluster::flat::{self, Clustering, Options};
@@ -50,7 +51,7 @@ pub(super) fn run_coarse<E: Functional>(
     })?;
     if let Some(effort) = coarse.relocation_after(items.moves, clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
-        let cheaper = &mut labels_of_cheaper(items, coarse.spec, cancel);
+        let cheaper = &mut labels_of_cheaper(items, coarse.spec, job.prepared.viewer.as_deref(), cancel);
         let relocation = Relocation { graph: items, effort, pairs: coarse.spec.pairs(), cancel };
         let fast = || coarse.fast_labels(items, cancel);
         let (labels, ending) =
@@ -80,8 +81,9 @@ impl<E: Functional> Coarse<E> {
     }
 
     /// The labels of a run without a report.
-    fn labels(&self, items: &Items<E>, cancel: &Cancel) -> Result<Vec<u32>> {
-        let (device, record) = (&mut CpuDevice::new(), &mut Record::new(None));
+    fn labels(&self, items: &Items<E>, viewer: Option<&dyn Viewer>, cancel: &Cancel) -> Result<Vec<u32>> {
+        let (cpu, record) = (&mut CpuDevice::new(), &mut Record::new(None));
+        let device = &mut Watched::new(cpu, items, viewer, false);
         let start = self.start(items, device, cancel)?;
         let mut steps = device.open(items, &start.component_of_cluster)?;
         let options = self.spec.options(items.moves);
@@ -90,9 +92,13 @@ impl<E: Functional> Coarse<E> {
         match self.relocation_after(items.moves, run.ending) {
             Some(effort) => {
                 let relocation = Relocation { graph: items, effort, pairs: self.spec.pairs(), cancel };
-                let cheaper = &mut labels_of_cheaper(items, self.spec, cancel);
+                let cheaper = &mut labels_of_cheaper(items, self.spec, viewer, cancel);
                 let fast = || self.fast_labels(items, cancel);
-                Ok(relocation.labels(run.labels, device, fast, cheaper, &mut |_, _, _, _| Ok(()))?.0)
+                let on_change = &mut |_, _, _, labels: &[u32]| {
+                    show(items, viewer, labels);
+                    Ok(())
+                };
+                Ok(relocation.labels(run.labels, device, fast, cheaper, on_change)?.0)
             }
             None => Ok(run.labels),
         }
@@ -141,22 +147,31 @@ fn cheaper_than<E: Functional>(items: &Items<E>, spec: CoarseSpec) -> impl Itera
     jobs.into_iter().filter_map(|(job, is_wanted)| is_wanted.then_some(job))
 }
 
-/// What the cheaper jobs end with.
+/// What the cheaper jobs end with. They show their labels as the job does that mixes them in.
 fn labels_of_cheaper<E: Functional>(
     items: &Items<E>,
     spec: CoarseSpec,
+    viewer: Option<&dyn Viewer>,
     cancel: &Cancel,
 ) -> impl Iterator<Item = Result<Vec<u32>>> {
-    cheaper_than(items, spec).map(move |job| labels_of(job, items, spec, cancel))
+    cheaper_than(items, spec).map(move |job| labels_of(job, items, spec, viewer, cancel))
 }
 
 /// What a job ends with. It runs on the cpu, whatever the device: labels are the same.
-fn labels_of<E: Functional>(job: Cheaper, items: &Items<E>, spec: CoarseSpec, cancel: &Cancel) -> Result<Vec<u32>> {
-    let mut device = CpuDevice::new();
+fn labels_of<E: Functional>(
+    job: Cheaper,
+    items: &Items<E>,
+    spec: CoarseSpec,
+    viewer: Option<&dyn Viewer>,
+    cancel: &Cancel,
+) -> Result<Vec<u32>> {
+    let mut cpu = CpuDevice::new();
+    let is_hierarchy = matches!(job, Cheaper::Parallel | Cheaper::Sequential);
+    let mut device = Watched::new(&mut cpu, items, viewer, is_hierarchy);
     Ok(match job {
         Cheaper::Default => {
             let spec = CoarseSpec { quality: Quality::Default, ..spec };
-            Coarse::new(items, spec)?.labels(items, cancel)?
+            Coarse::new(items, spec)?.labels(items, viewer, cancel)?
         }
         Cheaper::Parallel => {
             let options = spec.as_hierarchy();
@@ -174,6 +189,13 @@ fn labels_of<E: Functional>(job: Cheaper, items: &Items<E>, spec: CoarseSpec, ca
             acvd(items, &seeds, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels
         }
     })
+}
+
+/// Shows labels, if that is due.
+fn show<E: Functional>(items: &Items<E>, viewer: Option<&dyn Viewer>, labels: &[u32]) {
+    if let Some(viewer) = viewer.filter(|viewer| viewer.is_due()) {
+        viewer.show(items.in_upload_order(labels));
+    }
 }
 
 /// Runs a flat algorithm from seeds.
@@ -249,9 +271,7 @@ impl<'a, E: Functional> Run<'a, E> {
         let row = iteration(row, finite(self.job.items.energy(energy)), self.started);
         (self.on_row)(Row::Iteration(row.clone()));
         self.iterations.add(row);
-        if let Some(viewer) = self.job.prepared.viewer.as_ref().filter(|viewer| viewer.is_due()) {
-            viewer.show(self.job.items.in_upload_order(labels));
-        }
+        show(self.job.items, self.job.prepared.viewer.as_deref(), labels);
         // clusters that move as a whole leave gaps between the numbers
         self.record.offer_like_last(number, || numbers::compact(labels));
         Ok(())

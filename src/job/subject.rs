@@ -231,14 +231,8 @@ fn cluster<E: Functional>(
     cancel: &Cancel,
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Clustered> {
-    let mut watched;
-    let device: &mut dyn Device<E> = match prepared.viewer.as_deref() {
-        Some(viewer) => {
-            watched = Watched::new(device, items, viewer, prepared.spec.clustering.is_hierarchical());
-            &mut watched
-        }
-        None => device,
-    };
+    let device =
+        &mut Watched::new(device, items, prepared.viewer.as_deref(), prepared.spec.clustering.is_hierarchical());
     let job = Job { prepared, items };
     match plan {
         Plan::Coarse(coarse) => flat::run_coarse(job, coarse, device, cancel, on_row),

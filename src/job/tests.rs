@@ -66,6 +66,7 @@ fn the_outputs_that_parameters_promise_are_what_the_plan_makes() {
 
 #[test]
 fn a_viewer_sees_labels_of_the_upload_after_moves_of_whole_clusters_and_changes_nothing() {
+    use crate::cluster::quality::Quality;
     use crate::dev::sample::{Sample, generate, write_glb};
 
     #[derive(Debug, Default)]
@@ -94,14 +95,24 @@ fn a_viewer_sees_labels_of_the_upload_after_moves_of_whole_clusters_and_changes_
     let all = Arc::<All>::default();
     prepared.viewer = Some(all.clone());
     assert_eq!(labels(&prepared).0, plain);
-    let all = all.0.lock().expect("no panic");
-    assert!(!all.is_empty() && all.len() < rows.len(), "{} of {} rows", all.len(), rows.len());
+    let shown = std::mem::take(&mut *all.0.lock().expect("no panic"));
+    assert!(!shown.is_empty() && shown.len() < rows.len(), "{} of {} rows", shown.len(), rows.len());
     // the same clusters with other numbers
-    let last = all.last().expect("labels");
+    let last = shown.last().expect("labels");
     let mut number = vec![None; last.len()];
     let renumbered: Vec<u32> =
         last.iter().zip(&plain).map(|(&label, &own)| *number[label as usize].get_or_insert(own)).collect();
     assert_eq!(renumbered, plain);
+
+    // with quality best, so are those of the jobs that it mixes in
+    let parameters = Parameters { quality: Quality::Best, ..parameters };
+    let mut prepared = prepare(&Request::new(&glb, Format::Glb, &parameters)).expect("a mesh");
+    let (plain, _) = labels(&prepared);
+    prepared.viewer = Some(all.clone());
+    let (watched, rows) = labels(&prepared);
+    assert_eq!(watched, plain);
+    let shown = all.0.lock().expect("no panic").len();
+    assert!(shown > rows.len(), "{shown} of {} rows", rows.len());
 }
 
 /// A polygon of so many corners, a face at each edge, and a second polygon on the other side of these if `is_closed`.

@@ -13,23 +13,28 @@ use crate::surface::{DualGraph, Items};
 /// Iterations after which a phase is interrupted.
 const AT_ONCE: u32 = 16;
 
-/// A device that works on a job whose labels are shown.
+/// A device that works on a job whose labels are shown, if there is a viewer.
 pub(super) struct Watched<'d, E: Functional> {
     device: &'d mut dyn Device<E>,
     items: &'d Items<E>,
-    viewer: &'d dyn Viewer,
+    viewer: Option<&'d dyn Viewer>,
     is_hierarchy: bool,
 }
 
 impl<'d, E: Functional> Watched<'d, E> {
     /// A device that works on these items.
-    pub fn new(device: &'d mut dyn Device<E>, items: &'d Items<E>, viewer: &'d dyn Viewer, is_hierarchy: bool) -> Self {
+    pub fn new(
+        device: &'d mut dyn Device<E>,
+        items: &'d Items<E>,
+        viewer: Option<&'d dyn Viewer>,
+        is_hierarchy: bool,
+    ) -> Self {
         Self { device, items, viewer, is_hierarchy }
     }
 
-    /// Whether labels of a graph are labels of the items.
-    fn shows(&self, graph: &DualGraph<E>) -> bool {
-        std::ptr::eq(graph, &raw const self.items.graph)
+    /// The viewer, where labels of a graph are labels of the items.
+    fn viewer_of(&self, graph: &DualGraph<E>) -> Option<&'d dyn Viewer> {
+        self.viewer.filter(|_| std::ptr::eq(graph, &raw const self.items.graph))
     }
 }
 
@@ -59,9 +64,12 @@ impl<E: Functional> Device<E> for Watched<'_, E> {
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        let is_shown = self.shows(graph) && !self.is_hierarchy;
+        let viewer = self.viewer_of(graph).filter(|_| !self.is_hierarchy);
         let steps = self.device.open(graph, component_of_cluster)?;
-        Ok(if is_shown { Box::new(Shown { steps, items: self.items, viewer: self.viewer }) } else { steps })
+        Ok(match viewer {
+            Some(viewer) => Box::new(Shown { steps, items: self.items, viewer }),
+            None => steps,
+        })
     }
 
     fn open_merging<'a>(
@@ -69,9 +77,12 @@ impl<E: Functional> Device<E> for Watched<'_, E> {
         graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps<E> + 'a>> {
-        let is_shown = self.shows(graph) && self.is_hierarchy;
+        let viewer = self.viewer_of(graph).filter(|_| self.is_hierarchy);
         let steps = self.device.open_merging(graph, component_of_cluster)?;
-        Ok(if is_shown { Box::new(Shown { steps, items: self.items, viewer: self.viewer }) } else { steps })
+        Ok(match viewer {
+            Some(viewer) => Box::new(Shown { steps, items: self.items, viewer }),
+            None => steps,
+        })
     }
 }
 

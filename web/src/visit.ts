@@ -1,5 +1,5 @@
-// The page without a job: the chosen file, or a knot that turns and a slider. The service clusters the knot at the
-// first request (src/service/http/page/knot.rs); the page cuts its hierarchy.
+// The page without a job: the chosen file, or a knot that turns and a slider. The service clusters the knot when
+// it starts (src/service/http/page/knot.rs); the page cuts its hierarchy.
 
 import * as address from "./address";
 import { Before } from "./before";

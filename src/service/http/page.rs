@@ -65,6 +65,13 @@ pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     })
 }
 
+/// Makes what the page shows first, in the background.
+pub(crate) fn start() {
+    if !FILES.is_empty() {
+        knot::start();
+    }
+}
+
 /// A file of the page with the headers that all of them have.
 fn serve(media_type: &'static str, bytes: impl IntoResponse, content: Content) -> Response {
     let headers = [

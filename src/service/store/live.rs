@@ -1,9 +1,9 @@
 //! Labels of running jobs for clients that watch them. They live in the process that runs the job; other processes have
-//! none. A job without a watcher copies no labels.
+//! none. A job without a watcher copies no labels; what its last watcher had stays until the job ends, for the next one.
 //!
-//! There are at most [`MOST_WATCHERS`] watchers. Each costs at most [`MOST_FACES`] labels in memory, and each of its
-//! events 8 bytes a face that changed, in base64. There is one event in [`PACE`] at most, and a slow client misses
-//! labels in between.
+//! There are at most [`MOST_WATCHERS`] watchers. Each costs at most [`MOST_FACES`] labels in memory, as does each running
+//! job that was watched, and each of its events 8 bytes a face that changed, in base64. There is one event in [`PACE`]
+//! at most, and a slow client misses labels in between.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -32,21 +32,29 @@ const PACE: Duration = Duration::from_millis(250);
 type Labels = Arc<[u32]>;
 
 #[derive(Debug, Default)]
-pub(crate) struct Live(Mutex<HashMap<JobId, watch::Sender<Labels>>>);
+pub(crate) struct Live(Mutex<HashMap<JobId, Watched>>);
 
-/// A job, for the thread that works on it.
-#[derive(Debug, Clone)]
+/// A job that runs, is watched, or both.
+#[derive(Debug, Default)]
+struct Watched {
+    labels: watch::Sender<Labels>,
+    is_running: bool,
+}
+
+/// A running job, for the thread that works on it, until this is dropped.
+#[derive(Debug)]
 pub(crate) struct Channel {
     live: Arc<Live>,
     id: JobId,
     /// When the next labels are due.
-    next: Arc<Mutex<Instant>>,
+    next: Mutex<Instant>,
 }
 
 /// A client that watches a job, until this is dropped.
 #[derive(Debug)]
 pub(crate) struct Watcher {
-    channel: Channel,
+    live: Arc<Live>,
+    id: JobId,
     labels: watch::Receiver<Labels>,
     sent: Labels,
 }
@@ -63,28 +71,36 @@ pub(crate) struct LabelsEvent {
 }
 
 impl Live {
-    /// A job, watched or not.
-    pub fn channel(self: &Arc<Self>, id: JobId) -> Channel {
-        Channel { live: Arc::clone(self), id, next: Arc::new(Mutex::new(Instant::now())) }
+    /// A job that runs from now on, watched or not.
+    pub fn job(self: &Arc<Self>, id: JobId) -> Channel {
+        self.0.lock().entry(id).or_default().is_running = true;
+        Channel { live: Arc::clone(self), id, next: Mutex::new(Instant::now()) }
+    }
+
+    /// Watches a job from now on; none where there are too many watchers.
+    pub fn watch(self: &Arc<Self>, id: JobId) -> Option<Watcher> {
+        let mut jobs = self.0.lock();
+        if jobs.values().map(Watched::watchers).sum::<usize>() >= MOST_WATCHERS {
+            return None;
+        }
+        let mut labels = jobs.entry(id).or_default().labels.subscribe();
+        drop(jobs);
+        if !labels.borrow().is_empty() {
+            labels.mark_changed();
+        }
+        Some(Watcher { live: Arc::clone(self), id, labels, sent: Labels::default() })
     }
 }
 
-impl Channel {
-    /// Watches the job from now on; none where there are too many watchers.
-    pub fn watch(self) -> Option<Watcher> {
-        let mut jobs = self.live.0.lock();
-        if jobs.values().map(watch::Sender::receiver_count).sum::<usize>() >= MOST_WATCHERS {
-            return None;
-        }
-        let labels = jobs.entry(self.id).or_default().subscribe();
-        drop(jobs);
-        Some(Watcher { channel: self, labels, sent: Labels::default() })
+impl Watched {
+    fn watchers(&self) -> usize {
+        self.labels.receiver_count()
     }
 }
 
 impl Viewer for Channel {
     fn watches(&self) -> bool {
-        self.live.0.lock().contains_key(&self.id)
+        self.live.0.lock().get(&self.id).is_some_and(|job| job.watchers() > 0)
     }
 
     /// Whether a client watches, and the last labels are long enough ago.
@@ -94,8 +110,20 @@ impl Viewer for Channel {
 
     fn show(&self, labels: Vec<u32>) {
         *self.next.lock() = Instant::now() + PACE;
-        if let Some(watched) = self.live.0.lock().get(&self.id) {
-            watched.send_replace(labels.into());
+        if let Some(job) = self.live.0.lock().get(&self.id) {
+            job.labels.send_replace(labels.into());
+        }
+    }
+}
+
+impl Drop for Channel {
+    fn drop(&mut self) {
+        let mut jobs = self.live.0.lock();
+        if let Some(job) = jobs.get_mut(&self.id) {
+            job.is_running = false;
+            if job.watchers() == 0 {
+                jobs.remove(&self.id);
+            }
         }
     }
 }
@@ -133,9 +161,9 @@ impl Watcher {
 
 impl Drop for Watcher {
     fn drop(&mut self) {
-        let mut jobs = self.channel.live.0.lock();
-        if jobs.get(&self.channel.id).is_some_and(|watched| watched.receiver_count() <= 1) {
-            jobs.remove(&self.channel.id);
+        let mut jobs = self.live.0.lock();
+        if jobs.get(&self.id).is_some_and(|job| job.watchers() <= 1 && !job.is_running) {
+            jobs.remove(&self.id);
         }
     }
 }
@@ -153,32 +181,49 @@ mod tests {
     #[test]
     fn each_watcher_gets_what_changed_since_its_last_labels() {
         let live = Arc::<Live>::default();
-        let channel = live.channel(JobId::random());
-        channel.show(vec![9, 9]);
-        let mut watcher = channel.clone().watch().expect("a watcher");
-        assert!(watcher.now().is_none(), "nothing was shown since");
-        channel.show(vec![0, 1, 1]);
+        let id = JobId::random();
+        let job = live.job(id);
+        let mut watcher = live.watch(id).expect("a watcher");
+        assert!(watcher.now().is_none(), "nothing was shown");
+        job.show(vec![0, 1, 1]);
         assert_eq!(watcher.now().map(|event| pairs(&event)), Some(vec![[0, 0], [1, 1], [2, 1]]));
         assert!(watcher.now().is_none());
-        let mut late = channel.clone().watch().expect("a watcher");
-        channel.show(vec![0, 2, 1]);
-        channel.show(vec![0, 0, 1]);
+        let mut late = live.watch(id).expect("a watcher");
+        job.show(vec![0, 2, 1]);
+        job.show(vec![0, 0, 1]);
         assert_eq!(watcher.now().map(|event| pairs(&event)), Some(vec![[1, 0]]));
         assert_eq!(late.now().map(|event| pairs(&event).len()), Some(3));
     }
 
     #[test]
+    fn labels_stay_for_the_next_watcher_until_the_job_has_ended() {
+        let live = Arc::<Live>::default();
+        let id = JobId::random();
+        let job = live.job(id);
+        let watcher = live.watch(id).expect("a watcher");
+        job.show(vec![4, 4]);
+        drop(watcher);
+        assert!(!job.watches() && !job.is_due());
+        let mut next = live.watch(id).expect("a watcher");
+        assert_eq!(next.now().map(|event| pairs(&event)), Some(vec![[0, 4], [1, 4]]));
+        job.show(vec![4, 5]);
+        drop(job);
+        assert_eq!(next.now().map(|event| pairs(&event)), Some(vec![[1, 5]]));
+        drop(next);
+        drop(live.job(id));
+        assert!(live.0.lock().is_empty());
+    }
+
+    #[test]
     fn a_job_is_watched_as_long_as_it_has_watchers_of_which_there_are_not_too_many() {
         let live = Arc::<Live>::default();
-        let channel = live.channel(JobId::random());
-        let mut watchers: Vec<Watcher> = (0..MOST_WATCHERS).filter_map(|_| channel.clone().watch()).collect();
+        let id = JobId::random();
+        let mut watchers: Vec<Watcher> = (0..MOST_WATCHERS).filter_map(|_| live.watch(id)).collect();
         assert_eq!(watchers.len(), MOST_WATCHERS);
-        assert!(live.channel(JobId::random()).watch().is_none());
+        assert!(live.watch(JobId::random()).is_none());
         watchers.pop();
-        assert!(live.channel(JobId::random()).watch().is_some());
-        watchers.truncate(1);
-        assert!(channel.watches());
+        assert!(live.watch(JobId::random()).is_some());
         watchers.clear();
-        assert!(!channel.watches() && live.0.lock().is_empty());
+        assert!(live.0.lock().is_empty());
     }
 }

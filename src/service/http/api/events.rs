@@ -135,7 +135,7 @@ pub(crate) async fn stream(
     let reader = Reader {
         tokens,
         caller,
-        watcher: labels.then(|| shared.live.channel(id).watch()).flatten(),
+        watcher: labels.then(|| shared.live.watch(id)).flatten(),
         shared,
         id,
         after,

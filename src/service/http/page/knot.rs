@@ -1,10 +1,10 @@
-//! What the page shows before there is a job: a knot and its hierarchy, made once, at the first request for either.
+//! What the page shows before there is a job: a knot and its hierarchy, made once, when the service has started.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
+use std::thread;
 
 use axum::Router;
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::response::Response;
 use axum::routing::get;
 use tesserae_mesh::dev::sample::{Sample, generate, write_glb};
@@ -28,20 +28,22 @@ struct Knot {
     tsr: Bytes,
 }
 
-type Shared = Arc<OnceLock<Result<Knot>>>;
+static KNOT: OnceLock<Result<Knot>> = OnceLock::new();
 
-pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
-    let knot = Shared::default();
-    Router::new()
-        .route("/knot.glb", get(async |State(knot): State<Shared>| answer(&knot, |knot| &knot.glb).await))
-        .route("/knot.tsr", get(async |State(knot): State<Shared>| answer(&knot, |knot| &knot.tsr).await))
-        .with_state(knot)
+/// Makes them, on a thread of its own.
+pub(super) fn start() {
+    thread::spawn(|| KNOT.get_or_init(make));
 }
 
-async fn answer(knot: &Shared, file: fn(&Knot) -> &Bytes) -> Result<Response, Failure> {
-    let knot = Arc::clone(knot);
-    // on a thread that outlasts the request: requests that are given up begin nothing anew
-    let bytes = blocking(move || knot.get_or_init(make).as_ref().map(|knot| file(knot).clone()).map_err(Error::clone));
+pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
+    Router::new()
+        .route("/knot.glb", get(async || answer(|knot| &knot.glb).await))
+        .route("/knot.tsr", get(async || answer(|knot| &knot.tsr).await))
+}
+
+async fn answer(file: fn(&Knot) -> &Bytes) -> Result<Response, Failure> {
+    // on a thread that outlasts the request: the first one may be there before the knot is
+    let bytes = blocking(move || KNOT.get_or_init(make).as_ref().map(|knot| file(knot).clone()).map_err(Error::clone));
     let bytes = bytes.await??;
     let content = Content(digest(&bytes));
     Ok(serve("application/octet-stream", bytes, content))

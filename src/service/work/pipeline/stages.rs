@@ -44,7 +44,7 @@ impl Pipeline {
         // the labels of divided faces are not those of the mesh, nor those of some points those of all
         let are_all = prepared.subject.points().is_none_or(|points| points.members.len() == points.members.items());
         if prepared.input.items() <= live::MOST_FACES && prepared.origin.is_none() && are_all {
-            prepared.viewer = Some(Arc::new(self.live.channel(job.id)));
+            prepared.viewer = Some(Arc::new(self.live.job(job.id)));
         }
         Span::current().record("faces", prepared.input.items());
         if job.spec.parameters.clusters.is_none() {
