@@ -32,7 +32,7 @@ const FIRST_PICTURE_MS = 1500;
 
 export const design = {
   async "the first visit shows a knot in clusters that turns, and the slider cuts it"({ service, browser }) {
-    // the service makes it at the first request
+    // the service makes it when it starts
     for (const name of ["knot.glb", "knot.tsr"]) await fetch(`${service.url}/${name}`);
     let page = null;
     const [times, processors] = [[], []];
