@@ -235,6 +235,11 @@ impl Parameters {
         }
     }
 
+    /// The number of superpixels whose size decides how much the place of a pixel counts: the smallest that is asked for.
+    pub fn superpixels(&self) -> Option<u64> {
+        self.clusters.or_else(|| self.levels().iter().min().copied())
+    }
+
     /// The numbers of clusters to stop at on the way.
     pub fn levels(&self) -> &[u64] {
         self.levels.as_ref().map_or(&[], |levels| &levels.0)

@@ -3,10 +3,9 @@
 use png::{BitDepth, ColorType};
 
 use super::{Artifact, Content, Encoding, Flag, Form, Need, given, image};
-use crate::data::image::{USUAL_COMPACTNESS, colour};
+use crate::data::image::colour;
 use crate::device::FREE;
 use crate::error::{Error, Kind, Result};
-use crate::report::Input;
 
 /// The image with each cluster in its mean colour.
 pub static MEANS: Artifact = Artifact {
@@ -27,14 +26,9 @@ pub static MEANS: Artifact = Artifact {
 /// 8-bit red, green, blue and alpha, which is 0 where a mask leaves a pixel out.
 fn png<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let labels = given(content.labels)?.labels;
-    let report = given(content.report)?;
-    let is_image =
-        matches!(&report.input, Input::Points(points) if points.format.is_some_and(|format| format.is_image()));
-    if !is_image {
-        return Err(Error::new(Kind::Conflict, "means.png is made of an image, and this is none"));
-    }
+    let no_image = || Error::new(Kind::Conflict, "means.png is made of an image, and this is none");
+    let compactness = content.compactness.ok_or_else(no_image)?;
     let size = image::size(content, MEANS.forms[0].file)?;
-    let compactness = report.parameters.compactness.unwrap_or(USUAL_COMPACTNESS);
     let colours: Vec<[u8; 3]> = given(content.points)?.rows.iter().map(|row| colour(&row.mean, compactness)).collect();
     Ok(Box::new(move |out| {
         let pixel = |&label: &u32| match label {

@@ -250,6 +250,8 @@ pub struct Content<'a> {
     pub labels: Option<Labels<'a>>,
     /// The cluster table of points, in place of a mesh.
     pub points: Option<&'a PointTable>,
+    /// Of an image: what the colours of its cluster table are divided by.
+    pub compactness: Option<f64>,
     /// The shape of points, whose labels have it: that of their grid, or their number.
     pub shape: Option<&'a [usize]>,
     /// The labels of iterations.

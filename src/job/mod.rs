@@ -29,6 +29,7 @@ pub use on_device::{Ahead, DeviceFor, OnDevice, instead_of_gpu, run_on};
 pub use plan::{Coarse, Plan};
 pub use points::{
     PointsInMemory, PointsRequest, check_head_of_graph, check_points, prepare_points, prepare_points_in_memory,
+    table_of_points,
 };
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
@@ -47,6 +48,7 @@ use std::time::Duration;
 use crate::artifacts::{Artifact, Content, Labels, Need};
 use crate::cluster::record::Record;
 use crate::data::PointTable;
+use crate::data::image::USUAL_COMPACTNESS;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::hierarchy::Tree;
@@ -158,9 +160,20 @@ impl Outcome {
             report: Some(&self.report),
             mesh: self.mesh.as_deref(),
             points: self.table.as_ref(),
+            compactness: compactness(&self.report),
             origin: self.origin.as_deref(),
             ..Content::default()
         }
+    }
+}
+
+/// The compactness of an image; none of anything else.
+fn compactness(report: &Report) -> Option<f64> {
+    match &report.input {
+        Input::Points(points) if points.format.is_some_and(|format| format.is_image()) => {
+            Some(report.parameters.compactness.unwrap_or(USUAL_COMPACTNESS))
+        }
+        _ => None,
     }
 }
 

@@ -13,10 +13,10 @@ use crate::data::{
 };
 use crate::device::FREE;
 use crate::energy::{Functional, OfPoints};
-use crate::error::Error;
 use crate::error::names::{are_flags, more_than};
+use crate::error::{Error, Kind};
 use crate::mesh::Limits;
-use crate::parameters::{Name, Neighbours, Parameters};
+use crate::parameters::{Algorithm, Name, Neighbours, Parameters};
 use crate::report::{Input, PointsInput, Timings, WeightedBy};
 use crate::surface::{DualGraph, Items, Moves, Units};
 
@@ -79,6 +79,24 @@ pub fn prepare_points(request: &PointsRequest<'_>) -> Result<Prepared, Refusal> 
     Ok(Prepared { wants_table: request.outputs.iter().any(|output| output.is_made_of_input()), ..prepared })
 }
 
+/// The cluster table of labels, one an item, of points in a file.
+pub fn table_of_points(request: &PointsRequest<'_>, labels: &[u32], clusters: u64) -> Result<PointTable, Refusal> {
+    // how they were clustered, and from which start, makes no difference
+    let &Parameters { compactness, bridge_components, ref graph, .. } = request.parameters;
+    let parameters = &Parameters {
+        algorithm: Algorithm::Pml,
+        clusters: request.parameters.superpixels(),
+        compactness,
+        bridge_components,
+        graph: graph.clone(),
+        ..Parameters::default()
+    };
+    let prepared = prepare_points(&PointsRequest { parameters, seeds: None, ..*request })?;
+    let points = prepared.subject.points().filter(|points| points.members.items() == labels.len());
+    let table = points.map(|points| points.table(labels, clusters));
+    Ok(table.ok_or_else(|| Error::new(Kind::Internal, "labels are of other points"))?)
+}
+
 /// Checks what can be checked before the points are read: what their format does not go with. `has_graph` and
 /// `has_weights` say which files came with them.
 pub fn check_points(parameters: &Parameters, format: Format, has_graph: bool, has_weights: bool) -> Result<(), Error> {
@@ -100,14 +118,16 @@ pub fn check_points(parameters: &Parameters, format: Format, has_graph: bool, ha
              it out"
         )));
     }
-    parameters.clusters.map(drop).ok_or_else(size_is_missing)
+    parameters.superpixels().map(drop).ok_or_else(|| size_is_missing(parameters))
 }
 
-fn size_is_missing() -> Error {
-    Error::parameter(format_args!(
-        "{} is missing: the size of superpixels decides how much the place of a pixel counts",
-        Name::CLUSTERS
-    ))
+fn size_is_missing(parameters: &Parameters) -> Error {
+    let missing = format_args!("{} is missing", Name::CLUSTERS);
+    let why = "the size of superpixels decides how much the place of a pixel counts";
+    match parameters.algorithm.is_hierarchical() {
+        true => Error::parameter(format_args!("{missing}: {why}; {} does as well", Name::LEVELS)),
+        false => Error::parameter(format_args!("{missing}: {why}")),
+    }
 }
 
 /// Refuses a file with edges by its first bytes.
@@ -134,7 +154,7 @@ fn arrays(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
 /// The pixels of an image.
 fn superpixels(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
     let PointsRequest { bytes, limits, parameters, .. } = *request;
-    let clusters = parameters.clusters.ok_or_else(size_is_missing)?;
+    let clusters = parameters.superpixels().ok_or_else(|| size_is_missing(parameters))?;
     let compactness = parameters.compactness.unwrap_or(image::USUAL_COMPACTNESS);
     image::decode(bytes, limits.max_faces, limits.max_bytes)
         .and_then(|image| image::superpixels(&image, None, clusters, compactness))

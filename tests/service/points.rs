@@ -86,6 +86,30 @@ async fn images_and_arrays_are_clustered_by_media_type_by_content_and_as_parts()
 }
 
 #[tokio::test]
+async fn a_kept_image_gives_at_every_number_of_superpixels_what_a_run_makes_at_its_own() {
+    let service = Service::start().await;
+    let post =
+        |query: &str| service.post(&format!("/v1/jobs?{query}")).header("content-type", "image/png").body(image());
+    // one merge a round, so that both runs have the same state at 9, with the same weights
+    let whole = ended(post("algorithm=hr&levels=9&keep_mesh=true")).await;
+    let nine = ended(post("algorithm=hr&clusters=9&outputs=means,clusters.csv,clusters.json,graph.npz")).await;
+    for output in
+        ["labels?format=npy", "means?format=png", "clusters?format=csv", "clusters?format=json", "graph?format=npz"]
+    {
+        let cut = bytes(&service, &format!("{}/{output}&clusters=9", path(&whole))).await;
+        assert_eq!(cut, bytes(&service, &format!("{}/{output}", path(&nine))).await, "{output}");
+        let other = bytes(&service, &format!("{}/{output}&clusters=11", path(&whole))).await;
+        assert_ne!(cut, other, "{output}");
+    }
+    assert_eq!(bytes(&service, text(&whole["urls"]["upload"])).await, image());
+    assert_eq!(nine["urls"]["upload"], Value::Null);
+    let detail = refused(service.get(&format!("{}/means", path(&whole))), 409, "conflict").await;
+    assert!(detail.contains("give clusters"), "{detail}");
+    let flat = ended(post("clusters=9&keep_mesh=true")).await;
+    assert!(bytes(&service, text(&flat["urls"]["means"])).await.starts_with(b"\x89PNG"));
+}
+
+#[tokio::test]
 async fn what_points_or_meshes_do_not_have_is_refused_before_there_is_a_job() {
     let service = Service::start().await;
     let (flat, image, mesh) = (array("(240, 3)"), image(), sphere(50));

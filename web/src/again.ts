@@ -6,7 +6,9 @@ import { type Job, isHierarchical, nameOf, output, request } from "./api";
 import { announce, make, report } from "./dom";
 import { WORDS, kindOf } from "./kinds";
 import { send } from "./send";
-import { OUTPUTS, settings } from "./take";
+import { firstCut } from "./shown";
+import { keptOf, settings } from "./take";
+import { uploaded } from "./uploaded";
 
 /** Compactness of an image where none is named. */
 export const USUAL_COMPACTNESS = 10;
@@ -70,9 +72,10 @@ export function repairs(job: Job, files: File[], onSent: (job: Job, files: File[
 /** Fields and a button: the mesh of a job with another number of clusters, an image with another compactness, too. */
 export function withAnother(job: Job, files: File[], onSent: (job: Job, files: File[]) => void): HTMLElement {
   const { algorithm, clusters } = job.parameters;
-  const value = String(isHierarchical(algorithm) ? 400 : (clusters ?? 400));
-  const field = make("input", { type: "number", id: "again-clusters", min: "1", step: "1", required: true, value });
   const kind = kindOf(job);
+  const isAny = isHierarchical(algorithm) && kind === "mesh";
+  const value = String(isAny ? 400 : (firstCut(job) ?? clusters ?? 400));
+  const field = make("input", { type: "number", id: "again-clusters", min: "1", step: "1", required: true, value });
   const compactness = make("input", { type: "number", id: "again-compactness", min: "0.001", step: "any" });
   compactness.value = String(job.parameters["compactness"] ?? USUAL_COMPACTNESS);
   const fields = [pair(field, WORDS[kind].clusters), ...(kind === "image" ? [pair(compactness, "compactness")] : [])];
@@ -80,7 +83,7 @@ export function withAnother(job: Job, files: File[], onSent: (job: Job, files: F
   const form = make("form", { id: "again" }, make("h3", {}, "Again with"), tools);
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    const flat = isHierarchical(algorithm) ? { algorithm: "bb" } : {};
+    const flat = isHierarchical(algorithm) ? { algorithm: "bb", levels: undefined } : {};
     const more = kind === "image" ? { compactness: Number(compactness.value) } : {};
     void again(job, { ...flat, ...more, clusters: Number(field.value) }, files, onSent);
   });
@@ -99,12 +102,15 @@ async function again(
   try {
     const kind = kindOf(job);
     announce(`Sending the ${kind}`);
-    const { algorithm } = job.parameters;
-    const kept = kind === "image" ? { outputs: OUTPUTS } : { keep_mesh: true };
-    const parameters: Parameters = { algorithm, ...kept, ...Object.fromEntries(settings(job)), ...change };
-    const files = given.length > 0 ? given : [await fetchKept(job)];
+    const of: Parameters = { algorithm: job.parameters.algorithm, ...Object.fromEntries(settings(job)), ...change };
+    const kept = kind === "image" ? keptOf(String(of["algorithm"])) : { keep_mesh: true };
+    // a hierarchy of an image has a level in place of the number
+    if (kind === "image" && of["levels"] && change["clusters"])
+      [of["levels"], of["clusters"]] = [[change["clusters"]], undefined];
     const [{ signal }, idle] = [new AbortController(), (): void => {}];
-    const sent = await send(files, parameters, signal, idle, idle, given.length > 0 ? null : "ply");
+    const isMesh = given.length === 0 && kind === "mesh";
+    const fetched = given.length > 0 ? given : isMesh ? [await fetchKept(job)] : await uploaded(job, signal);
+    const sent = await send(fetched, { ...kept, ...of }, signal, idle, idle, isMesh ? "ply" : null);
     onSent(sent, given);
     location.hash = address.ofJob(sent.id);
   } catch (error) {

@@ -7,7 +7,7 @@ import { refusalOf, refusalOfClusters } from "./limits";
 import { scene } from "./load";
 import { sizeOf, usualNumber } from "./photo";
 import { type Progress, send } from "./send";
-import { OUTPUTS } from "./take";
+import { keptOf } from "./take";
 
 /** Whether an algorithm has a quality; the others refuse it. */
 const hasQuality = (algorithm: string): boolean => ["bb", "pml"].includes(algorithm);
@@ -98,11 +98,12 @@ export class Form {
   /** What is asked of one file. */
   private async parametersOf(file: File | undefined): Promise<Record<string, unknown>> {
     const quality = value("quality");
+    const algorithm = value("algorithm");
     if (isImage(file?.name ?? "")) {
       const clusters = this.areImages ? Number(value("clusters")) : await usualOf(file);
-      return { clusters, compactness: Number(value("compactness")), quality, outputs: OUTPUTS };
+      const method = isHierarchical(algorithm) ? { algorithm: "pml", levels: [clusters] } : { clusters };
+      return { ...method, compactness: Number(value("compactness")), quality, ...keptOf(method.algorithm ?? "bb") };
     }
-    const algorithm = value("algorithm");
     const method = algorithm === "shapes" ? { energy: algorithm } : { algorithm };
     const parameters: Record<string, unknown> = { ...method, keep_mesh: true };
     if (hasQuality(algorithm)) parameters["quality"] = quality;
@@ -155,10 +156,13 @@ export class Form {
   /** Shows the fields that images, or the algorithm, have. */
   private suit(): void {
     const { areImages } = this;
-    const algorithm = value("algorithm");
+    const chosen = byId<HTMLSelectElement>("algorithm");
+    // images have two of them
+    if (areImages && !hasQuality(chosen.value)) chosen.value = isHierarchical(chosen.value) ? "pml" : "bb";
+    const algorithm = chosen.value;
+    for (const option of chosen.options) option.hidden = option.disabled = areImages && !hasQuality(option.value);
     const isAny = !areImages && isHierarchical(algorithm);
-    byId("algorithm").hidden = areImages;
-    byId<HTMLSelectElement>("quality").disabled = !areImages && !hasQuality(algorithm);
+    byId<HTMLSelectElement>("quality").disabled = !hasQuality(algorithm);
     byId<HTMLInputElement>("clusters").disabled = isAny;
     byId<HTMLInputElement>("compactness").disabled = !areImages;
     for (const element of document.querySelectorAll<HTMLElement>(".of-number")) element.hidden = isAny;

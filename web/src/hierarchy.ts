@@ -2,6 +2,7 @@
 // again, as far as it takes. Labels are the same as those of the service.
 
 import { type Job, type Labels, output, request } from "./api";
+import { FREE } from "./pixels";
 
 /** Bytes of content in a block of the file, and of the checksum after each. */
 const [BLOCK, SUM] = [1 << 16, 32];
@@ -52,7 +53,10 @@ export class Hierarchy {
   private constructor(
     content: DataView,
     readonly faces: number,
-    header: number,
+    /** The items that are faces here, and how many there are with those that a mask leaves out; null without a mask. */
+    private readonly members: Uint32Array | null,
+    private readonly items: number,
+    at: number,
     merges: number,
     rounds: number,
     moves: number,
@@ -64,7 +68,6 @@ export class Hierarchy {
     this.to = new Uint32Array(moves);
     this.parent = new Uint32Array(faces);
     this.numbers = new Uint32Array(faces);
-    let at = FIXED + header;
     const checkpoints: boolean[] = [];
     for (let round = 0; round < rounds; round++, at += ROUND) {
       const [clusters, mergesEnd] = [content.getUint32(at, true), content.getUint32(at + 4, true)];
@@ -101,14 +104,18 @@ export class Hierarchy {
       number,
     ];
     const moves = Number(first.getBigUint64(32, true));
-    if (number(40) > faces) throw new Error("the hierarchy is of points with a mask, which only the service cuts");
-    const length = FIXED + header + rounds * ROUND + merges * MERGE + moves * MOVE + checkpoints * faces * LABEL;
+    const items = number(40);
+    const [mask, start] = [FIXED + header, FIXED + header + (items > faces ? Math.ceil(items / 8) : 0)];
+    const length = start + rounds * ROUND + merges * MERGE + moves * MOVE + checkpoints * faces * LABEL;
     const file = new Uint8Array(await source.bytes(framed(length)));
     const content = new Uint8Array(length);
     for (let at = 0, from = 0; at < length; at += BLOCK, from += BLOCK + SUM) {
       content.set(file.subarray(from, from + Math.min(BLOCK, length - at)), at);
     }
-    return new Hierarchy(new DataView(content.buffer), faces, header, merges, rounds, moves);
+    const isMember = (item: number): boolean => (((content[mask + (item >> 3)] ?? 0) >> (item & 7)) & 1) === 1;
+    const members = items > faces ? new Uint32Array(faces) : null;
+    for (let item = 0, member = 0; members && item < items; item++) if (isMember(item)) members[member++] = item;
+    return new Hierarchy(new DataView(content.buffer), faces, members, items, start, merges, rounds, moves);
   }
 
   /** Clusters that are left at the end. */
@@ -156,6 +163,9 @@ export class Hierarchy {
       numbers[cluster] ||= ++seen;
       labels[face] = (numbers[cluster] ?? 0) - 1;
     }
-    return { numbers: labels, energy };
+    if (!this.members) return { numbers: labels, energy };
+    const all = new Uint32Array(this.items).fill(FREE);
+    for (let face = 0; face < faces; face++) all[this.members[face] ?? 0] = labels[face] ?? FREE;
+    return { numbers: all, energy };
   }
 }

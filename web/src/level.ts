@@ -25,11 +25,13 @@ export class Level {
     private readonly most: number,
     /** Called at every move by hand. */
     private readonly onMove: (clusters: number) => void,
+    /** What clusters are called. */
+    private readonly noun = "clusters",
   ) {
     this.number.min = String(least);
     this.number.max = String(most);
-    this.number.setAttribute("aria-label", "Number of clusters");
-    const label = make("label", { for: "level" }, "Clusters");
+    this.number.setAttribute("aria-label", `Number of ${noun}`);
+    const label = make("label", { for: "level" }, noun.charAt(0).toUpperCase() + noun.slice(1));
     this.element = make("div", { class: "level" }, label, this.range, this.number);
   }
 
@@ -42,7 +44,7 @@ export class Level {
   set(clusters: number): void {
     const whole = Math.log(this.most / this.least);
     this.range.value = String(whole > 0 ? (PLACES * Math.log(clusters / this.least)) / whole : 0);
-    this.range.setAttribute("aria-valuetext", `${clusters} clusters`);
+    this.range.setAttribute("aria-valuetext", `${clusters} ${this.noun}`);
     this.number.value = String(clusters);
   }
 

@@ -93,7 +93,7 @@ export class Overlay {
         const left = x >= pace ? grid[i - pace] : label;
         const above = isFirst ? label : grid[i - down];
         let pixel = NOTHING;
-        if (layer === "colours" && label !== FREE) pixel = (0xff000000 | (colour[label] ?? 0)) >>> 0;
+        if (layer !== "photo" && label !== FREE) pixel = (0xff000000 | (colour[label] ?? 0)) >>> 0;
         if (selected !== FREE && label !== selected && label !== hovered) pixel = mix(pixel, faded);
         if (label !== FREE && label === hovered && selected === FREE) pixel = mix(pixel, HOVERED);
         const isBorder = right !== label || below !== label;

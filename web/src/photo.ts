@@ -60,6 +60,14 @@ export async function pixelsOf(file: Blob): Promise<ImageBitmap> {
   return await createImageBitmap(new Blob([...kept, file.slice(from)]));
 }
 
+/** The bytes of an image. */
+export function dataOf(image: ImageBitmap): ImageData {
+  const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
+  if (!context) throw new Error("the browser has no canvas");
+  context.drawImage(image, 0, 0);
+  return context.getImageData(0, 0, image.width, image.height);
+}
+
 /** Superpixels where no number is given: of some 1,000 pixels, 250 at most. */
 export const usualNumber = ({ width, height }: Size): number =>
   Math.min(Math.max(2, Math.round((width * height) / 1000)), 250);

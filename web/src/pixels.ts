@@ -34,10 +34,13 @@ export class Pixels {
   readonly items: Uint32Array;
   readonly first: Uint32Array;
   private readonly hues: Uint8Array;
+  private readonly colouring: Colouring;
 
   constructor(
     readonly size: Size,
     readonly labels: Uint32Array,
+    /** Those at another cut, whose hues go on. */
+    before: Pixels | null = null,
   ) {
     let clusters = 0;
     for (const label of labels) if (label !== FREE && label >= clusters) clusters = label + 1;
@@ -49,7 +52,8 @@ export class Pixels {
       this.items[label] = (this.items[label] ?? 0) + 1;
       this.first[label] = i;
     }
-    this.hues = new OfPixels(size.width).hues(labels, clusters);
+    this.colouring = before?.colouring ?? new OfPixels(size.width);
+    this.hues = this.colouring.hues(labels, clusters);
   }
 
   get clusters(): number {
@@ -58,6 +62,22 @@ export class Pixels {
 
   get shown(): Shown {
     return { labels: this.labels, colours: ofHues(this.hues) };
+  }
+
+  /** Four bytes a superpixel: what an image has at its first pixel, as an image of means has it everywhere. */
+  firstOf({ data }: ImageData): Uint8Array {
+    return Uint8Array.from({ length: 4 * this.clusters }, (_, i) => data[4 * (this.first[i >> 2] ?? 0) + (i & 3)] ?? 0);
+  }
+
+  /** The same of the means of a photo, which are near those that the service makes in CIELAB. */
+  meansOf({ data }: ImageData): Uint8Array {
+    const sums = new Float64Array(4 * this.clusters);
+    for (let i = 0; i < this.labels.length; i++) {
+      const label = this.labels[i] ?? FREE;
+      if (label === FREE) continue;
+      for (let c = 0; c < 4; c++) sums[4 * label + c] = (sums[4 * label + c] ?? 0) + (data[4 * i + c] ?? 0);
+    }
+    return Uint8Array.from(sums, (sum, i) => Math.round(sum / (this.items[i >> 2] || 1)));
   }
 
   hue(cluster: number): string {

@@ -10,8 +10,8 @@ import { listen } from "./pointer";
 /** Pixels of the page along one of the image, at most. */
 const MOST_SCALE = 48;
 
-/** Room around the image that fits, in pixels of the page: above, at the sides, below. */
-const [ABOVE, BESIDE, BELOW] = [74, 24, 76];
+/** Room around the image that fits, in pixels of the page: above, at the sides, below, there for a slider, too. */
+const [ABOVE, BESIDE, BELOW, SLIDER] = [74, 24, 76, 56];
 /** At the sides of a canvas that is not wider than this. */
 const [NARROW, BESIDE_NARROW] = [600, 10];
 
@@ -42,6 +42,7 @@ export class Plane {
   constructor(
     private readonly box: HTMLElement,
     private readonly size: Size,
+    private readonly hasSlider = false,
   ) {
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
@@ -72,7 +73,8 @@ export class Plane {
   fit(): void {
     const { ratio, canvas, size } = this;
     const beside = canvas.width / ratio <= NARROW ? BESIDE_NARROW : BESIDE;
-    const [width, height] = [canvas.width - 2 * ratio * beside, canvas.height - ratio * (ABOVE + BELOW)];
+    const below = this.hasSlider ? BELOW + SLIDER : BELOW;
+    const [width, height] = [canvas.width - 2 * ratio * beside, canvas.height - ratio * (ABOVE + below)];
     const scale = Math.min(Math.max(1, width) / size.width, Math.max(1, height) / size.height, ratio * MOST_SCALE);
     const x = (canvas.width - scale * size.width) / 2;
     const y = ratio * ABOVE + (height - scale * size.height) / 2;

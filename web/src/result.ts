@@ -1,40 +1,36 @@
 // What a job on a mesh gave: its picture, cuts, a cluster and its numbers, a comparison, the remesh, files.
 
 import * as address from "./address";
-import { type Job, type Labels, type Report, isHierarchical, json, output } from "./api";
+import { type Job, type Labels, type Report, json, output } from "./api";
 import { coloursOf } from "./colours";
 import { Comparison, counterpart, overlap } from "./compare";
+import { Cutting } from "./cutting";
 import { announce, make, onEscape, report } from "./dom";
 import { downloads, mainDownload } from "./downloads";
 import { Facts, compactness } from "./facts";
-import { Level } from "./level";
 import type { Scene } from "./load";
 import { Picture } from "./picture";
 import type { Places } from "./places";
 import { Selection, factsOf } from "./selection";
 import { factsOfShape } from "./shapes";
-import { type ClusterRow, type Coloured, Cuts, Rows, firstCut } from "./shown";
+import { type ClusterRow, type Coloured, Cuts, Rows } from "./shown";
 import { ClusterTable } from "./table";
 import { take } from "./take";
 import { Tools } from "./tools";
-import { Walk } from "./walk";
+import { Walk, type Where } from "./walk";
 import { brief } from "./words";
 
 /** Triangles above which 3D waits for a click: 36 bytes each on the graphics processor, and twice that here. */
 const MANY_TRIANGLES = 5_000_000;
 
-/** Time without a move of the slider after which numbers are fetched, in milliseconds. */
-const REST = 80;
-
 export class Result {
   private readonly abort = new AbortController();
-  private cutting = new AbortController();
   private readonly up = make("button", { type: "button", id: "up" }, "Merge");
   private readonly down = make("button", { type: "button", id: "down" }, "Split");
   private readonly only = make("button", { type: "button", id: "only" }, "Download this one");
   private readonly comparison: Comparison;
   private readonly table: ClusterTable;
-  private readonly level: Level | null;
+  private readonly cutting: Cutting;
   private readonly walk: Walk;
   private readonly tools: Tools;
   private readonly selection: Selection;
@@ -42,14 +38,11 @@ export class Result {
   private readonly cuts: Cuts;
   private facts: Facts | null = null;
   private report: Report | null = null;
-  private cut: number | null = null;
   private energy: number | null = null;
   private selected: number | null = null;
   /** The selected cluster of the job that is beside this one. */
   private beside: number | null = null;
   private readonly rows: Rows;
-  private timer = 0;
-  private frame = 0;
   private readonly fail = (error: unknown): void => void (this.abort.signal.aborted || report(error));
 
   constructor(
@@ -62,25 +55,30 @@ export class Result {
     const { signal } = this.abort;
     this.cuts = new Cuts(job, signal);
     this.rows = new Rows(job, signal);
-    this.level = isHierarchical(job.parameters.algorithm) ? this.slider() : null;
+    const move = (labels: Labels): void => {
+      if (!this.comparison.labels) this.try(this.take(labels));
+    };
+    const rest = (): void => this.try(this.fetchLabels());
+    this.cutting = new Cutting(job, this.cuts, job.result?.faces ?? 1, move, rest);
+    const { level } = this.cutting;
     this.comparison = new Comparison(job);
     this.comparison.onChoose = () => this.try(this.fetchLabels());
     this.comparison.onArrange = () => this.arrange();
-    const where = (): { cut: number | null; selected: number | null } => ({ cut: this.cut, selected: this.selected });
+    const where = (): Where => ({ cut: this.cutting.at, selected: this.selected });
     this.walk = new Walk(job, where, (clusters, labels) => this.cutAt(clusters, labels), this.fail, signal);
-    this.selection = new Selection([...(this.level ? [this.up, this.down] : []), this.only]);
+    this.selection = new Selection([...(level ? [this.up, this.down] : []), this.only]);
     this.tools = new Tools(job);
     this.picture = new Picture(job, scene, this.tools, this.selection, this.rows, running, signal);
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
     this.table = new ClusterTable(list, (cluster) => this.picture.mine.css(cluster), ["faces", "area"]);
     this.listen();
-    const dock = make("div", { id: "dock" }, ...(this.level ? [this.level.element] : []), this.tools.legend);
+    const dock = make("div", { id: "dock" }, ...(level ? [level.element] : []), this.tools.legend);
     const over = [this.comparison.captions, this.tools.element, dock, this.selection.card];
     places.stage.replaceChildren(this.picture.element, ...over);
-    const cut = (): number | null => this.cut;
+    const cut = (): number | null => this.cutting.at;
     const glb = job.keep_mesh ? [mainDownload(job, cut, signal)] : [];
     places.inspector.replaceChildren(...glb, this.selection.element);
-    const tree = this.level ? [this.walk.tree.element] : [];
+    const tree = level ? [this.walk.tree.element] : [];
     places.rest.replaceChildren(this.comparison.element, downloads(job, cut, signal), take(job, cut), list, ...tree);
   }
 
@@ -96,22 +94,21 @@ export class Result {
     this.tools.setShapes(this.picture.shapes);
     const { triangles } = this.report.input;
     // on its way while everything else is fetched
-    const mesh = this.job.keep_mesh && triangles <= MANY_TRIANGLES ? this.picture.fetch(this.cut) : null;
+    const mesh = this.job.keep_mesh && triangles <= MANY_TRIANGLES ? this.picture.fetch(this.cutting.at) : null;
     mesh?.catch(() => {});
     await this.comparison.offer(signal);
     await this.fetchLabels();
     if (mesh) await this.draw(mesh);
-    else if (this.job.keep_mesh) this.picture.offer(triangles, () => this.try(this.draw(this.picture.fetch(this.cut))));
+    else if (this.job.keep_mesh)
+      this.picture.offer(triangles, () => this.try(this.draw(this.picture.fetch(this.cutting.at))));
     else this.picture.element.textContent = "The mesh was not kept with this job, so there is nothing to draw.";
     if (cluster !== null && cluster === this.selected) this.picture.face(cluster);
     await this.cuts.load();
   }
 
   close(): void {
-    clearTimeout(this.timer);
-    cancelAnimationFrame(this.frame);
     this.abort.abort();
-    this.cutting.abort();
+    this.cutting.close();
     this.picture.close();
   }
 
@@ -122,7 +119,7 @@ export class Result {
     this.selection.onDownload = () => this.picture.saveOne(this.picture.clicked);
     this.table.onSelect = (cluster) => (cluster === this.selected ? this.select(null) : this.find(cluster));
     this.tools.onColours = () => this.try(this.paint().then(() => this.tell()));
-    this.tools.onOver = () => this.try(this.picture.showOver(this.cut));
+    this.tools.onOver = () => this.try(this.picture.showOver(this.cutting.at));
     this.tools.onPicture = () => this.try(this.picture.save());
     this.picture.onPick = (cluster, isOther, withShift) => this.pick(cluster, isOther, withShift);
     onEscape(() => this.select(null), this.abort.signal);
@@ -136,7 +133,7 @@ export class Result {
     await new Promise(requestAnimationFrame);
     if (this.abort.signal.aborted) return;
     this.tell();
-    if (this.tools.over) await this.picture.showOver(this.cut);
+    if (this.tools.over) await this.picture.showOver(this.cutting.at);
   }
 
   /** The first click on a cluster selects it; the next one goes down the tree, or with Shift up. */
@@ -144,66 +141,37 @@ export class Result {
     const others = this.comparison.labels?.numbers;
     if (isOther && others)
       this.select(cluster === null ? null : counterpart(others, this.picture.mine.labels, cluster), cluster);
-    else if (cluster !== null && cluster === this.selected && this.level) this.try(this.walk.step(isUp));
+    else if (cluster !== null && cluster === this.selected && this.cutting.level) this.try(this.walk.step(isUp));
     else this.select(cluster);
-  }
-
-  private slider(): Level {
-    const { clusters: least = 1, faces: most = 1 } = this.job.result ?? {};
-    const level = new Level(least, most, (clusters) => {
-      this.cut = clusters;
-      clearTimeout(this.timer);
-      this.timer = window.setTimeout(() => {
-        address.amend({ clusters });
-        this.try(this.fetchLabels());
-      }, REST);
-      if (this.comparison.labels) return;
-      // while it moves, only what is seen
-      cancelAnimationFrame(this.frame);
-      this.frame = requestAnimationFrame(() => {
-        const labels = this.cuts.now(clusters);
-        if (labels) this.try(this.take(labels));
-      });
-    });
-    this.cut = level.within(address.read().clusters ?? firstCut(this.job) ?? least);
-    level.set(this.cut);
-    return level;
   }
 
   /** Cuts the hierarchy, and selects the largest of some clusters there. */
   private async cutAt(clusters: number, labels: number[]): Promise<void> {
-    clearTimeout(this.timer);
-    this.cut = clusters;
-    this.level?.set(clusters);
+    this.cutting.set(clusters);
     address.amend({ clusters });
     await this.fetchLabels();
     if (this.abort.signal.aborted) return;
     const { faces } = this.picture.mine.clusters;
     const largest = labels.reduce((a, b) => ((faces[b] ?? 0) > (faces[a] ?? 0) ? b : a));
-    if (this.cut === clusters) this.select(largest);
+    if (this.cutting.at === clusters) this.select(largest);
   }
 
   /** Fetches the labels at the cut; an answer that comes after a later move is dropped. */
   private async fetchLabels(): Promise<void> {
-    this.cutting.abort();
-    const cutting = new AbortController();
-    this.cutting = cutting;
-    let labels: Labels;
-    try {
-      labels = await this.cuts.at(this.cut, cutting.signal);
-      await this.comparison.fetch(this.cut, cutting.signal);
-    } catch (error) {
-      if (cutting.signal.aborted) return;
-      throw error;
-    }
+    const labels = await this.cutting.latest(async (signal) => {
+      const found = await this.cuts.at(this.cutting.at, signal);
+      await this.comparison.fetch(this.cutting.at, signal);
+      return found;
+    });
+    if (!labels) return;
     await this.take(labels);
     this.tell();
-    if (this.tools.over === "remesh") await this.picture.showOver(this.cut);
+    if (this.tools.over === "remesh") await this.picture.showOver(this.cutting.at);
   }
 
   /** Shows labels, and no more than that. */
   private async take(labels: Labels): Promise<void> {
-    this.rows.cutAt(this.cut);
+    this.rows.cutAt(this.cutting.at);
     this.energy = labels.energy ?? this.report?.energy.final ?? null;
     const { mine, other } = this.picture;
     const others = this.comparison.labels?.numbers;
@@ -242,7 +210,7 @@ export class Result {
   }
 
   private tellComparison(): void {
-    const part = this.level || !this.report ? null : compactness(this.report);
+    const part = this.cutting.level || !this.report ? null : compactness(this.report);
     this.comparison.tell({ clusters: this.picture.mine.hues.length, energy: this.energy, compactness: part });
   }
 
@@ -279,13 +247,13 @@ export class Result {
   /** The numbers of the selected cluster, and of the one beside it. */
   private tellSelected(row: ClusterRow | null): void {
     const { selected, beside } = this;
-    if (selected === null) return this.selection.show(null, this.level !== null);
+    if (selected === null) return this.selection.show(null, this.cutting.level !== null);
     const { mine, mesh } = this.picture;
     const shape = this.picture.shapes[selected];
     const facts = [...(shape ? factsOfShape(shape) : []), ...factsOf(selected, mine.clusters, mesh !== null, row)];
     const others = this.comparison.labels?.numbers;
     if (beside !== null && others) facts.push(["Beside", overlap(mine.labels, selected, others, beside)]);
-    this.selection.show({ cluster: selected, colour: mine.css(selected), facts }, this.level !== null);
+    this.selection.show({ cluster: selected, colour: mine.css(selected), facts }, this.cutting.level !== null);
   }
 
   private try(work: Promise<void>): void {

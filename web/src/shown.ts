@@ -19,7 +19,8 @@ const FIRST_CUT = 100;
 export function firstCut({ parameters, result }: Job): number | null {
   if (!isHierarchical(parameters.algorithm)) return null;
   const { clusters: least = 1, faces: most = 1 } = result ?? {};
-  return Math.min(Math.max(least, parameters.clusters ?? Math.min(FIRST_CUT, Math.floor(most / 4))), most);
+  const asked = parameters.clusters ?? (parameters["levels"] as number[] | null)?.reduce((a, b) => Math.min(a, b));
+  return Math.min(Math.max(least, asked ?? Math.min(FIRST_CUT, Math.floor(most / 4))), most);
 }
 
 /** What the service's table has of a cluster. */

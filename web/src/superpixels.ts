@@ -1,33 +1,31 @@
-// What a job on an image gave: the image with lines around its superpixels, their mean colours or hues, a superpixel
-// and its numbers, the table, the files. The image itself is shown as long as this page has it.
+// What a job on an image gave: the image with lines around its superpixels, their mean colours or hues, cuts, a
+// superpixel and its numbers, the table, the files. The image itself is shown where this page has it, or the service
+// keeps it.
 
 import * as address from "./address";
-import { type Job, type Report, json, labels, output, request } from "./api";
+import { type Job, type Labels, type Report, json, output, request } from "./api";
+import { Cutting } from "./cutting";
 import { announce, count, digits, make, onEscape, report, save } from "./dom";
 import { downloads, stem } from "./downloads";
 import { Facts } from "./facts";
 import type { Scene } from "./load";
 import { LAYERS, type Layer } from "./layers";
-import { pixelsOf } from "./photo";
+import { dataOf, pixelsOf, type Size } from "./photo";
 import { Pixels } from "./pixels";
 import type { Places } from "./places";
 import type { Plane } from "./plane";
 import { Selection } from "./selection";
+import { Cuts, Rows } from "./shown";
 import { ClusterTable } from "./table";
 import { take } from "./take";
 import { keepThumbnail } from "./thumbnails";
+import { uploaded } from "./uploaded";
 import { brief } from "./words";
 
 /** Pixels above which the view waits for a click: 12 bytes each. */
 const MANY_PIXELS = 50_000_000;
 
 const NAMES: Record<Layer, string> = { photo: "Photo", means: "Means", colours: "Superpixels" };
-
-/** What the service's table has of a superpixel. */
-interface Row {
-  neighbours: number;
-  energy: number;
-}
 
 export class Superpixels {
   private readonly abort = new AbortController();
@@ -36,12 +34,18 @@ export class Superpixels {
   private readonly table: ClusterTable;
   private readonly layers = make("div", { id: "layers", role: "group", "aria-label": "What is shown" });
   private readonly dock = make("div", { id: "dock", hidden: true });
-  private readonly sample = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   private plane: Plane | null = null;
   private pixels: Pixels | null = null;
   private photo: ImageBitmap | null = null;
-  private means: ImageBitmap | null = null;
-  private rows: Row[] = [];
+  /** The bytes of the photo, of which means are made while the slider moves. */
+  private bytes: ImageData | null = null;
+  /** The mean colour of each superpixel, four bytes. */
+  private means: Uint8Array | null = null;
+  private readonly cuts: Cuts;
+  private readonly rows: Rows;
+  private cutting: Cutting | null = null;
+  private facts: Facts | null = null;
+  private size: Size = { width: 0, height: 0 };
   private selected: number | null = null;
 
   constructor(
@@ -52,6 +56,8 @@ export class Superpixels {
     private readonly file: File | null,
   ) {
     const { signal } = this.abort;
+    this.cuts = new Cuts(job, signal);
+    this.rows = new Rows(job, signal);
     const fit = make("button", { type: "button", id: "fit", onclick: () => this.plane?.fit() }, "Fit");
     const picture = make("button", { type: "button", id: "picture", onclick: () => this.try(this.save()) }, "PNG");
     picture.setAttribute("aria-label", "Save a picture of this view as PNG");
@@ -63,18 +69,28 @@ export class Superpixels {
     places.stage.replaceChildren(this.view, this.dock, this.selection.card);
     places.inspector.replaceChildren(this.selection.element);
     places.words.textContent = brief(job);
-    const cut = (): null => null;
+    const cut = (): number | null => this.cutting?.at ?? null;
     places.rest.replaceChildren(downloads(job, cut, signal), take(job, cut), list);
   }
 
   async load(): Promise<void> {
     const { signal } = this.abort;
     // before anything is shown, which changes the address
-    const { cluster } = address.read();
+    this.selected = address.read().cluster;
     const report = await json<Report>(output(this.job, "report"), { signal });
-    this.places.inspector.prepend(new Facts(this.job, report).element);
+    this.facts = new Facts(this.job, report);
+    this.places.inspector.prepend(this.facts.element);
     const [height = 0, width = 0] = report.input.shape ?? [];
-    const open = (): Promise<void> => this.open(width, height, cluster);
+    this.size = { width, height };
+    const most = width * height - (report.input.masked ?? 0);
+    const take = (labels: Labels): void => this.take(labels);
+    this.cutting = new Cutting(this.job, this.cuts, most, take, () => this.try(this.rest()));
+    if (this.cutting.level) this.dock.prepend(this.cutting.level.element);
+    const open = async (): Promise<void> => {
+      await this.open();
+      await this.rest();
+      await this.cuts.load();
+    };
     if (width * height <= MANY_PIXELS) return await open();
     const text = `Show ${count(width * height)} pixels`;
     this.view.replaceChildren(make("button", { type: "button", onclick: () => this.try(open()) }, text));
@@ -82,27 +98,21 @@ export class Superpixels {
 
   close(): void {
     this.abort.abort();
+    this.cutting?.close();
     this.plane?.dispose();
     this.photo?.close();
-    this.means?.close();
   }
 
-  private async open(width: number, height: number, cluster: number | null): Promise<void> {
+  private async open(): Promise<void> {
     const { signal } = this.abort;
+    const { job, size, cutting } = this;
     this.view.setAttribute("aria-busy", "true");
-    const { means, clusters } = this.job.urls;
-    const [numbers, photo, mean, rows] = await Promise.all([
-      labels(this.job, null, signal),
-      this.file ? pixelsOf(this.file).catch(() => null) : null,
-      means ? request(means, { signal }).then(async (answer) => await pixelsOf(await answer.blob())) : null,
-      clusters && this.job.outputs.includes("clusters.csv") ? this.readRows(clusters) : [],
-    ]);
+    const [file] = this.file ? [this.file] : job.keep_mesh ? await uploaded(job, signal) : [];
+    const photo = file ? await pixelsOf(file).catch(() => null) : null;
     signal.throwIfAborted();
-    this.pixels = new Pixels({ width, height }, numbers.numbers);
-    this.photo = photo?.width === width && photo.height === height ? photo : null;
-    [this.means, this.rows] = [mean, rows];
-    if (mean) keepThumbnail(this.job.id, mean);
-    const plane = new this.scene.Plane(this.view, { width, height });
+    this.photo = photo?.width === size.width && photo.height === size.height ? photo : null;
+    if (this.photo && cutting?.level) this.bytes = dataOf(this.photo);
+    const plane = new this.scene.Plane(this.view, size, Boolean(cutting?.level));
     this.plane = plane;
     plane.canvas.setAttribute(
       "aria-label",
@@ -110,12 +120,57 @@ export class Superpixels {
     );
     plane.onPick = (pixel) => this.select(this.clusterAt(pixel));
     plane.onHover = (pixel, x, y) => this.hover(pixel, x, y);
+    this.dock.hidden = false;
+  }
+
+  /** Shows the labels at the cut, then fetches what takes longer. */
+  private async rest(): Promise<void> {
+    const { job, cutting } = this;
+    const clusters = cutting?.at ?? null;
+    const { means } = job.urls;
+    const found = await cutting?.latest(async (signal) => {
+      const get = async (): Promise<ImageBitmap> =>
+        await pixelsOf(await (await request(output(job, "means", { clusters }), { signal })).blob());
+      const coming = means ? get() : null;
+      coming?.catch(() => {});
+      const labels = await this.cuts.at(clusters, signal);
+      // else hues would be seen for a moment
+      if (!this.photo) await coming;
+      this.take(labels);
+      this.tell();
+      const image = await coming;
+      if (job.keep_mesh || job.outputs.includes("clusters.json")) await this.rows.fetch();
+      return { image };
+    });
+    if (!found || !this.pixels) return;
+    if (found.image) {
+      this.means = this.pixels.firstOf(dataOf(found.image));
+      keepThumbnail(job.id, found.image);
+      found.image.close();
+    }
+    this.paint();
+    this.tell();
+  }
+
+  /** Shows labels, and no more than that. */
+  private take({ numbers, energy }: Labels): void {
+    this.pixels = new Pixels(this.size, numbers, this.pixels);
+    this.means = this.bytes && this.pixels.meansOf(this.bytes);
+    this.rows.cutAt(this.cutting?.at ?? null);
+    if (energy !== null) this.facts?.tell(energy);
     this.view.removeAttribute("aria-busy");
     this.view.dataset["clusters"] = String(this.pixels.clusters);
-    this.dock.hidden = false;
-    this.table.show([this.pixels.items, Float64Array.from(this.rows, ({ energy }) => energy)]);
     this.paint();
-    this.select(cluster);
+  }
+
+  /** Everything but the picture. */
+  private tell(): void {
+    const { pixels } = this;
+    if (!pixels) return;
+    this.places.words.textContent = brief(this.job, pixels.clusters);
+    this.selection.pointAway();
+    this.table.show([pixels.items, Float64Array.from(this.rows.now ?? [], ({ energy }) => energy ?? NaN)]);
+    this.select(this.selected);
   }
 
   /** Layers that there are; the photo only in the visit that sent it. */
@@ -128,8 +183,9 @@ export class Superpixels {
     if (!this.plane || !this.pixels) return;
     const asked = address.read().layer;
     const layer = asked && this.has(asked) ? asked : (LAYERS.find((one) => this.has(one)) ?? "colours");
-    const image = layer === "photo" ? this.photo : layer === "means" ? this.means : null;
-    this.plane.show(image, this.pixels.shown, layer);
+    const { labels, shown } = this.pixels;
+    const means = layer === "means" && this.means;
+    this.plane.show(layer === "photo" ? this.photo : null, means ? { labels, colours: means } : shown, layer);
     this.view.dataset["layer"] = layer;
     this.layers.replaceChildren(
       ...LAYERS.filter((one) => this.has(one)).map((one) => {
@@ -149,18 +205,6 @@ export class Superpixels {
     );
   }
 
-  /** The rows of `clusters.csv`. */
-  private async readRows(path: string): Promise<Row[]> {
-    const text = await (await request(`${path}?format=csv`, { signal: this.abort.signal })).text();
-    const [head = "", ...lines] = text.trimEnd().split("\n");
-    const names = head.split(",");
-    const [neighbours, energy] = [names.indexOf("neighbours"), names.indexOf("energy")];
-    return lines.map((line) => {
-      const values = line.split(",");
-      return { neighbours: Number(values[neighbours]), energy: Number(values[energy]) };
-    });
-  }
-
   private clusterAt(pixel: number | null): number | null {
     const cluster = pixel === null ? null : (this.pixels?.labels[pixel] ?? null);
     // pixels that take no part have a label that no superpixel has
@@ -172,7 +216,7 @@ export class Superpixels {
     this.plane?.hover(cluster);
     this.view.style.cursor = cluster === null ? "" : "pointer";
     if (cluster === null) return this.selection.pointAway();
-    const row = this.rows[cluster];
+    const row = this.rows.now?.[cluster];
     const pixels = `${count(this.pixels?.items[cluster] ?? 0)} pixels`;
     const text = [pixels, this.mean(cluster), ...(row ? [`${count(row.neighbours)} neighbours`] : [])].join(" · ");
     this.selection.pointAt(x, y, this.mean(cluster), `Superpixel ${cluster}`, text);
@@ -186,25 +230,23 @@ export class Superpixels {
     this.table.select(this.selected);
     address.amend({ cluster: this.selected });
     if (this.selected === null) return this.selection.show(null, false, "superpixel");
-    const row = this.rows[this.selected];
+    const row = this.rows.now?.[this.selected];
     const facts: [string, string][] = [["Pixels", count(pixels.items[this.selected] ?? 0)]];
     const colour = this.mean(this.selected);
     if (this.means) facts.push(["Colour", colour]);
-    if (row) facts.push(["Neighbours", count(row.neighbours)], ["Energy", digits(row.energy)]);
+    if (row) facts.push(["Neighbours", count(row.neighbours)], ["Energy", digits(row.energy ?? NaN)]);
     this.selection.show({ cluster: this.selected, colour, facts }, false, "superpixel");
     announce(`superpixel ${this.selected} is selected`);
   }
 
   /** The mean colour of a superpixel, else its hue. */
   private mean(cluster: number): string {
-    const { means, pixels, sample } = this;
-    if (!pixels) return "";
-    if (!means || !sample) return pixels.hue(cluster);
-    const first = pixels.first[cluster] ?? 0;
-    const { width } = pixels.size;
-    sample.drawImage(means, first % width, Math.floor(first / width), 1, 1, 0, 0, 1, 1);
-    const [red = 0, green = 0, blue = 0] = sample.getImageData(0, 0, 1, 1).data;
-    return `#${[red, green, blue].map((channel) => channel.toString(16).padStart(2, "0")).join("")}`;
+    const { means, pixels } = this;
+    if (!means) return pixels?.hue(cluster) ?? "";
+    const colour = Array.from(means.subarray(4 * cluster, 4 * cluster + 3), (byte) =>
+      byte.toString(16).padStart(2, "0"),
+    );
+    return `#${colour.join("")}`;
   }
 
   private async save(): Promise<void> {

@@ -54,6 +54,7 @@ const quoted = (word: string): string => (/^[\w./:@=-]+$/.test(word) ? word : `'
 export function settings(job: Job): [string, string | number | true][] {
   const names = [
     "clusters",
+    "levels",
     "energy",
     "shapes",
     "resolution",
@@ -75,14 +76,15 @@ export function settings(job: Job): [string, string | number | true][] {
   });
 }
 
-/** What is made of an image with the result; the image is gone then. */
-export const OUTPUTS = ["means", "clusters.csv"];
+/** What an image leaves: files that are made with the result, or itself, of which cuts are made. */
+export const keptOf = (algorithm: string): Record<string, unknown> =>
+  isHierarchical(algorithm) ? { keep_mesh: true } : { outputs: ["means", "clusters.csv", "clusters.json"] };
 
 /** A form, whose parts need no type: the name of the file says its format, and buffers have parts of their own. */
 function curl(job: Job): string {
   const { algorithm } = job.parameters;
   const isImage = kindOf(job) === "image";
-  const kept = isImage ? { outputs: OUTPUTS.join() } : { keep_mesh: "true" };
+  const kept = isImage ? keptOf(algorithm) : { keep_mesh: "true" };
   const search = new URLSearchParams({ algorithm, ...kept } as Record<string, string>);
   for (const [name, value] of settings(job)) search.set(name, String(value));
   const part = (of: string, name: string): string => ` -F ${quoted(`${of}=@"${name.replace(/["\\]/g, "\\$&")}"`)}`;
@@ -101,16 +103,20 @@ function command(job: Job, cut: number | null): string {
   );
   const options = `--algorithm ${algorithm}${flags.join("")}`;
   const image = "--labels labels.png --means means.png --clusters-table clusters.csv";
-  const files = kindOf(job) === "image" ? image : "--labels labels.npy --mesh clusters.glb";
+  const isImage = kindOf(job) === "image";
+  const files = isImage ? image : "--labels labels.npy --mesh clusters.glb";
   if (!isHierarchical(algorithm)) return `tesserae cluster ${name} ${options} ${files}`;
   const run = `tesserae cluster ${name} ${options} --hierarchy hierarchy.tsr`;
-  return `${run}\ntesserae cut hierarchy.tsr --clusters ${cut ?? 1} --labels labels.npy`;
+  return `${run}\ntesserae cut hierarchy.tsr --clusters ${cut ?? 1} --labels labels.${isImage ? "png" : "npy"}`;
 }
 
 function python(job: Job, cut: number | null): string {
   const { algorithm } = job.parameters;
+  const loaded = 'tesserae_mesh.Hierarchy.load("hierarchy.tsr")';
   const literal = (value: string | number | true): string => (value === true ? "True" : JSON.stringify(value));
   const options = [`algorithm="${algorithm}"`, ...settings(job).map(([name, value]) => `${name}=${literal(value)}`)];
+  if (kindOf(job) === "image" && isHierarchical(algorithm))
+    return `import tesserae_mesh\n\n# made by the command\nlabels = ${loaded}.cut(${cut ?? 1}).labels`;
   if (kindOf(job) === "image") {
     // what PNG has and JPEG has not is alpha
     const mode = job.mesh.format === "png" ? "RGBA" : "RGB";

@@ -57,8 +57,9 @@ export function makeThumbnails(jobs: Job[]): void {
 const idle = (): Promise<unknown> =>
   new Promise((resolve) => ("requestIdleCallback" in window ? requestIdleCallback(resolve) : setTimeout(resolve, 200)));
 
-async function fetchMeans({ id, urls }: Job): Promise<void> {
-  const path = urls["means"];
+async function fetchMeans(job: Job): Promise<void> {
+  const { id, urls } = job;
+  const path = urls["means"] && output(job, "means", { clusters: firstCut(job) });
   const { signal } = new AbortController();
   const bytes = path ? await length(path, signal) : null;
   if (!path || bytes === null || bytes > MOST_BYTES) return;

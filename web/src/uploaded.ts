@@ -1,6 +1,7 @@
-// The mesh of a job that has not ended, as it was uploaded: for a page that did not send it.
+// What a job is on as it was uploaded, for a page that did not send it: a mesh until the job ends, an image that is kept.
 
-import { type Job, length, output, request } from "./api";
+import { type Job, length, nameOf, output, request } from "./api";
+import { isImage } from "./kinds";
 
 /** Bytes above which a mesh is not fetched for its picture. */
 const MOST_BYTES = 1e9;
@@ -15,5 +16,6 @@ export async function uploaded(job: Job, signal: AbortSignal): Promise<File[]> {
     const response = await request(output(job, "upload", { buffer }), { signal });
     return new File([await response.blob()], name);
   };
-  return await Promise.all([get(`mesh.${format}`, null), ...buffers.map((name) => get(name, name))]);
+  const name = isImage(nameOf(job)) ? nameOf(job) : `mesh.${format}`;
+  return await Promise.all([get(name, null), ...buffers.map((name) => get(name, name))]);
 }

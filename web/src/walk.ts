@@ -6,7 +6,7 @@ import { Dendrogram } from "./dendrogram";
 import { announce } from "./dom";
 
 /** A cut and the cluster that is selected there. */
-interface Where {
+export interface Where {
   cut: number | null;
   selected: number | null;
 }

@@ -45,7 +45,7 @@ export function brief(job: Job, clusters: number | null = null): string {
   const many = shown === 1 ? `1 ${words.cluster}` : `${count(shown)} ${words.clusters}`;
   const all = `${count(result.faces)} ${words.items}${took}`;
   const isWhole = isHierarchical(job.parameters.algorithm) && clusters === null;
-  return `${isWhole ? "any number of clusters" : many} of ${all}`;
+  return `${isWhole ? `any number of ${words.clusters}` : many} of ${all}`;
 }
 
 /** Algorithms to compare with. */
@@ -63,7 +63,8 @@ export function manner(
 ): string {
   const { algorithm, quality, compactness } = job.parameters;
   const method = METHODS.includes(algorithm) ? `, ${algorithm.toUpperCase()}` : "";
-  const parts = [kindOf(job) === "image" ? "Superpixels" : `${number}${method}`];
+  const isFlatImage = kindOf(job) === "image" && !isHierarchical(algorithm);
+  const parts = [isFlatImage ? "Superpixels" : `${number}${method}`];
   const energy = energyOf(job);
   if (energy) parts.push(energy);
   if (quality && quality !== "default") parts.push(quality);

@@ -6,7 +6,7 @@ import { deflateSync } from "node:zlib";
 import { until } from "./service.mjs";
 import { accessible, fact, idOf, labels, succeeded, text } from "./steps.mjs";
 
-const [WIDTH, HEIGHT] = [96, 64];
+export const [WIDTH, HEIGHT] = [96, 64];
 
 /** The hues of superpixels (web/src/palette.ts). */
 const HUES = [
@@ -21,7 +21,7 @@ const HUES = [
 ];
 
 /** A PNG file of squares of 16 pixels in soft colours; the first square is transparent. */
-function image(service) {
+export function image(service) {
   const rows = Buffer.alloc((4 * WIDTH + 1) * HEIGHT);
   for (let y = 0; y < HEIGHT; y++) {
     for (let x = 0; x < WIDTH; x++) {
@@ -58,7 +58,7 @@ function checksum(bytes) {
   return ~sum >>> 0;
 }
 
-const drawnAs = async (page, layer) =>
+export const drawnAs = async (page, layer) =>
   await until(`${layer} is drawn`, () =>
     page.evaluate((wanted) => {
       const view = document.querySelector("#view");
@@ -67,7 +67,7 @@ const drawnAs = async (page, layer) =>
   );
 
 /** What the canvas shows of the image: where it is, how many pixels are light, and the colour of its middle. */
-const canvasOf = async (page) =>
+export const canvasOf = async (page) =>
   await page.evaluate(
     ([width, height]) => {
       const canvas = document.querySelector("#view canvas");
@@ -94,7 +94,9 @@ export const images = {
     const page = await browser.open(service.url);
     await page.setInputFiles("#file", image(service));
     await until("a number that suits", async () => (await page.inputValue("#clusters")) === "6");
-    assert.ok(await page.isHidden("#algorithm"), "an image takes one number of superpixels");
+    const methods = page.locator("#algorithm option:enabled");
+    assert.deepEqual(await methods.evaluateAll((options) => options.map(({ value }) => value)), ["pml", "bb"]);
+    await page.selectOption("#algorithm", "bb");
     await page.fill("#clusters", "20");
     await page.fill("#compactness", "8");
     await page.click("#submit");
@@ -166,6 +168,7 @@ export const images = {
   async "an image is clustered again, and files and commands are its own"({ service, browser }) {
     const page = await browser.open(service.url, { permissions: ["clipboard-read", "clipboard-write"] });
     await page.setInputFiles("#file", image(service));
+    await page.selectOption("#algorithm", "bb");
     await page.fill("#clusters", "9999");
     await page.click("#submit");
     await until("the job fails", async () => (await text(page, "#state")).startsWith("Failed: The image has 5888 "));
@@ -191,9 +194,9 @@ export const images = {
       ]);
       assert.equal(file.suggestedFilename(), `squares-${name}.${extension}`);
     }
-    assert.equal(await page.locator("[aria-label='Download clusters as json']").count(), 0, "it was not asked for");
+    assert.equal(await page.locator("[aria-label='Download graph as json']").count(), 0, "it was not asked for");
     for (const [button, words] of [
-      ["curl", /outputs=means%2Cclusters\.csv&clusters=12.*compactness=30/],
+      ["curl", /outputs=means%2Cclusters\.csv%2Cclusters\.json&clusters=12.*compactness=30/],
       ["command", /^tesserae cluster squares\.png .*--clusters 12 .*--compactness 30 .*--means means\.png/],
       ["python", /tesserae_mesh\.superpixels\(image, n=12, .*compactness=30\)/],
     ]) {

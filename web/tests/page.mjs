@@ -2,6 +2,7 @@
 //   node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [--only REGEXP] [MESHES]
 import assert from "node:assert/strict";
 import { Browser } from "./browser.mjs";
+import { cuts } from "./cuts.mjs";
 import { images } from "./images.mjs";
 import { reach } from "./reach.mjs";
 import { results } from "./results.mjs";
@@ -21,6 +22,7 @@ const DEADLINE_MS = 6 * 60_000;
 const tests = {
   ...results,
   ...images,
+  ...cuts,
   ...design,
   ...reach,
   ...sending,

@@ -91,7 +91,7 @@ class Parameters(TypedDict, total=False):
     priority: int
     #: Files to make of the mesh with the result, such as ``["mesh.glb", "remesh"]``.
     outputs: Sequence[str]
-    #: Keep the mesh with the result, so that every output can be made of it later.
+    #: Keep the mesh or the image with the result, so that every output can be made of it later.
     keep_mesh: bool
     #: URL that the service calls at the end of the job.
     webhook: str

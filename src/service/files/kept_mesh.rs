@@ -20,6 +20,9 @@ use tesserae_mesh::mesh::{Adjusted, Faces, Format, PolygonMesh};
 
 pub(crate) const NAME: &str = "mesh.kept";
 
+/// The name of an image that is kept: the file as it was uploaded.
+pub(crate) const IMAGE: &str = "image.kept";
+
 const MAGIC: &[u8; 8] = b"TSRMESH1";
 
 /// zstd's fastest usual level: positions compress little at any.

@@ -105,7 +105,7 @@ fn complete(document: &mut openapi::OpenApi) {
     of_jobs.properties.insert("outputs".to_owned(), Schema::from(outputs).into());
     let keep_mesh = ObjectBuilder::new()
         .schema_type(Type::Boolean)
-        .description(Some("Keep the mesh with the result, so that every output can be made of it later"));
+        .description(Some("Keep the mesh or the image with the result, so that every output can be made of it later"));
     of_jobs.properties.insert("keep_mesh".to_owned(), Schema::from(keep_mesh).into());
     of_jobs.properties.insert("webhook".to_owned(), Schema::from(webhook).into());
     schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
@@ -158,7 +158,7 @@ fn operation_of(artifact: &Artifact) -> Operation {
         return operation.description(Some(format!("{} 409 before the job has succeeded.", artifact.about))).build();
     }
     let operation = operation.description(Some(format!(
-        "{} It was named in `outputs` of the request for the job, or the job keeps its mesh (`keep_mesh`); \
+        "{} It was named in `outputs` of the request for the job, or the job keeps its mesh or image (`keep_mesh`); \
              otherwise 404, `/problems/mesh-not-kept`. 409 before the job has succeeded, and for a whole hierarchy \
              without `clusters`.",
         artifact.about

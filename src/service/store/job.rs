@@ -222,6 +222,11 @@ impl Job {
         self.spec.referred.is_none() && (!self.state.is_ended() || self.keeps_upload())
     }
 
+    /// Whether it is a job that succeeded and keeps its image with the result.
+    pub fn has_image(&self) -> bool {
+        self.state == State::Succeeded && self.spec.kept.mesh && self.spec.format.is_image()
+    }
+
     /// Whether its upload is kept after its end, so that it may be run again.
     pub fn keeps_upload(&self) -> bool {
         keeps_upload(self.problem.as_ref())

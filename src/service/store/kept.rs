@@ -1,5 +1,5 @@
-//! What a job keeps of its mesh, which is otherwise gone when the job ends: named outputs, which are made while the
-//! mesh is in memory, and the mesh itself, of which every output can be made later.
+//! What a job keeps of its mesh or points, which are otherwise gone when the job ends: named outputs, which are made
+//! while these are in memory, and the mesh or the image itself, of which every output can be made later.
 
 use serde::{Deserialize, Serialize};
 use tesserae_mesh::artifacts::{ALL, Artifact, Form, MESH, Need};
@@ -14,15 +14,15 @@ pub(crate) struct Kept {
     /// Names of the files that are made of it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub outputs: Vec<String>,
-    /// Whether it is kept itself.
+    /// Whether it is kept itself, which may be an image.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub mesh: bool,
 }
 
 impl Kept {
-    /// What needs the mesh while it is in memory.
-    pub fn artifacts(&self) -> impl Iterator<Item = &'static Artifact> {
-        made_of_input().filter(|artifact| self.gives(artifact))
+    /// What needs a file of this format while it is in memory.
+    pub fn artifacts(&self, format: InputFormat) -> impl Iterator<Item = &'static Artifact> {
+        made_of_input().filter(move |artifact| self.gives(artifact, format))
     }
 
     /// The forms of the named outputs.
@@ -35,16 +35,16 @@ impl Kept {
         self.outputs.iter().any(|name| name == form.file)
     }
 
-    /// Whether some form of an output can be had.
-    pub fn gives(&self, artifact: &Artifact) -> bool {
-        self.mesh && artifact.needs(Need::Mesh) || artifact.forms.iter().any(|form| self.has(form))
+    /// Whether some form of an output can be had of a file of this format.
+    pub fn gives(&self, artifact: &Artifact, format: InputFormat) -> bool {
+        self.mesh && format.lacks(artifact).is_none() || artifact.forms.iter().any(|form| self.has(form))
     }
 
     /// Refuses what jobs on files of this format do not have.
     pub fn check_format(&self, format: InputFormat) -> Result<()> {
-        if self.mesh && format.is_of_points() {
+        if self.mesh && format.is_of_points() && !format.is_image() {
             return Err(Error::parameter(
-                "keep_mesh goes with meshes, not with points: name what is to be made of them with outputs",
+                "keep_mesh goes with meshes and images, not with arrays: name what is to be made of them with outputs",
             ));
         }
         for artifact in made_of_input() {
@@ -127,9 +127,11 @@ mod tests {
         assert!(named.check(&divided).is_ok());
         assert!(mesh.check(&divided).expect_err("another mesh").message.contains("outputs"));
         assert_eq!(named.forms().count(), 1);
+        let [ply, png] = ["ply", "png"].map(|name| InputFormat::from_name(name).expect("a format"));
         for artifact in made_of_input() {
-            assert_eq!(mesh.gives(artifact), artifact.needs(Need::Mesh));
-            assert_eq!(named.gives(artifact), artifact.name == "mesh");
+            assert_eq!(mesh.gives(artifact, ply), artifact.needs(Need::Mesh));
+            assert_eq!(named.gives(artifact, ply), artifact.name == "mesh");
+            assert_eq!(mesh.gives(artifact, png), ["graph", "clusters", "means"].contains(&artifact.name));
         }
     }
 

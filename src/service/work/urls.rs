@@ -23,7 +23,8 @@ pub(crate) struct Urls {
     hierarchy: Option<String>,
     /// Its report, once it has succeeded.
     report: String,
-    /// Its mesh as it was uploaded, while the job waits and runs and of a job that was given up; null otherwise.
+    /// Its mesh as it was uploaded, while the job waits and runs and of a job that was given up, and an image that is
+    /// kept; null otherwise.
     upload: Option<String>,
     /// What it can give of its mesh, by name, once it has succeeded: what was named, or all if it keeps the mesh. Of a
     /// whole hierarchy, with `?clusters=K`.
@@ -43,13 +44,13 @@ impl Urls {
     pub fn of(job: &Job) -> Self {
         let path = path(job.id);
         let is_hierarchical = HIERARCHY.is_made(&job.spec.parameters);
-        let given = kept::made_of_input().filter(|artifact| job.spec.kept.gives(artifact));
+        let given = kept::made_of_input().filter(|artifact| job.spec.kept.gives(artifact, job.spec.format));
         Self {
             events: format!("{path}/events"),
             labels: format!("{path}/labels"),
             hierarchy: is_hierarchical.then(|| format!("{path}/hierarchy")),
             report: format!("{path}/report"),
-            upload: job.has_upload().then(|| format!("{path}/upload")),
+            upload: (job.has_upload() || job.has_image()).then(|| format!("{path}/upload")),
             derived: given.map(|artifact| (artifact.name, format!("{path}/{}", artifact.name))).collect(),
             job: path,
         }

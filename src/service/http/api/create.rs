@@ -73,8 +73,8 @@ struct JobParameters;
          description = "Files to make of the mesh, a list of names: it is gone when the job has ended. A name without \
                         extension means the first format of that output"),
         ("keep_mesh" = Option<bool>, Query,
-         description = "Keep the mesh with the result, so that every output can be made of it later; false when left \
-                        out"),
+         description = "Keep the mesh or the image with the result, so that every output can be made of it later; \
+                        false when left out"),
         ("webhook" = Option<String>, Query,
          description = "URL that is called at the end of the job, signed as Standard Webhooks says; on a host that \
                         the operator allows"),

@@ -7,7 +7,7 @@ use tesserae_mesh::error::{Error, Kind, Quoted};
 use utoipa::IntoParams;
 
 use super::binary::Binary;
-use crate::files;
+use crate::files::{self, kept_mesh};
 use crate::guard::access::Caller;
 use crate::guard::problem::{Answer, Problematic};
 use crate::guard::query;
@@ -26,8 +26,8 @@ pub(crate) struct UploadQuery {
 /// Get the upload
 ///
 /// The mesh as it was uploaded, in the format that `mesh.format` of the job names, or one of its buffers. It is there
-/// while the job waits and runs, and of a failed job that can be run again; 404 otherwise, and where the mesh
-/// was named by a `mesh_url`.
+/// while the job waits and runs, of a failed job that can be run again, and of an image that is kept; 404 otherwise, and
+/// where the mesh was named by a `mesh_url`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/upload", tag = "jobs", operation_id = "getUpload",
     params(UploadQuery),
@@ -53,15 +53,17 @@ pub(crate) async fn upload(Extract(shared): App, caller: Caller, Path(id): Path<
             (files::buffer(index), format!("buffer-{index}.bin"))
         }
     };
-    if !job.has_upload() {
+    let is_kept = job.has_image();
+    if !job.has_upload() && !is_kept {
         let message = format_args!(
             "an upload is kept until its job ends, and what a mesh_url names is read at its place; keep_mesh=true \
-             keeps the mesh with the result. The job is {}",
+             keeps the mesh or the image with the result. The job is {}",
             job.state.name()
         );
         return Err(Error::new(Kind::NotFound, message).into());
     }
-    let mut response = stored(&shared, &job, Of::Upload, &blob, 0, "application/octet-stream").await?;
+    let (of, blob) = if is_kept { (Of::Result, kept_mesh::IMAGE) } else { (Of::Upload, &blob[..]) };
+    let mut response = stored(&shared, &job, of, blob, 0, "application/octet-stream").await?;
     attachment(&mut response, &job, &file);
     Ok(response)
 }

@@ -59,7 +59,7 @@ pub(crate) struct JobView {
     expires_at: Option<String>,
     /// Files that are made of its mesh before that is gone.
     outputs: Vec<String>,
-    /// Whether its mesh is kept with the result.
+    /// Whether its mesh or image is kept with the result.
     keep_mesh: bool,
     /// Where everything about it is.
     urls: Urls,

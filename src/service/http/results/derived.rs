@@ -1,13 +1,19 @@
-//! What is made of a kept mesh and labels on request.
+//! What is made of a kept mesh or image and labels on request.
 
 use std::io::Write;
 use std::sync::Arc;
 
+use axum::body::Bytes;
 use axum::response::Response;
 use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
+use tesserae_mesh::data::Format as PointsFormat;
+use tesserae_mesh::data::image::USUAL_COMPACTNESS;
+use tesserae_mesh::device::FREE;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::{self, Input};
-use tesserae_mesh::job::InputFormat;
+use tesserae_mesh::job::{InputFormat, PointsRequest, table_of_points};
+use tesserae_mesh::mesh::{Format, Limits};
+use tesserae_mesh::parameters::Parameters;
 
 use super::checked::{self, CheckedReader};
 use super::encoded::{self, encoded};
@@ -23,7 +29,13 @@ enum Source {
     Cut(Box<dyn Input + Send>, u64),
 }
 
-/// An output of a job whose mesh was kept, of its labels or of those at a number of clusters.
+/// What labels belong to.
+enum Of {
+    Mesh(CheckedReader, Format),
+    Image(Bytes, PointsFormat),
+}
+
+/// An output of a job whose mesh or image was kept, of its labels or of those at a number of clusters.
 pub(crate) async fn made(
     shared: &Shared,
     job: &Job,
@@ -33,13 +45,26 @@ pub(crate) async fn made(
     form: &'static Form,
 ) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
-    let mesh = checked::open(shared, job, kept_mesh::NAME).await?;
-    let InputFormat::Mesh(format) = job.spec.format else {
-        return Err(Error::new(Kind::Internal, "points keep no mesh"));
+    let kept = match job.spec.format {
+        InputFormat::Mesh(_) => kept_mesh::NAME,
+        InputFormat::Points(_) => kept_mesh::IMAGE,
     };
+    let kept = checked::open(shared, job, kept).await?;
     let faces = summary.faces;
-    // what is in memory meanwhile counts like the mesh of a job
-    let memory = shared.memory.read(mesh.length()).await?.build(Needed::of_faces(faces, None)).await?;
+    // what is in memory meanwhile counts like the mesh or the image of a job
+    let memory = shared.memory.read(kept.length()).await?;
+    let (kept, memory) = match job.spec.format {
+        InputFormat::Mesh(format) => {
+            (Of::Mesh(kept.into_reader(), format), memory.build(Needed::of_faces(faces, None)).await?)
+        }
+        InputFormat::Points(format) => {
+            let bytes = kept.bytes().await?;
+            let parameters = &job.spec.parameters;
+            let size = of_image(&bytes, format, shared.settings.limits(), parameters).size();
+            let size = size.map_err(|refusal| refusal.error)?;
+            (Of::Image(bytes, format), memory.build(Needed::of_points(size, false)).await?)
+        }
+    };
     let source = match clusters {
         Some(_) => HIERARCHY_TSR.file,
         None => LABELS_NPY.file,
@@ -50,15 +75,20 @@ pub(crate) async fn made(
         Some(clusters) => Source::Cut(blob.into_hierarchy(), clusters),
         None => Source::Labels(blob.into_reader(), summary.clusters),
     };
-    let (mesh, files, job) = (mesh.into_reader(), Arc::clone(&shared.files), job.id);
+    let (files, limits, shape) = (Arc::clone(&shared.files), shared.settings.limits(), summary.shape());
+    let (parameters, job) = (job.spec.parameters.clone(), job.id);
     let write = move |out: &mut dyn Write| {
         let _memory = memory;
-        let mesh = mesh.read(|mesh| kept_mesh::read(mesh, faces, format))?;
         let (labels, clusters) = match from {
             Source::Labels(blob, clusters) => {
                 let head = length.saturating_sub(4 * faces);
                 let numbers = blob.read(|rows| labels::read(rows, head, faces))?;
-                labels::check(numbers.iter().copied(), clusters, &files, job, source)?;
+                let all = numbers.iter().copied();
+                match &kept {
+                    Of::Mesh(..) => labels::check(all, clusters, &files, job, source)?,
+                    // those that a mask leaves out
+                    Of::Image(..) => labels::check(all.filter(|&label| label != FREE), clusters, &files, job, source)?,
+                }
                 (numbers, clusters)
             }
             Source::Cut(hierarchy, clusters) => {
@@ -68,10 +98,33 @@ pub(crate) async fn made(
             }
         };
         let labels = Labels::new(clusters, &labels);
-        let content = Content { labels: Some(labels), mesh: Some(&mesh), choices, ..Content::default() };
-        (form.encode)(&content)?(out).map_err(encoded::cannot)
+        let content = Content { labels: Some(labels), choices, ..Content::default() };
+        match kept {
+            Of::Mesh(mesh, format) => {
+                let mesh = mesh.read(|mesh| kept_mesh::read(mesh, faces, format))?;
+                (form.encode)(&Content { mesh: Some(&mesh), ..content })?(out)
+            }
+            Of::Image(bytes, format) => {
+                let table = table_of_points(&of_image(&bytes, format, limits, &parameters), labels.labels, clusters);
+                let table = table.map_err(|refusal| refusal.error)?;
+                let compactness = Some(parameters.compactness.unwrap_or(USUAL_COMPACTNESS));
+                let shape = Some(&shape[..]);
+                (form.encode)(&Content { points: Some(&table), compactness, shape, ..content })?(out)
+            }
+        }
+        .map_err(encoded::cannot)
     };
     Ok(encoded(shared, Some(turn), form.media_type, write).await?.0)
+}
+
+/// The pixels of a kept image.
+fn of_image<'a>(
+    bytes: &'a [u8],
+    format: PointsFormat,
+    limits: Limits,
+    parameters: &'a Parameters,
+) -> PointsRequest<'a> {
+    PointsRequest { bytes, format, limits, parameters, graph: None, seeds: None, weights: None, outputs: &[] }
 }
 
 /// Refuses outputs that are made of something else than the job was on.
@@ -87,7 +140,11 @@ pub(crate) fn not_made(job: &Job, form: &Form) -> Error {
     if job.spec.format.is_of_points() {
         return Error::new(
             Kind::MeshNotKept,
-            format_args!("it was not made of the points: submit them again with outputs={}", form.file),
+            format_args!(
+                "it was not made of the points: submit them again with outputs={}{}",
+                form.file,
+                if job.spec.format.is_image() { ", or keep_mesh=true, which keeps the image" } else { "" }
+            ),
         );
     }
     Error::new(

@@ -37,7 +37,7 @@ pub(super) fn open(
     let [seeds, weights, graph] = [seeds, weights, graph].map(Option::as_deref);
     let (bytes, buffers) = mesh.split_first().map_or((&[][..], &[][..]), |(mesh, buffers)| (&mesh[..], buffers));
     let parameters = &spec.parameters;
-    let outputs: Vec<&Artifact> = spec.kept.artifacts().collect();
+    let outputs: Vec<&Artifact> = spec.kept.artifacts(spec.format).collect();
     let outputs = &outputs[..];
     match spec.format {
         InputFormat::Mesh(format) => {

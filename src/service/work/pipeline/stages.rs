@@ -78,11 +78,16 @@ impl Pipeline {
         outcome: &Arc<Mutex<Outcome>>,
         started: Instant,
     ) -> Result<Written> {
+        let image = match job.spec.kept.mesh && job.spec.format.is_image() {
+            true => Some(self.open_file(job, files::MESH).await?.bytes().await?),
+            false => None,
+        };
         let (files, slot, outcome) = (Arc::clone(&self.files), slot.clone(), Arc::clone(outcome));
         let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
         let (mut summary, blobs) = blocking(move || {
             let (_slot, outcome) = (slot, &mut *outcome.lock());
-            caught(|| write(outcome, &kept, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
+            let blob = |name: &str| BlockingWriter::new(files.result(id, attempt, name));
+            caught(|| write(outcome, &kept, image.as_deref(), blob, started))
         })
         .await??;
         let small = settle(blobs).await?;
@@ -224,6 +229,7 @@ pub(super) struct Written {
 fn write(
     outcome: &mut Outcome,
     kept: &Kept,
+    image: Option<&[u8]>,
     blob: impl Fn(&str) -> BlockingWriter,
     started: Instant,
 ) -> Result<(Summary, Vec<BlobWriter>)> {
@@ -244,6 +250,9 @@ fn write(
     outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
     if let Some(mesh) = outcome.mesh.as_ref().filter(|_| kept.mesh) {
         blobs.push(blob(kept_mesh::NAME).fill(|out| kept_mesh::write(out, mesh))?);
+    }
+    if let Some(image) = image {
+        blobs.push(blob(kept_mesh::IMAGE).fill(|out| out.write_all(image))?);
     }
     for form in artifacts::stored(&outcome.report.parameters) {
         // the report comes last, and has the times
