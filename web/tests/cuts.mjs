@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { readFileSync } from "node:fs";
-import { join } from "node:path";
+import { join, resolve } from "node:path";
 import { HEIGHT, WIDTH, canvasOf, drawnAs, image } from "./images.mjs";
 import { until } from "./service.mjs";
 import { accessible, binary, drawn, fact, idOf, labels, picture, succeeded, text } from "./steps.mjs";
@@ -176,7 +176,7 @@ export const cuts = {
     await copied("python", /Hierarchy\.load\("hierarchy\.tsr"\)\.cut\(40\)\.labels/);
     const command = await copied("command", /--levels 20 .*\ntesserae cut hierarchy\.tsr --clusters 40/);
     const here = { cwd: service.folder, timeout: 60_000 };
-    execFileSync("sh", ["-c", command.replaceAll("tesserae c", `${binary} c`)], here);
+    execFileSync("sh", ["-c", command.replaceAll("tesserae c", `${resolve(binary)} c`)], here);
     const given = await fetch(`${service.url}/v1/jobs/${id}/labels?format=png&clusters=40`);
     assert.deepEqual(readFileSync(join(service.folder, "labels.png")), Buffer.from(await given.arrayBuffer()));
 

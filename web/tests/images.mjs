@@ -132,7 +132,7 @@ export const images = {
     await until("the pointer names it", async () => (await text(page, "#card")).startsWith(`Superpixel ${cluster}`));
     await page.locator("#view canvas").click({ position });
     assert.equal(await page.getAttribute("#picked", "data-cluster"), String(cluster));
-    const table = await (await fetch(`${service.url}/v1/jobs/${job.id}/clusters`)).text();
+    const table = await (await fetch(`${service.url}/v1/jobs/${job.id}/clusters?format=csv`)).text();
     const row = table.split("\n")[cluster + 1].split(",");
     assert.equal(await fact(page, "pixels"), row[1]);
     assert.equal(await fact(page, "neighbours"), row[4]);
