@@ -11,7 +11,7 @@ import { listen } from "./pointer";
 const MOST_SCALE = 48;
 
 /** Room around the image that fits, in pixels of the page: above, at the sides, below, there for a slider, too. */
-const [ABOVE, BESIDE, BELOW, SLIDER] = [74, 24, 76, 56];
+const [ABOVE, BESIDE, BELOW, SLIDER] = [74, 24, 76, 64];
 /** At the sides of a canvas that is not wider than this. */
 const [NARROW, BESIDE_NARROW] = [600, 10];
 

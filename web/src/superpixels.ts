@@ -155,7 +155,7 @@ export class Superpixels {
   /** Shows labels, and no more than that. */
   private take({ numbers, energy }: Labels): void {
     this.pixels = new Pixels(this.size, numbers, this.pixels);
-    this.means = this.bytes && this.pixels.meansOf(this.bytes);
+    this.means = null;
     this.rows.cutAt(this.cutting?.at ?? null);
     if (energy !== null) this.facts?.tell(energy);
     this.view.removeAttribute("aria-busy");
@@ -176,7 +176,7 @@ export class Superpixels {
   /** Layers that there are; the photo only in the visit that sent it. */
   private has(layer: Layer): boolean {
     if (layer === "colours") return true;
-    return (layer === "photo" ? this.photo : this.means) !== null;
+    return (layer === "photo" ? this.photo : (this.means ?? this.bytes)) !== null;
   }
 
   private paint(): void {
@@ -184,6 +184,7 @@ export class Superpixels {
     const asked = address.read().layer;
     const layer = asked && this.has(asked) ? asked : (LAYERS.find((one) => this.has(one)) ?? "colours");
     const { labels, shown } = this.pixels;
+    if (layer === "means") this.means ??= this.bytes && this.pixels.meansOf(this.bytes);
     const means = layer === "means" && this.means;
     this.plane.show(layer === "photo" ? this.photo : null, means ? { labels, colours: means } : shown, layer);
     this.view.dataset["layer"] = layer;
