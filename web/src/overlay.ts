@@ -101,9 +101,8 @@ export class Overlay {
         const corner = isFirst || x >= width - pace ? label : grid[i - down + pace];
         const isBeside = left !== label || above !== label || corner !== label;
         if (layer === "photo") {
-          const part = strength?.[label] ?? 1;
-          if (isBorder) pixel = mix(pixel, weaker(selected === FREE ? LIGHT : LINE, part));
-          else if (isBeside && selected === FREE) pixel = mix(pixel, weaker(DARK, part));
+          if (isBorder) pixel = mix(pixel, weaker(selected === FREE ? LIGHT : LINE, strength?.[label] ?? 1));
+          else if (isBeside && selected === FREE) pixel = mix(pixel, weaker(DARK, strength?.[label] ?? 1));
         } else if (layer === "colours" && isBorder) pixel = mix(pixel, LINE);
         if (selected !== FREE && (isBorder || isBeside)) {
           // inside light, outside dark, so that it is seen on every colour

@@ -229,7 +229,7 @@ export class Plane {
   /** The background of the view as what covers superpixels, in the order of bytes of a canvas. */
   private faded(): number {
     const [red = 0, green = 0, blue = 0] =
-      getComputedStyle(this.box).backgroundColor.match(/\d+/g)?.map(Number) ?? NO_CLUSTER;
+      getComputedStyle(this.box).borderLeftColor.match(/\d+/g)?.map(Number) ?? NO_CLUSTER;
     return ((FADED << 24) | (blue << 16) | (green << 8) | red) >>> 0;
   }
 }
