@@ -235,7 +235,7 @@ impl Parameters {
         }
     }
 
-    /// The number of superpixels whose size decides how much the place of a pixel counts: the smallest that is asked for.
+    /// The number of superpixels whose size decides how much the place of a pixel counts: the smallest that is given.
     pub fn superpixels(&self) -> Option<u64> {
         self.clusters.or_else(|| self.levels().iter().min().copied())
     }
