@@ -1,9 +1,10 @@
-//! Labels of running jobs for clients that watch them. They live in the process that runs the job; other processes have
-//! none. A job without a watcher copies no labels; what its last watcher had stays until the job ends, for the next one.
+//! Labels of running jobs for clients that watch them. They live in the process that runs the job; other processes
+//! have none. A job without a watcher copies no labels; what its last watcher had stays until the job ends, for the
+//! next one.
 //!
-//! There are at most [`MOST_WATCHERS`] watchers. Each costs at most [`MOST_FACES`] labels in memory, as does each running
-//! job that was watched, and each of its events 8 bytes a face that changed, in base64. There is one event in [`PACE`]
-//! at most, and a slow client misses labels in between.
+//! There are at most [`MOST_WATCHERS`] watchers. Each costs at most [`MOST_FACES`] labels in memory, as does each
+//! running job that was watched, and each of its events 8 bytes a face that changed, in base64. There is one event in
+//! [`PACE`] at most, and a slow client misses labels in between.
 
 use std::collections::HashMap;
 use std::sync::Arc;
