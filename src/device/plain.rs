@@ -7,12 +7,15 @@
 //! faces. A new step or a new energy is written here first.
 //!
 //! The functions are pure: labels in, labels out. [`PlainDevice`] offers them as [`super::Steps`] and
-//! [`super::MergeSteps`], so that every driver of [`crate::cluster`] runs on them unchanged.
+//! [`super::MergeSteps`], so that every driver of [`crate::cluster`] runs on them unchanged. [`ConnectedMoves`] are no
+//! step: they are made on the host, whatever the device.
 
+mod connected;
 mod device;
 
 use std::cmp::Reverse;
 
+pub use self::connected::ConnectedMoves;
 pub use self::device::{PlainDevice, open};
 
 use super::{FLOOD_FROM, FREE};

@@ -1,17 +1,13 @@
 //! Boundary-based clustering against its definition, and the promises that every clustering keeps.
 
-use std::cmp::Reverse;
-
 use crate::common::zoo;
 use tesserae_mesh::cluster::flat::Options;
 use tesserae_mesh::cluster::record::Record;
-use tesserae_mesh::cluster::relocation::{Clusters, settle};
 use tesserae_mesh::cluster::run::Row;
 use tesserae_mesh::cluster::{self, seeds::SeedFaces};
 use tesserae_mesh::dev::sample::hard::stacked_boxes;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::{Cancel, Device, FLOOD_FROM, FREE, pieces, plain};
-use tesserae_mesh::energy::{Energy, Functional, Side, WideSums};
 use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::report::Phase;
 use tesserae_mesh::surface::Surface;
@@ -132,68 +128,6 @@ fn every_refinement_is_the_one_that_the_definition_says() {
         }
     }
     assert!(iterations > 100, "hardly anything was compared: {iterations} iterations");
-}
-
-/// A pass of connected refinement as its definition reads: sums, energies and pieces are computed anew for each face.
-fn settled(surface: &Surface, component_of_cluster: &[u32], labels: &[u32], changed: &[u32]) -> (Vec<u32>, usize) {
-    let clusters = component_of_cluster.len();
-    let mut labels = labels.to_vec();
-    let mut refused_for_pieces = 0;
-    let is_due = |&face: &u32| {
-        let near = surface.neighbours_of(face).iter().map(|&near| labels[near as usize]);
-        let mut around = near.chain([labels[face as usize]]);
-        let is_inner = around.clone().all(|label| label == labels[face as usize]);
-        !is_inner && around.any(|label| changed.contains(&label))
-    };
-    let due: Vec<u32> = (0..surface.faces() as u32).filter(is_due).collect();
-    for face in due {
-        let (own, weight) = (labels[face as usize], surface.items.graph.weights[face as usize]);
-        let sums = plain::sums(surface, clusters, &labels);
-        let side = |cluster: u32| {
-            let sums = &sums[cluster as usize];
-            Side { cost: sums.cost(surface.graph.face(face as usize)) as u64, weight: sums.weight() }
-        };
-        if sums[own as usize].faces() == 1 {
-            continue;
-        }
-        let near = surface.neighbours_of(face).iter().map(|&near| labels[near as usize]).filter(|&near| near != own);
-        let best = near.map(|to| (Energy::gain(weight, side(own), side(to)), Reverse(to))).max();
-        let Some((_, Reverse(to))) = best.filter(|&(gain, _)| gain > 0) else { continue };
-        let mut after = labels.clone();
-        after[face as usize] = to;
-        let explained = |labels: &[u32]| plain::explained(surface, component_of_cluster, labels);
-        if explained(&after) > explained(&labels) {
-            let is_whole = pieces::disconnected_clusters(surface, clusters, &after) == 0;
-            refused_for_pieces += usize::from(!is_whole);
-            labels = if is_whole { after } else { labels };
-        }
-    }
-    (labels, refused_for_pieces)
-}
-
-#[test]
-fn connected_refinement_is_the_one_that_the_definition_says() {
-    let (mut refused_for_pieces, mut different) = (0, 0);
-    for (name, mesh) in zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < 600) {
-        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
-        for clusters in cluster_counts(&surface) {
-            let seeds = seeds(&surface, clusters, &Seeds::Random, 9);
-            // growth leaves connected clusters, far from a minimum
-            let options = Options { max_iterations: Some(0), refine: true, allow_disconnected: true };
-            let mut labels = run(&surface, &seeds, options).0.labels;
-            let mut clusters = Clusters::new(&surface, labels.clone());
-            let mut changed = clusters.take_touched();
-            for pass in 0..4 {
-                let (expected, refused) = settled(&surface, &seeds.component_of_cluster, &labels, &changed);
-                changed = settle::pass(&mut clusters, &changed);
-                assert_eq!(clusters.labels(), expected, "{name} k={} pass {pass}", clusters.count());
-                different += usize::from(labels != expected);
-                refused_for_pieces += refused;
-                labels = expected;
-            }
-        }
-    }
-    assert!(refused_for_pieces > 0 && different > 50, "{refused_for_pieces} {different}");
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod common;
 mod boundary;
 mod bounds;
 mod bridges;
+mod connected;
 mod cube;
 mod density;
 mod features;

@@ -10,6 +10,8 @@
 //!
 //! F is an integer that falls with every move. Clusters stay connected: none loses a face that it needs, and each gains
 //! only neighbouring faces. None gets empty: a face that is alone in its cluster does not move.
+//!
+//! As code: [`crate::device::plain::ConnectedMoves`]. `docs/uneven.md` says why a detour or a search is enough.
 
 use std::cmp::Reverse;
 
