@@ -1,4 +1,4 @@
-//! Connected moves as their definition reads ([`crate::cluster::relocation::settle`] has it, and the proof): sums,
+//! Connected moves as their definition reads ([`mod@crate::cluster::relocation::settle`] has it, and the proof): sums,
 //! energies and pieces are computed anew for each face that is looked at.
 //!
 //! It shares one thing with what is compared with it: which detours are seen ([`crate::surface::detour`]). No face moves
