@@ -99,6 +99,13 @@ export const token = {
   set: (text: string): void => (text === "" ? storage.remove(TOKEN) : storage.set(TOKEN, text)),
 };
 
+/** Least difference of two clocks that is one: answers have their time in seconds. */
+const AHEAD_MS = 2000;
+let ahead = 0;
+
+/** The time by the service's clock. */
+export const now = (): number => Date.now() + ahead;
+
 export const isLive = (job: Job): boolean => job.state === "queued" || job.state === "running";
 export const isHierarchical = (algorithm: string): boolean => ["pml", "ml", "hr"].includes(algorithm);
 export const nameOf = (job: Job): string => job.mesh.file_name ?? `${kindOf(job)}.${job.mesh.format}`;
@@ -147,6 +154,8 @@ export async function request(path: string, options: RequestInit = {}): Promise<
   if (mine !== "") headers.set("authorization", `Bearer ${mine}`);
   for (;;) {
     const response = await fetch(path, { ...options, headers });
+    const difference = Date.parse(response.headers.get("date") ?? "") - Date.now();
+    ahead = Math.abs(difference) > AHEAD_MS ? difference : 0;
     if (response.ok) return response;
     const problem = (await response.json().catch(() => ({}))) as Partial<Problem>;
     await untilLater(refusal(response.status, problem, response.headers.get("retry-after")), options.signal);

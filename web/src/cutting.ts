@@ -1,4 +1,5 @@
-// The cut of a job that is shown, and its slider: while that moves only what is seen follows, at rest everything else.
+// The cut of a job that is shown, and its slider. While the slider moves, only the picture is updated; numbers are
+// fetched when it rests.
 
 import * as address from "./address";
 import { type Job, type Labels, isHierarchical } from "./api";
@@ -36,6 +37,7 @@ export class Cutting {
   /** Changes the cut, and fetches nothing. */
   set(clusters: number): void {
     clearTimeout(this.timer);
+    cancelAnimationFrame(this.frame);
     this.at = clusters;
     this.level?.set(clusters);
   }
@@ -61,6 +63,7 @@ export class Cutting {
   }
 
   private move(clusters: number): void {
+    this.working.abort();
     this.at = clusters;
     clearTimeout(this.timer);
     this.timer = window.setTimeout(() => {

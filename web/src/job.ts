@@ -11,6 +11,7 @@ import {
   isLive,
   json,
   nameOf,
+  now,
   pause,
   request,
 } from "./api";
@@ -169,7 +170,7 @@ export class JobPage {
 
   private enter(state: State): void {
     this.job.state = state;
-    if (state === "running") this.job.started_at ??= new Date().toISOString();
+    if (state === "running") this.job.started_at ??= new Date(now()).toISOString();
     this.around.onChange();
     if (state === "queued") void this.reload().catch(() => {});
   }
@@ -235,7 +236,7 @@ export class JobPage {
       await this.whenThere(async () => {
         files = await uploaded(this.job, this.abort.signal);
       });
-      // the service has a mesh when it is needed again, but no image
+      // the service has a mesh when it is needed again, but not each image
       if (kindOf(this.job) === "image") this.files = files;
     }
     return files;

@@ -69,7 +69,7 @@ export class Pixels {
     return Uint8Array.from({ length: 4 * this.clusters }, (_, i) => data[4 * (this.first[i >> 2] ?? 0) + (i & 3)] ?? 0);
   }
 
-  /** The same of the means of a photo, which are near those that the service makes in CIELAB. */
+  /** The same of the means of a photo, which the service takes in CIELAB. */
   meansOf({ data }: ImageData): Uint8Array {
     const sums = new Float64Array(4 * this.clusters);
     for (let i = 0; i < this.labels.length; i++) {

@@ -107,7 +107,8 @@ export class Superpixels {
     const { signal } = this.abort;
     const { job, size, cutting } = this;
     this.view.setAttribute("aria-busy", "true");
-    const [file] = this.file ? [this.file] : job.keep_mesh ? await uploaded(job, signal) : [];
+    const kept = this.file || !job.keep_mesh ? null : await this.orNull(uploaded(job, signal), signal);
+    const file = this.file ?? kept?.[0];
     const photo = file ? await pixelsOf(file).catch(() => null) : null;
     signal.throwIfAborted();
     this.photo = photo?.width === size.width && photo.height === size.height ? photo : null;
@@ -131,8 +132,7 @@ export class Superpixels {
     const found = await cutting?.latest(async (signal) => {
       const get = async (): Promise<ImageBitmap> =>
         await pixelsOf(await (await request(output(job, "means", { clusters }), { signal })).blob());
-      const coming = means ? get() : null;
-      coming?.catch(() => {});
+      const coming = means ? this.orNull(get(), signal) : null;
       const labels = await this.cuts.at(clusters, signal);
       // else hues would be seen for a moment
       if (!this.photo) await coming;
@@ -173,7 +173,17 @@ export class Superpixels {
     this.select(this.selected);
   }
 
-  /** Layers that there are; the photo only in the visit that sent it. */
+  /** What is not needed for hues: without it, they are shown, and the error is reported. */
+  private async orNull<T>(work: Promise<T>, signal: AbortSignal): Promise<T | null> {
+    try {
+      return await work;
+    } catch (error) {
+      if (!signal.aborted) report(error);
+      return null;
+    }
+  }
+
+  /** Layers that there are; the photo of an image that is kept, or in the visit that sent it. */
   private has(layer: Layer): boolean {
     if (layer === "colours") return true;
     return (layer === "photo" ? this.photo : (this.means ?? this.bytes)) !== null;

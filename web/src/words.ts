@@ -1,7 +1,7 @@
 // Jobs in words.
 
 import { explain } from "./again";
-import { type Job, isHierarchical } from "./api";
+import { type Job, isHierarchical, now } from "./api";
 import { count, duration } from "./dom";
 import { WORDS, kindOf } from "./kinds";
 
@@ -23,7 +23,7 @@ export function describe(job: Job): string {
       return job.queue_position === null ? "Waiting" : `Waiting, number ${job.queue_position} in the queue`;
     case "running": {
       const step = left !== null ? `${count(left)} clusters left` : phase !== null ? wordOf(phase) : null;
-      const since = job.started_at ? Math.floor((Date.now() - Date.parse(job.started_at)) / 1000) : 0;
+      const since = job.started_at ? Math.floor((now() - Date.parse(job.started_at)) / 1000) : 0;
       return `Running${step === null ? "" : `: ${step}`}${since > 0 ? ` · ${since} s` : ""}`;
     }
     case "succeeded":

@@ -169,7 +169,7 @@ export const cuts = {
     const copied = async (button, words) => {
       await page.click(`#copy-${button}`);
       const read = () => page.evaluate(() => navigator.clipboard.readText());
-      await until(`${button} is copied`, async () => words.test(await read()), 5000);
+      await until(`${button} is copied`, async () => words.test(await read()));
       return await read();
     };
     await copied("curl", /algorithm=pml&keep_mesh=true&levels=20.*compactness=10/);
