@@ -208,7 +208,8 @@ pub struct Parameters {
     #[arg(long, value_enum, default_value_t, help_heading = COMPARISON, hide_short_help = true)]
     pub pairs: Pairs,
 
-    /// Hierarchies: numbers of clusters to stop at on the way and to optimise at until no move is left
+    /// Hierarchies: numbers of clusters to stop at on the way and to optimise at until no move is left; of an image
+    /// without a number, the smallest decides the size of superpixels
     #[arg(long, value_name = "K1,K2,…", help_heading = HIERARCHIES, hide_short_help = true)]
     pub levels: Option<Levels>,
 }

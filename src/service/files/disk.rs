@@ -16,7 +16,8 @@ use crate::blobs::folder::size;
 pub(super) const STORE_ROOM: u64 = 8 << 20;
 
 /// Bytes that results may take for each byte of an upload. A face takes 12 to 50 bytes of an upload, 4 of labels, 24 of
-/// a kept mesh, and 132 of a hierarchy of `pml`, whose OBJ has about 35.
+/// a kept mesh, and 132 of a hierarchy of `pml`, whose OBJ has about 35. A compressed image takes more: its job repeats
+/// its writing where there is no room.
 const RESULTS: u64 = 4;
 
 /// Refuses a reserve that the disk of a folder never has: no upload would be taken.

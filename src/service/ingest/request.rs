@@ -164,7 +164,7 @@ impl Wanted {
             }
             InputFormat::Mesh(_) => self.parameters.check_mesh()?,
         }
-        self.kept.check(&self.parameters)?;
+        self.kept.check(&self.parameters, format)?;
         Ok((self.parameters, self.webhook))
     }
 }

@@ -14,7 +14,7 @@ pub(crate) struct Kept {
     /// Names of the files that are made of it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub outputs: Vec<String>,
-    /// Whether it is kept itself, which may be an image.
+    /// Whether the mesh or the image is kept.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub mesh: bool,
 }
@@ -42,7 +42,7 @@ impl Kept {
 
     /// Refuses what jobs on files of this format do not have.
     pub fn check_format(&self, format: InputFormat) -> Result<()> {
-        if self.mesh && format.is_of_points() && !format.is_image() {
+        if self.mesh && !can_be_kept(format) {
             return Err(Error::parameter(
                 "keep_mesh goes with meshes and images, not with arrays: name what is to be made of them with outputs",
             ));
@@ -57,8 +57,8 @@ impl Kept {
         Ok(())
     }
 
-    /// Refuses outputs that jobs with these parameters do not have.
-    pub fn check(&self, parameters: &Parameters) -> Result<()> {
+    /// Refuses outputs that jobs with these parameters, on files of this format, do not have.
+    pub fn check(&self, parameters: &Parameters, format: InputFormat) -> Result<()> {
         if self.mesh && parameters.subdivide.is_some() {
             return Err(Error::parameter(format_args!(
                 "keep_mesh does not go with {}, by which another mesh is clustered: name what is to be made of that \
@@ -68,12 +68,17 @@ impl Kept {
         }
         match self.outputs.first().filter(|_| MESH.lacks(parameters) == Some(Need::Labels)) {
             Some(name) => Err(Error::parameter(format_args!(
-                "a whole hierarchy has labels at every number of clusters: give clusters, or keep_mesh=true instead of \
-                 outputs, {name}"
+                "a whole hierarchy has labels at every number of clusters: give clusters{}, {name}",
+                if can_be_kept(format) { ", or keep_mesh=true instead of outputs" } else { "" }
             ))),
             None => Ok(()),
         }
     }
+}
+
+/// Whether a file of this format can be kept with the result.
+fn can_be_kept(format: InputFormat) -> bool {
+    !format.is_of_points() || format.is_image()
 }
 
 /// The outputs that are made of the mesh or the points.
@@ -117,17 +122,20 @@ mod tests {
 
     #[test]
     fn a_whole_hierarchy_has_no_named_outputs_but_may_keep_its_mesh() {
+        let [ply, png, npy] = ["ply", "png", "npy"].map(|name| InputFormat::from_name(name).expect("a format"));
         let whole = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };
         let cut = Parameters { clusters: Some(3), ..whole.clone() };
         let named = Kept { outputs: vec!["mesh.glb".to_owned()], mesh: false };
         let mesh = Kept { outputs: Vec::new(), mesh: true };
-        assert!(named.check(&cut).is_ok() && mesh.check(&whole).is_ok());
-        assert!(named.check(&whole).is_err());
+        assert!(named.check(&cut, ply).is_ok() && mesh.check(&whole, ply).is_ok());
+        for (format, can_be_kept) in [(ply, true), (png, true), (npy, false)] {
+            let error = named.check(&whole, format).expect_err("labels at every number");
+            assert_eq!(error.message.contains("keep_mesh"), can_be_kept, "{}", error.message);
+        }
         let divided = Parameters { clusters: Some(3), subdivide: Some(Subdivide::Auto), ..Parameters::default() };
-        assert!(named.check(&divided).is_ok());
-        assert!(mesh.check(&divided).expect_err("another mesh").message.contains("outputs"));
+        assert!(named.check(&divided, ply).is_ok());
+        assert!(mesh.check(&divided, ply).expect_err("another mesh").message.contains("outputs"));
         assert_eq!(named.forms().count(), 1);
-        let [ply, png] = ["ply", "png"].map(|name| InputFormat::from_name(name).expect("a format"));
         for artifact in made_of_input() {
             assert_eq!(mesh.gives(artifact, ply), artifact.needs(Need::Mesh));
             assert_eq!(named.gives(artifact, ply), artifact.name == "mesh");

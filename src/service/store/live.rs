@@ -1,6 +1,6 @@
 //! Labels of running jobs for clients that watch them. They live in the process that runs the job; other processes
-//! have none. A job without a watcher copies no labels; what its last watcher had stays until the job ends, for the
-//! next one.
+//! have none. A job without a watcher copies no labels. The labels that were shown last stay in memory until the job
+//! ends; a new watcher gets them first.
 //!
 //! There are at most [`MOST_WATCHERS`] watchers. Each costs at most [`MOST_FACES`] labels in memory, as does each
 //! running job that was watched, and each of its events 8 bytes a face that changed, in base64. There is one event in
@@ -39,7 +39,9 @@ pub(crate) struct Live(Mutex<HashMap<JobId, Watched>>);
 #[derive(Debug, Default)]
 struct Watched {
     labels: watch::Sender<Labels>,
-    is_running: bool,
+    watchers: usize,
+    /// Attempts that run: of one that was given up, the thread may still work.
+    channels: usize,
 }
 
 /// A running job, for the thread that works on it, until this is dropped.
@@ -74,34 +76,41 @@ pub(crate) struct LabelsEvent {
 impl Live {
     /// A job that runs from now on, watched or not.
     pub fn job(self: &Arc<Self>, id: JobId) -> Channel {
-        self.0.lock().entry(id).or_default().is_running = true;
+        self.0.lock().entry(id).or_default().channels += 1;
         Channel { live: Arc::clone(self), id, next: Mutex::new(Instant::now()) }
     }
 
     /// Watches a job from now on; none where there are too many watchers.
     pub fn watch(self: &Arc<Self>, id: JobId) -> Option<Watcher> {
         let mut jobs = self.0.lock();
-        if jobs.values().map(Watched::watchers).sum::<usize>() >= MOST_WATCHERS {
+        if jobs.values().map(|job| job.watchers).sum::<usize>() >= MOST_WATCHERS {
             return None;
         }
-        let mut labels = jobs.entry(id).or_default().labels.subscribe();
+        let job = jobs.entry(id).or_default();
+        job.watchers += 1;
+        let mut labels = job.labels.subscribe();
         drop(jobs);
         if !labels.borrow().is_empty() {
             labels.mark_changed();
         }
         Some(Watcher { live: Arc::clone(self), id, labels, sent: Labels::default() })
     }
-}
 
-impl Watched {
-    fn watchers(&self) -> usize {
-        self.labels.receiver_count()
+    /// Takes one user away from a job, and forgets a job that has none.
+    fn leave(&self, id: JobId, user: impl FnOnce(&mut Watched) -> &mut usize) {
+        let mut jobs = self.0.lock();
+        if let Some(job) = jobs.get_mut(&id) {
+            *user(job) -= 1;
+            if job.watchers + job.channels == 0 {
+                jobs.remove(&id);
+            }
+        }
     }
 }
 
 impl Viewer for Channel {
     fn watches(&self) -> bool {
-        self.live.0.lock().get(&self.id).is_some_and(|job| job.watchers() > 0)
+        self.live.0.lock().get(&self.id).is_some_and(|job| job.watchers > 0)
     }
 
     /// Whether a client watches, and the last labels are long enough ago.
@@ -119,13 +128,7 @@ impl Viewer for Channel {
 
 impl Drop for Channel {
     fn drop(&mut self) {
-        let mut jobs = self.live.0.lock();
-        if let Some(job) = jobs.get_mut(&self.id) {
-            job.is_running = false;
-            if job.watchers() == 0 {
-                jobs.remove(&self.id);
-            }
-        }
+        self.live.leave(self.id, |job| &mut job.channels);
     }
 }
 
@@ -162,10 +165,7 @@ impl Watcher {
 
 impl Drop for Watcher {
     fn drop(&mut self) {
-        let mut jobs = self.live.0.lock();
-        if jobs.get(&self.id).is_some_and(|job| job.watchers() <= 1 && !job.is_running) {
-            jobs.remove(&self.id);
-        }
+        self.live.leave(self.id, |job| &mut job.watchers);
     }
 }
 

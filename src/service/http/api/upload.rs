@@ -26,8 +26,8 @@ pub(crate) struct UploadQuery {
 /// Get the upload
 ///
 /// The mesh as it was uploaded, in the format that `mesh.format` of the job names, or one of its buffers. It is there
-/// while the job waits and runs, of a failed job that can be run again, and where it is an image that is kept; 404
-/// otherwise, and where the mesh was named by a `mesh_url`.
+/// while the job waits and runs, and of a failed job that can be run again, but for one that was named by a `mesh_url`.
+/// An image that is kept is there with the result. 404 otherwise.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/upload", tag = "jobs", operation_id = "getUpload",
     params(UploadQuery),

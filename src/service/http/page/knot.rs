@@ -24,9 +24,12 @@ const FACES: u64 = 20_000;
 
 #[derive(Debug)]
 struct Knot {
-    glb: Bytes,
-    tsr: Bytes,
+    glb: File,
+    tsr: File,
 }
+
+/// A file and its digest.
+type File = (Content, Bytes);
 
 static KNOT: OnceLock<Result<Knot>> = OnceLock::new();
 
@@ -41,11 +44,10 @@ pub(super) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
         .route("/knot.tsr", get(async || answer(|knot| &knot.tsr).await))
 }
 
-async fn answer(file: fn(&Knot) -> &Bytes) -> Result<Response, Failure> {
-    // on a thread that outlasts the request: the first one may be there before the knot is
-    let bytes = blocking(move || KNOT.get_or_init(make).as_ref().map(|knot| file(knot).clone()).map_err(Error::clone));
-    let bytes = bytes.await??;
-    let content = Content(digest(&bytes));
+async fn answer(file: fn(&Knot) -> &File) -> Result<Response, Failure> {
+    // a request may arrive before the knot is made
+    let made = blocking(move || KNOT.get_or_init(make).as_ref().map(|knot| file(knot).clone()).map_err(Error::clone));
+    let (content, bytes) = made.await??;
     Ok(serve("application/octet-stream", bytes, content))
 }
 
@@ -59,5 +61,6 @@ fn make() -> Result<Knot> {
     if let Some(hierarchy) = outcome.hierarchy {
         hierarchy.write(&mut tsr).map_err(failed)?;
     }
-    Ok(Knot { glb: glb.into(), tsr: tsr.into() })
+    let [glb, tsr] = [glb, tsr].map(|bytes| (Content(digest(&bytes)), Bytes::from(bytes)));
+    Ok(Knot { glb, tsr })
 }

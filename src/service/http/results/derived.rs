@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::response::Response;
-use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
+use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS, LABELS_NPY, Labels, Need};
 use tesserae_mesh::data::Format as PointsFormat;
 use tesserae_mesh::data::image::USUAL_COMPACTNESS;
 use tesserae_mesh::device::FREE;
@@ -44,7 +44,6 @@ pub(crate) async fn made(
     choices: Choices,
     form: &'static Form,
 ) -> Result<Response> {
-    let turn = encoded::turn(shared).await?;
     let kept = match job.spec.format {
         InputFormat::Mesh(_) => kept_mesh::NAME,
         InputFormat::Points(_) => kept_mesh::IMAGE,
@@ -65,6 +64,8 @@ pub(crate) async fn made(
             (Of::Image(bytes, format), memory.build(Needed::of_points(size, false)).await?)
         }
     };
+    // after the memory, which jobs may hold for long: other results need no more than a turn
+    let turn = encoded::turn(shared).await?;
     let source = match clusters {
         Some(_) => HIERARCHY_TSR.file,
         None => LABELS_NPY.file,
@@ -137,14 +138,16 @@ pub(crate) fn check_input(job: &Job, artifact: &Artifact, form: &Form) -> Result
 
 /// The error of an output that is not stored and cannot be made.
 pub(crate) fn not_made(job: &Job, form: &Form) -> Error {
-    if job.spec.format.is_of_points() {
+    let (format, is_whole) = (job.spec.format, LABELS.lacks(&job.spec.parameters) == Some(Need::Labels));
+    if format.is_of_points() {
+        let with = match (format.is_image(), is_whole) {
+            (true, _) => "keep_mesh=true, which keeps the image",
+            (false, true) => "clusters, since a whole hierarchy has no labels of its own, and with outputs",
+            (false, false) => "outputs",
+        };
         return Error::new(
             Kind::MeshNotKept,
-            format_args!(
-                "it was not made of the points: submit them again with outputs={}{}",
-                form.file,
-                if job.spec.format.is_image() { ", or keep_mesh=true, which keeps the image" } else { "" }
-            ),
+            format_args!("{} was not made of the points: submit them again with {with}", form.file),
         );
     }
     Error::new(
