@@ -42,8 +42,8 @@ test: debug-binary $(VENV)/ready  ## install what is missing and check everythin
 	@$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target $(SUITES:%=bounded-%)
 
 bounded-%:
-	@timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary $*; \
-		status=$$?; echo "$*: $$SECONDS s, of processors $$(times | tail -n 1)"; exit $$status
+	@TIMEFORMAT="$*: %0R s, of processors %0U s"; \
+		time timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary $*
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
