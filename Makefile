@@ -34,11 +34,12 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
-# Suites run three at a time, since most of them wait for much of their time. The first ones build what later ones need:
-# cargo builds one thing at a time. One that hangs fails when its time has passed, with what it printed.
-SUITES := lint page farm unit python end-to-end costs fuzz bucket outputs memory crash deploy
+# What the suites need is built first; then three of them run at a time, since most of them wait for much of their time.
+# One that hangs fails when its time has passed, with what it printed.
+SUITES := unit page farm python end-to-end costs fuzz bucket outputs memory crash deploy
 .PHONY: test
-test: debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
+test: lint debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
+	cargo test --locked $(FEATURES) --no-run
 	@$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target $(SUITES:%=bounded-%)
 
 bounded-%:
