@@ -2,9 +2,9 @@
 //!
 //! Every face is a cluster. In each round every cluster finds its best dual edge, and of the pairs that chose each
 //! other, some merge ([`Pairs`]), but no more than are too many (as hierarchies do without optimisation). No
-//! component has a share of the clusters: each ends with those that its merges are too expensive for. Where an eighth of
-//! the merges that are left should happen in a round, it is the cheaper half while there are more than twice as many
-//! clusters as wanted: flat parts merge alike, and edges are decided later.
+//! component has a share of the clusters: each ends with those that its merges are too expensive for. Where an eighth
+//! of the merges that are left should happen in a round, it is the cheaper half while there are more than twice as
+//! many clusters as wanted: flat parts merge alike, and edges are decided later.
 //!
 //! Where thousands of clusters have no other neighbour than one, as the triangles around a large polygon, only one of
 //! them would merge in a round. So after [`PAIRED_ROUNDS`] it suffices that one of two clusters chose the other.
