@@ -95,8 +95,8 @@ pub(crate) struct StreamEvent {
 /// last event counts as that event, and the stream of an ended job has its `end` then.
 ///
 /// With `labels=true` there are events `labels` ({faces, changes}) without an id while the job is clustered: at most
-/// four a second, for up to 300,000 faces or items, none of them divided or masked, where this process runs the job. There are
-/// none of `acvd`, `vc` and hierarchies of planes and shapes, and of a stream while 32 others have them.
+/// four a second, for up to 300,000 faces or items, none of them divided or masked, where this process runs the job.
+/// There are none of `acvd`, `vc` and hierarchies of planes and shapes, and of a stream while 32 others have them.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(
