@@ -141,13 +141,14 @@ pub(crate) fn not_made(job: &Job, form: &Form) -> Error {
     let (format, is_whole) = (job.spec.format, LABELS.lacks(&job.spec.parameters) == Some(Need::Labels));
     if format.is_of_points() {
         let with = match (format.is_image(), is_whole) {
-            (true, _) => "keep_mesh=true, which keeps the image",
-            (false, true) => "clusters, since a whole hierarchy has no labels of its own, and with outputs",
-            (false, false) => "outputs",
+            (true, true) => "keep_mesh=true, which keeps the image".to_owned(),
+            (true, false) => format!("keep_mesh=true, which keeps the image, or outputs={}", form.file),
+            (false, true) => format!("clusters and outputs={}: a whole hierarchy has no labels of its own", form.file),
+            (false, false) => format!("outputs={}", form.file),
         };
         return Error::new(
             Kind::MeshNotKept,
-            format_args!("{} was not made of the points: submit them again with {with}", form.file),
+            format_args!("it was not made of the points: submit them again with {with}"),
         );
     }
     Error::new(
