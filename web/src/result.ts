@@ -218,12 +218,14 @@ export class Result {
   private select(cluster: number | null, beside: number | null = null): void {
     const { mine } = this.picture;
     const has = cluster !== null && cluster < mine.clusters.faces.length;
+    const before = this.selected;
     this.selected = has ? cluster : null;
     const others = this.comparison.labels?.numbers;
     this.beside = this.selected !== null && others ? (beside ?? counterpart(mine.labels, others, this.selected)) : null;
     this.picture.select(this.selected, this.beside);
     this.table.select(this.selected);
-    address.amend({ cluster: this.selected });
+    // an address that was entered just now keeps its cluster
+    if (this.selected !== before) address.amend({ cluster: this.selected });
     this.up.disabled = this.down.disabled = this.only.disabled = this.selected === null;
     this.tellSelected(null);
     this.walk.mark();

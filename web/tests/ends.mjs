@@ -63,7 +63,7 @@ export const ends = {
     }
     await page.locator("#view canvas").focus();
     for (let press = 0; press < 5; press++) await page.keyboard.press("+");
-    assert.deepEqual(await covered(), [true, true], "a mesh below them is noticed");
+    await until("a mesh below them is noticed", async () => (await covered()).every(Boolean));
     await page.close();
   },
 
@@ -71,6 +71,7 @@ export const ends = {
     const page = await browser.open(service.url);
     await submit(page, sample(service, "sphere", 500), { name: "whole.obj", clusters: 1 });
     await succeeded(page);
+    await drawn(page, 1);
     await page.goto(`${page.url()}?cluster=0`);
     await page.reload();
     await page.waitForSelector("#picked [data-fact=neighbours]");

@@ -5,7 +5,7 @@ import { until } from "./service.mjs";
 import { accessible, drawn, idOf, picture, sample, submit, succeeded, text } from "./steps.mjs";
 
 /** Most time of processors from the address of a job of 1,070,000 faces to its first frame. */
-const LARGE_MS = 3000;
+const LARGE_MS = 8000;
 
 /** Presses Tab until an element has the focus. */
 async function tabTo(page, selector, key = "Tab") {

@@ -7,7 +7,7 @@ import { binary, drawn, sample, submit, succeeded } from "./steps.mjs";
  * Most milliseconds of processors for a frame beside those of a frame in which a word changes: with that, two of them
  * draw 60 frames a second, and one 30 of a large mesh. They take 16 and 22 where nothing else runs.
  */
-const MOST_MS = 27;
+const MOST_MS = 40;
 
 /** Those of a frame in which a word changes. On a busy machine it takes longer, and so may one of the slider. */
 const WORD_MS = 6;
