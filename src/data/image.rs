@@ -17,8 +17,10 @@ use super::{Format, Graph, PointSet, Values};
 use crate::error::names::{Name, more_than};
 use crate::error::{Error, Result};
 
-/// Compactness where none is named, as in scikit-image.
-pub const USUAL_COMPACTNESS: f64 = 10.0;
+/// The compactness of an image: where none is given that of scikit-image.
+pub fn compactness(given: Option<f64>) -> f64 {
+    given.unwrap_or(10.0)
+}
 
 /// Least and largest compactness.
 const COMPACTNESS: [f64; 2] = [1e-3, 1e6];

@@ -48,7 +48,7 @@ use std::time::Duration;
 use crate::artifacts::{Artifact, Content, Labels, Need};
 use crate::cluster::record::Record;
 use crate::data::PointTable;
-use crate::data::image::USUAL_COMPACTNESS;
+use crate::data::image;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::hierarchy::Tree;
@@ -171,7 +171,7 @@ impl Outcome {
 fn compactness(report: &Report) -> Option<f64> {
     match &report.input {
         Input::Points(points) if points.format.is_some_and(|format| format.is_image()) => {
-            Some(report.parameters.compactness.unwrap_or(USUAL_COMPACTNESS))
+            Some(image::compactness(report.parameters.compactness))
         }
         _ => None,
     }

@@ -155,7 +155,7 @@ fn arrays(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
 fn superpixels(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
     let PointsRequest { bytes, limits, parameters, .. } = *request;
     let clusters = parameters.superpixels().ok_or_else(|| size_is_missing(parameters))?;
-    let compactness = parameters.compactness.unwrap_or(image::USUAL_COMPACTNESS);
+    let compactness = image::compactness(parameters.compactness);
     image::decode(bytes, limits.max_faces, limits.max_bytes)
         .and_then(|image| image::superpixels(&image, None, clusters, compactness))
         .map_err(Refusal::of(InputFile::Mesh))

@@ -174,7 +174,7 @@ fn a_run_with_connected_moves_makes_the_passes_of_the_definition_and_no_others()
         let passes = start.defined(usize::MAX, |phase, face| phase.may_leave(face));
         let expected: Vec<_> = passes.iter().map(|labels| (Phase::Refine, start.explained(labels))).collect();
         assert_eq!(rows[1..], expected, "{}", start.name);
-        assert_eq!(&run.expect("nobody cancels").labels, passes.last().unwrap_or(&start.labels), "{}", start.name);
+        assert_eq!(&run.expect("no cancellation").labels, passes.last().unwrap_or(&start.labels), "{}", start.name);
     }
 }
 

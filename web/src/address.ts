@@ -52,10 +52,23 @@ export function read(): Address {
 
 export const ofJob = (id: string): string => `#/jobs/${id}`;
 
-/** Changes parts of the address without a step back in the history. */
+/** The address that the page shows. */
+let shown = "";
+
+/** Says that the page shows the address from now on. */
+export function arrive(): void {
+  shown = location.hash;
+}
+
+/**
+ * Changes parts of the address without a step back in the history; not of one that was entered just now, to which the
+ * page changes next.
+ */
 export function amend(change: Partial<Address>): void {
+  if (location.hash !== shown) return;
   const { job, ...rest } = { ...read(), ...change };
   const given = Object.entries(rest).filter(([, value]) => value !== null);
   const search = new URLSearchParams(given.map(([key, value]) => [key, String(value)]));
   history.replaceState(null, "", `${job === null ? "#/" : ofJob(job)}${search.size > 0 ? `?${search}` : ""}`);
+  arrive();
 }

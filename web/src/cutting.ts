@@ -2,10 +2,10 @@
 // fetched when it rests.
 
 import * as address from "./address";
-import { type Job, type Labels, isHierarchical } from "./api";
+import { type Job, isHierarchical } from "./api";
 import { WORDS, kindOf } from "./kinds";
 import { Level } from "./level";
-import { type Cuts, firstCut } from "./shown";
+import { firstCut } from "./shown";
 
 /** Time without a move of the slider after which numbers are fetched, in milliseconds. */
 const REST = 80;
@@ -21,10 +21,9 @@ export class Cutting {
 
   constructor(
     job: Job,
-    private readonly cuts: Cuts,
     most: number,
-    /** Called with labels at a move, where they take no request. */
-    private readonly onMove: (labels: Labels) => void,
+    /** Called at most once a frame. */
+    private readonly onMove: (clusters: number) => void,
     private readonly onRest: () => void,
   ) {
     const { clusters: least = 1 } = job.result ?? {};
@@ -71,9 +70,6 @@ export class Cutting {
       this.onRest();
     }, REST);
     cancelAnimationFrame(this.frame);
-    this.frame = requestAnimationFrame(() => {
-      const labels = this.cuts.now(clusters);
-      if (labels) this.onMove(labels);
-    });
+    this.frame = requestAnimationFrame(() => this.onMove(clusters));
   }
 }

@@ -49,6 +49,7 @@ const around = {
 /** Shows the job of the address, or what the first visit shows. */
 async function route(): Promise<void> {
   const mine = ++turn;
+  address.arrive();
   page?.close();
   visit?.close();
   page = visit = null;

@@ -55,11 +55,12 @@ export class Result {
     const { signal } = this.abort;
     this.cuts = new Cuts(job, signal);
     this.rows = new Rows(job, signal);
-    const move = (labels: Labels): void => {
-      if (!this.comparison.labels) this.try(this.take(labels));
+    const move = (clusters: number): void => {
+      const labels = this.comparison.labels ? null : this.cuts.now(clusters);
+      if (labels) this.try(this.take(labels));
     };
     const rest = (): void => this.try(this.fetchLabels());
-    this.cutting = new Cutting(job, this.cuts, job.result?.faces ?? 1, move, rest);
+    this.cutting = new Cutting(job, job.result?.faces ?? 1, move, rest);
     const { level } = this.cutting;
     this.comparison = new Comparison(job);
     this.comparison.onChoose = () => this.try(this.fetchLabels());
@@ -218,14 +219,12 @@ export class Result {
   private select(cluster: number | null, beside: number | null = null): void {
     const { mine } = this.picture;
     const has = cluster !== null && cluster < mine.clusters.faces.length;
-    const before = this.selected;
     this.selected = has ? cluster : null;
     const others = this.comparison.labels?.numbers;
     this.beside = this.selected !== null && others ? (beside ?? counterpart(mine.labels, others, this.selected)) : null;
     this.picture.select(this.selected, this.beside);
     this.table.select(this.selected);
-    // an address that was entered just now keeps its cluster
-    if (this.selected !== before) address.amend({ cluster: this.selected });
+    address.amend({ cluster: this.selected });
     this.up.disabled = this.down.disabled = this.only.disabled = this.selected === null;
     this.tellSelected(null);
     this.walk.mark();

@@ -83,8 +83,11 @@ export class Superpixels {
     const [height = 0, width = 0] = report.input.shape ?? [];
     this.size = { width, height };
     const most = width * height - (report.input.masked ?? 0);
-    const take = (labels: Labels): void => this.take(labels);
-    this.cutting = new Cutting(this.job, this.cuts, most, take, () => this.try(this.rest()));
+    const move = (clusters: number): void => {
+      const labels = this.cuts.now(clusters);
+      if (labels) this.take(labels);
+    };
+    this.cutting = new Cutting(this.job, most, move, () => this.try(this.rest()));
     if (this.cutting.level) this.dock.prepend(this.cutting.level.element);
     const open = async (): Promise<void> => {
       await this.open();

@@ -27,7 +27,7 @@ const middle = async (page, selector) => {
   return { x: width / 2, y: height / 2 };
 };
 
-/** Most time from the first byte until clusters are seen, or of processors until then; of three visits the best. */
+/** Most time from the first byte until clusters are seen; of three visits the best. */
 const FIRST_PICTURE_MS = 1500;
 
 export const design = {
@@ -53,8 +53,7 @@ export const design = {
     }
     const measured = `${times.join(", ")} ms after the first byte, and ${processors.join(", ")} ms of processors`;
     console.log(`  the first picture takes ${measured}`);
-    // on a busy machine visits wait, and processors are slower
-    assert.ok(Math.min(...times, ...processors) < FIRST_PICTURE_MS, measured);
+    assert.ok(Math.min(...times) < FIRST_PICTURE_MS, measured);
     assert.ok((await look(page, "#knot")).hues > 6, "it has the hues of clusters");
     const frames = async () => Number(await page.getAttribute("#knot canvas", "data-frames"));
     const before = await frames();

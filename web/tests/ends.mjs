@@ -80,6 +80,27 @@ export const ends = {
     await page.close();
   },
 
+  async "an address that is entered is not changed by the page that it leaves"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "sphere", 500), { name: "left.obj", clusters: 9 });
+    await succeeded(page);
+    await drawn(page, 9);
+    await page.click("text=Table of clusters");
+    const row = "#cluster-table tbody tr:first-child";
+    await page.waitForSelector(row);
+    // both before the event that the address has changed
+    const clicked = await page.evaluate((row) => {
+      const button = document.querySelector(`${row} button`);
+      location.hash = `${location.hash.split("?")[0]}?cluster=7`;
+      button.click();
+      return Number(/\d+/.exec(button.textContent)[0]);
+    }, row);
+    assert.notEqual(clicked, 7);
+    await page.waitForSelector("#picked[data-cluster='7'] [data-fact=neighbours]");
+    assert.match(page.url(), /cluster=7$/);
+    await page.close();
+  },
+
   async "a notice goes with what it was of"({ service, browser }) {
     const page = await browser.open(service.url);
     await page.goto(`${service.url}/#/jobs/00000000-0000-4000-8000-000000000000`);

@@ -5,7 +5,10 @@ import { until } from "./service.mjs";
 import { accessible, drawn, idOf, picture, sample, submit, succeeded, text } from "./steps.mjs";
 
 /** Most time of processors from the address of a job of 1,070,000 faces to its first frame. */
-const LARGE_MS = 8000;
+const LARGE_MS = 3000;
+
+/** Those of the first visit. On a busy machine it takes longer, and so may a large mesh. */
+const FIRST_MS = 700;
 
 /** Presses Tab until an element has the focus. */
 async function tabTo(page, selector, key = "Tab") {
@@ -145,14 +148,16 @@ export const reach = {
     const { id } = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
     const job = `${service.url}/v1/jobs/${id}`;
     await until("it is made", async () => (await (await fetch(job)).json()).state === "succeeded");
+    const idle = await browser.spent();
     const page = await browser.open(service.url, { reducedMotion: "reduce" });
     await page.waitForSelector("#knot canvas[data-frames]");
     const spent = await browser.spent();
     await page.evaluate((id) => (location.hash = `#/jobs/${id}`), id);
     await drawn(page, 1000);
-    const took = (await browser.spent()) - spent;
-    console.log(`  it takes ${took.toFixed(0)} ms of processors`);
-    assert.ok(took < LARGE_MS, `${took} ms of processors`);
+    const [knot, took] = [spent - idle, (await browser.spent()) - spent];
+    const measured = `${took.toFixed(0)} ms of processors, the first visit ${knot.toFixed(0)}`;
+    console.log(`  it takes ${measured}`);
+    assert.ok(took < LARGE_MS * Math.max(1, knot / FIRST_MS), measured);
     await fetch(job, { method: "DELETE" });
     await page.close();
   },

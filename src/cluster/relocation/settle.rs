@@ -87,7 +87,7 @@ fn along_lists<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32
 }
 
 /// The same, for clusters that have more than three quarters of the faces: it looks at all in their order, by all
-/// threads, and sorts none. A `fast` clustering of 150,391 voxels in 400 clusters takes 0.81 of the time, on two cores.
+/// threads, and sorts none.
 fn among_all<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32> {
     let mut is_of = vec![false; clusters.numbers()];
     of.iter().for_each(|&cluster| is_of[cluster as usize] = true);

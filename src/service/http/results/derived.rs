@@ -7,7 +7,7 @@ use axum::body::Bytes;
 use axum::response::Response;
 use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS, LABELS_NPY, Labels, Need};
 use tesserae_mesh::data::Format as PointsFormat;
-use tesserae_mesh::data::image::USUAL_COMPACTNESS;
+use tesserae_mesh::data::image;
 use tesserae_mesh::device::FREE;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::{self, Input};
@@ -108,7 +108,7 @@ pub(crate) async fn made(
             Of::Image(bytes, format) => {
                 let table = table_of_points(&of_image(&bytes, format, limits, &parameters), labels.labels, clusters);
                 let table = table.map_err(|refusal| refusal.error)?;
-                let compactness = Some(parameters.compactness.unwrap_or(USUAL_COMPACTNESS));
+                let compactness = Some(image::compactness(parameters.compactness));
                 let shape = Some(&shape[..]);
                 (form.encode)(&Content { points: Some(&table), compactness, shape, ..content })?(out)
             }
