@@ -158,13 +158,14 @@ def test_a_call_costs_less_than_a_millisecond_more_than_the_library(sample: Samp
     """The library works on threads of its own: the processor time of the calling thread is what the call adds."""
     points, rows = read_obj(sample("knot", 70000))
     faces = np.array(rows)
-    costs = []
-    for _ in range(20):
+    costs: list[float] = []
+    # other work on this machine only adds
+    while not costs or (min(costs) >= 1 and len(costs) < 100):
         start = time.thread_time()
         clustering = tesserae_mesh.cluster(points, faces, 1000, quality="fast")
         clustering.labels  # noqa: B018
         costs.append(1e3 * (time.thread_time() - start))
-    assert min(costs) < float(os.environ.get("TESSERAE_TEST_CALL_MS", "1")), costs
+    assert min(costs) < 1, costs
 
 
 def test_the_command_line_comes_with_the_package(tmp_path: Path) -> None:

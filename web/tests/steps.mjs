@@ -5,7 +5,7 @@ import { mkdirSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { join } from "node:path";
 import { parseArgs } from "node:util";
-import { until } from "./service.mjs";
+import { Service, until } from "./service.mjs";
 
 export const { positionals, values } = parseArgs({
   allowPositionals: true,
@@ -31,6 +31,18 @@ export async function picture(page, name) {
   mkdirSync(values.pictures, { recursive: true });
   const small = name.endsWith(".jpg") ? { quality: 60 } : {};
   await page.screenshot({ path: join(values.pictures, name), ...small });
+}
+
+/** Opens the page of a service that has no other jobs, whose small pictures would be made meanwhile. */
+export async function alone(browser, options, test) {
+  const service = await new Service(binary).start();
+  try {
+    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 }, ...options });
+    await test(page, service);
+    await page.close();
+  } finally {
+    await service.stop();
+  }
 }
 
 export function sample(service, name, faces, extension = "obj") {
