@@ -80,8 +80,8 @@ pub struct Parameters {
     #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = CLUSTERS, hide_short_help = true)]
     pub tolerance: Option<Length>,
 
-    /// Number of clusters; may be left out when seeds are listed, with a tolerance, and for hierarchies, which then go
-    /// to the top
+    /// Number of clusters; may be left out when seeds are listed, except of images, with a tolerance, and for
+    /// hierarchies, which then go to the top
     // the command line has a list of them
     #[arg(skip)]
     #[schema(minimum = 1)]

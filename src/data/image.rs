@@ -22,8 +22,14 @@ pub fn compactness(given: Option<f64>) -> f64 {
     given.unwrap_or(10.0)
 }
 
-/// Least and largest compactness.
-const COMPACTNESS: [f64; 2] = [1e-3, 1e6];
+/// Refuses a compactness out of bounds.
+pub fn check_compactness(compactness: f64) -> Result<()> {
+    let [least, most] = [1e-3, 1e6];
+    if (least..=most).contains(&compactness) {
+        return Ok(());
+    }
+    Err(Error::parameter(format_args!("{} must be from {least} to {most}: {compactness}", Name::COMPACTNESS)))
+}
 
 /// Pixels that a thread takes at once.
 const PIECE: usize = 1 << 12;
@@ -152,7 +158,12 @@ fn open_png(bytes: &[u8], max_bytes: u64) -> Result<png::Reader<Cursor<&[u8]>>> 
     decoder.set_transformations(png::Transformations::EXPAND);
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
-    decoder.read_info().map_err(broken)
+    decoder.read_info().map_err(|error| match error {
+        png::DecodingError::LimitsExceeded => {
+            Error::too_large(format_args!("the image needs more than {max_bytes} bytes of memory"))
+        }
+        error => broken(error),
+    })
 }
 
 fn decode_png(
@@ -249,10 +260,7 @@ pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactn
     if clusters == 0 {
         return Err(Error::parameter("the number of superpixels must be at least 1: 0"));
     }
-    let [least, most] = COMPACTNESS;
-    if !(least..=most).contains(&compactness) {
-        return Err(Error::parameter(format_args!("the compactness must be from {least} to {most}: {compactness}")));
-    }
+    check_compactness(compactness)?;
     let has_alpha = channels % 2 == 0;
     let is_opaque = |pixel: usize| !has_alpha || samples.at(pixel * channels + channels - 1) > 0;
     let takes_part = |pixel: usize| is_opaque(pixel) && mask.is_none_or(|mask| mask[pixel]);

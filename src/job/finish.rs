@@ -87,7 +87,11 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         Subject::Mesh(surface, _) => warnings.extend(out_of_range(surface, largest)),
         Subject::Normals(surface, _) => warnings.extend(out_of_range(surface, largest)),
         Subject::Shapes(shaped) => warnings.extend(out_of_range(&shaped.surface, largest)),
-        Subject::Points(_) => {}
+        Subject::Points(_) if largest.is_finite() => {}
+        Subject::Points(_) => warnings.push(
+            "energies are too large for f64 and null; labels are not affected; divide the coordinates or the weights"
+                .to_owned(),
+        ),
     }
     let timings_ms = Timings {
         upload: milliseconds(clustered.upload),

@@ -3,6 +3,7 @@
 use super::{Algorithm, Name, Optimize, Parameters, Seeds, Subdivide};
 use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
+use crate::data::image;
 use crate::device::dual_edge::Ties;
 use crate::energy;
 use crate::error::{Error, Result};
@@ -74,6 +75,7 @@ impl Parameters {
                 Name::FEATURES
             )));
         }
+        self.compactness.map_or(Ok(()), image::check_compactness)?;
         match self.collapse_fraction {
             // no number is not above 0 either
             Some(percent) if !(percent > 0.0 && percent <= 50.0) => Err(Error::parameter(format_args!(

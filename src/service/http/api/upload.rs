@@ -57,7 +57,7 @@ pub(crate) async fn upload(Extract(shared): App, caller: Caller, Path(id): Path<
     if !job.has_upload() && !is_kept {
         let message = format_args!(
             "an upload is kept until its job ends, and what a mesh_url names is read at its place; keep_mesh=true \
-             keeps the mesh or the image with the result. The job is {}",
+             keeps an image with the result. The job is {}",
             job.state.name()
         );
         return Err(Error::new(Kind::NotFound, message).into());
