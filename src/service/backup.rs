@@ -21,11 +21,10 @@ use crate::files::{self, Folder, OWNER, RESULTS, UPLOADS};
 use crate::ops::private;
 use crate::store::{JobId, State};
 
-/// Name of the store of jobs.
 const STORE: &str = "jobs.sqlite3";
 
 /// What a backup holds.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Backup {
     /// Jobs in it.
     pub jobs: i64,
@@ -52,7 +51,6 @@ impl Wanted {
         self.is_needed && !to.join(self.path()).join(&self.file).is_file()
     }
 
-    /// Its path in the data folder.
     fn path(&self) -> PathBuf {
         self.folder.path().as_ref().into()
     }
@@ -103,14 +101,12 @@ fn is_within(path: &Path, folder: &Path) -> io::Result<bool> {
     Ok(there.canonicalize()?.starts_with(folder.canonicalize()?))
 }
 
-/// Copies the data folder `from` to the empty folder `to`.
 fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
     // without a first part that SQLite would take for a scheme, as in file:backup
     let store = from.canonicalize().map_err(cannot_write)?.join(STORE);
     let to = &to.canonicalize().map_err(cannot_write)?;
     let copy = to.join(STORE);
-    let mut backup = Backup::default();
     take_files(from, to).map_err(cannot_write)?;
     link(from, to, Path::new(OWNER)).map_err(cannot_write)?;
     let is_elsewhere = !to.join(OWNER).exists();
@@ -123,28 +119,27 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
             ),
         ));
     }
-    copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
+    let failed = |error: rusqlite::Error| {
+        Error::new(Kind::Io, format_args!("the store of jobs cannot be copied to {}: {error}", copy.display()))
+    };
+    let mut jobs = copy_store(&store, &copy).map_err(failed)?;
     let wanted = match is_elsewhere {
         true => Vec::new(),
-        false => wanted(&copy).map_err(|error| failed(&copy, &error))?,
+        false => wanted(&jobs).map_err(failed)?,
     };
     take_files(from, to).map_err(cannot_write)?;
     let lost: Vec<JobId> = wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job).collect();
-    leave_out(&copy, &lost).map_err(|error| failed(&copy, &error))?;
-    backup.left_out = lost.len() as u64;
+    leave_out(&mut jobs, &lost).map_err(failed)?;
     remove_others(to, &wanted).map_err(cannot_write)?;
-    backup.jobs = count(&copy).map_err(|error| failed(&copy, &error))?;
-    backup.files = all_files(to).len() as u64;
+    let count = jobs.query_row("SELECT count(*) FROM jobs", [], |row| row.get(0)).map_err(failed)?;
+    jobs.close().map_err(|(_, error)| failed(error))?;
+    let backup = Backup { jobs: count, files: all_files(to).len() as u64, left_out: lost.len() as u64 };
     sync(to).map_err(cannot_write)?;
     Ok(backup)
 }
 
-fn failed(copy: &Path, error: &rusqlite::Error) -> Error {
-    Error::new(Kind::Io, format_args!("the store of jobs cannot be copied to {}: {error}", copy.display()))
-}
-
-/// Copies the store as it is at one moment, however many processes write to it.
-fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
+/// Copies the store as it is at one moment, however many processes write to it; a connection to the copy.
+fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<Connection> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
     connection.busy_timeout(std::time::Duration::from_secs(5))?;
     // SQLite writes into a file that is there if it is empty; this one is for the owner only
@@ -152,23 +147,20 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
     // as a text of SQL, whatever its bytes are
     let path = ToSqlOutput::Borrowed(ValueRef::Text(copy.as_os_str().as_bytes()));
     connection.execute("VACUUM INTO ?1", [path])?;
-    forget_attempts(copy)
-}
-
-/// Makes the jobs that run wait again without suspicion when a service starts on the copy: no process died.
-fn forget_attempts(copy: &Path) -> rusqlite::Result<()> {
-    Connection::open(copy)?.execute("UPDATE jobs SET begun = 0 WHERE state = 'running'", []).map(drop)
+    let copy = Connection::open(copy)?;
+    // no process died: jobs that run wait again without suspicion when a service starts on the copy
+    copy.execute("UPDATE jobs SET begun = 0 WHERE state = 'running'", [])?;
+    Ok(copy)
 }
 
 /// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others, where meshes in
 /// a bucket have no file.
-fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
-    let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+fn wanted(copy: &Connection) -> rusqlite::Result<Vec<Wanted>> {
     let sql = "SELECT id, state, attempt, spec ->> 'referred' IS NOT NULL, \
                coalesce(spec ->> 'listed_seeds', 0), coalesce(spec ->> 'has_weights', 0), \
                coalesce(spec ->> 'has_graph', 0), coalesce(json_array_length(spec, '$.buffers'), 0) FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
-    let mut statement = connection.prepare(sql)?;
+    let mut statement = copy.prepare(sql)?;
     let rows = statement.query_map([], |row| {
         let (id, state): (String, String) = (row.get(0)?, row.get(1)?);
         let unreadable = |error| rusqlite::Error::FromSqlConversionFailure(0, Type::Text, Box::new(error));
@@ -194,13 +186,8 @@ fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     rows.collect()
 }
 
-/// Forgets jobs in a copy of the store.
-fn leave_out(store: &Path, jobs: &[JobId]) -> rusqlite::Result<()> {
-    if jobs.is_empty() {
-        return Ok(());
-    }
-    let mut connection = Connection::open(store)?;
-    let transaction = connection.transaction()?;
+fn leave_out(copy: &mut Connection, jobs: &[JobId]) -> rusqlite::Result<()> {
+    let transaction = copy.transaction()?;
     for job in jobs.iter().map(JobId::to_string) {
         for table in ["events", "blobs"] {
             let sql = format!("DELETE FROM {table} WHERE job = (SELECT number FROM jobs WHERE id = ?1)");
@@ -209,11 +196,6 @@ fn leave_out(store: &Path, jobs: &[JobId]) -> rusqlite::Result<()> {
         transaction.execute("DELETE FROM jobs WHERE id = ?1", [&job])?;
     }
     transaction.commit()
-}
-
-fn count(store: &Path) -> rusqlite::Result<i64> {
-    let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    connection.query_row("SELECT count(*) FROM jobs", [], |row| row.get(0))
 }
 
 /// Every whole file of uploads and results, relative to the data folder.

@@ -21,7 +21,6 @@ use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, RetryConfig};
 use reqwest::Url;
 use tesserae_mesh::error::{Error, Result};
 
-/// Times that a request is repeated.
 const RETRIES: usize = 3;
 
 /// Time after which no request is repeated.
@@ -30,7 +29,6 @@ const RETRYING: Duration = Duration::from_secs(15);
 /// Longest time between two of them.
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 
-/// Time for a connection.
 const CONNECTING: Duration = Duration::from_secs(5);
 
 /// Time without a byte after which a request has failed. A whole answer may take longer: clients read it at their pace.
@@ -68,7 +66,6 @@ pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
     Ok(PrefixStore::new(bucket, prefix.clone()))
 }
 
-/// Whether the host of a URL is this machine.
 fn is_on_this_machine(url: &str) -> bool {
     let Ok(url) = Url::parse(url) else { return false };
     let host = url.host_str().unwrap_or_default();

@@ -32,7 +32,6 @@ use tokio::runtime::Handle;
 use tokio_util::io::{ReaderStream, StreamReader, SyncIoBridge};
 use uuid::Uuid;
 
-/// Bytes that are read at once.
 const CHUNK: usize = 1 << 16;
 
 /// Bytes of a part of a blob in an object store. S3 takes none below 5 MiB but the last, and at most 10,000.
@@ -65,7 +64,6 @@ impl Blobs {
         self.store.put(path, bytes.into()).await.map(drop).map_err(cannot_store)
     }
 
-    /// Starts a blob that is stored in parts.
     pub async fn start(&self, path: &Path) -> Result<Parts> {
         let upload = self.store.put_multipart(path).await.map_err(cannot_store)?;
         Ok(Parts { upload: Some(upload) })
@@ -142,7 +140,6 @@ pub(crate) struct Found {
     pub tag: Option<String>,
 }
 
-/// Where blobs lie that try a place.
 const PROBES: &str = "probes";
 
 /// A blob that is stored in parts. It is there when [complete](Self::complete); the parts of one that is dropped before
@@ -201,7 +198,6 @@ impl Blob {
         Ok(Self(Source::Held { bytes, whole }))
     }
 
-    /// Number of bytes that will be read.
     pub fn length(&self) -> u64 {
         match &self.0 {
             Source::Found(found) => found.range.end - found.range.start,
@@ -209,7 +205,6 @@ impl Blob {
         }
     }
 
-    /// Number of bytes of the whole blob.
     pub fn whole_length(&self) -> u64 {
         match &self.0 {
             Source::Found(found) => found.meta.size,

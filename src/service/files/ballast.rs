@@ -20,16 +20,13 @@ pub(super) const LAST: &str = "ballast.last";
 /// Bytes of the ballast, at most: a few transactions of the store of jobs.
 const MOST: u64 = 16 << 20;
 
-/// Part of the disk that the ballast may take.
 const PART: u64 = 16;
 
-/// Part of the ballast that the last file takes as well.
 const PART_OF_LAST: u64 = 4;
 
 #[derive(Debug)]
 pub(super) struct Ballast {
     folder: PathBuf,
-    /// Bytes that it is to have.
     size: u64,
 }
 

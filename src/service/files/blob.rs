@@ -17,7 +17,6 @@ use crate::blobs::{Blob, Parts};
 use crate::ops::faults::FaultPoint;
 use crate::store::{Contents, JobId, SmallBlob};
 
-/// Bytes of the buffer of a thread that may block.
 const CHUNK: usize = 1 << 16;
 
 /// A blob in the making; without [`finish`](Self::finish) nothing is left of it.
@@ -30,7 +29,8 @@ pub(crate) struct BlobWriter {
     buffer: Vec<u8>,
     parts: Option<Parts>,
     written: u64,
-    counted: Counted,
+    /// Bytes of an upload that count as long as it comes in.
+    counted: u64,
     /// Of all bytes so far; of a result only.
     sha256: Sha256,
     /// Bytes that are held before they are written: a smaller blob is written at once.
@@ -41,8 +41,7 @@ impl BlobWriter {
     pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
         let part = files.blobs.part;
         let (name, buffer, sha256) = (name.to_owned(), Vec::new(), Sha256::new());
-        let counted = Counted { files: Arc::clone(&files), bytes: 0 };
-        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, counted, sha256, part }
+        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, counted: 0, sha256, part }
     }
 
     pub(super) fn bytes(&self) -> u64 {
@@ -58,7 +57,7 @@ impl BlobWriter {
     /// The blob, of which nothing was written to the disk yet, as one for the store.
     pub(super) fn into_small(mut self) -> Result<SmallBlob> {
         let bytes = self.take_buffer().map_err(|error| self.files.noted(error))?;
-        Ok(SmallBlob { name: self.name, bytes })
+        Ok(SmallBlob { name: std::mem::take(&mut self.name), bytes })
     }
 
     fn path(&self) -> BlobPath {
@@ -84,6 +83,20 @@ impl BlobWriter {
         Ok(())
     }
 
+    /// Takes what `content` writes, on a blocking thread of the runtime.
+    pub fn fill(mut self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<Self> {
+        let mut filling = Filling { writer: &mut self, runtime: Handle::current(), failed: None };
+        let mut out = io::BufWriter::with_capacity(CHUNK, &mut filling);
+        let written = content(&mut out).and_then(|()| out.flush());
+        // what it still holds after a failure is not to be written
+        drop(out.into_parts());
+        match (filling.failed, written) {
+            (Some(error), _) => Err(error),
+            (None, Err(error)) => Err(Error::io("a result cannot be written", error)),
+            (None, Ok(())) => Ok(self),
+        }
+    }
+
     /// Makes the blob appear, whole. It is on the disk when this returns.
     pub async fn finish(mut self) -> Result<()> {
         self.complete().await.map_err(|error| self.files.noted(error))
@@ -101,7 +114,7 @@ impl BlobWriter {
             }
         }
         // they stay
-        self.counted.bytes = 0;
+        self.counted = 0;
         Ok(())
     }
 
@@ -118,7 +131,7 @@ impl BlobWriter {
     /// What is held, if it may be written.
     fn take_buffer(&mut self) -> Result<Bytes> {
         if self.is_upload {
-            self.files.check_more(self.buffer.len() as u64, self.written)?;
+            self.files.check_room(self.buffer.len() as u64, self.written)?;
         }
         self.files
             .faults
@@ -128,53 +141,27 @@ impl BlobWriter {
         self.written += bytes;
         if self.is_upload {
             self.files.disk.uploaded(bytes);
-            self.counted.bytes += bytes;
+            self.counted += bytes;
         }
         Ok(std::mem::take(&mut self.buffer).into())
     }
 }
 
-/// Bytes of an upload that count as long as it comes in.
-struct Counted {
-    files: Arc<Files>,
-    bytes: u64,
-}
-
-impl Drop for Counted {
+impl Drop for BlobWriter {
     fn drop(&mut self) {
-        self.files.disk.removed(self.bytes);
+        self.files.disk.removed(self.counted);
     }
 }
 
-/// A [`BlobWriter`] for a thread that may block.
-pub(crate) struct BlockingWriter {
+/// What a thread that may block writes to a blob.
+struct Filling<'w> {
+    writer: &'w mut BlobWriter,
     runtime: Handle,
-    writer: BlobWriter,
     /// Why a write failed: [`io::Error`] does not carry it.
     failed: Option<Error>,
 }
 
-impl BlockingWriter {
-    /// To be used on a blocking thread of the runtime.
-    pub fn new(writer: BlobWriter) -> Self {
-        Self { runtime: Handle::current(), writer, failed: None }
-    }
-
-    /// Takes what `content` writes. The blob is still to be [finished](BlobWriter::finish).
-    pub fn fill(mut self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<BlobWriter> {
-        let mut out = io::BufWriter::with_capacity(CHUNK, &mut self);
-        let written = content(&mut out).and_then(|()| out.flush());
-        // what it still holds after a failure is not to be written
-        drop(out.into_parts());
-        match (self.failed, written) {
-            (Some(error), _) => Err(error),
-            (None, Err(error)) => Err(Error::io("a result cannot be written", error)),
-            (None, Ok(())) => Ok(self.writer),
-        }
-    }
-}
-
-impl Write for BlockingWriter {
+impl Write for Filling<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self.runtime.block_on(self.writer.write(bytes)) {
             Ok(()) => Ok(bytes.len()),

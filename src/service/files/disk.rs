@@ -35,16 +35,13 @@ pub(super) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
 #[derive(Debug)]
 pub(super) struct Disk {
     root: PathBuf,
-    /// Free bytes that no upload takes.
     reserve: u64,
-    /// Whether uploads take room here.
     has_uploads: bool,
     /// Bytes of the files of uploads, those that are coming in included.
     uploads: AtomicU64,
 }
 
 impl Disk {
-    /// Of a folder in which uploads lie, or not.
     pub fn new(root: PathBuf, reserve: u64, has_uploads: bool) -> Self {
         let uploads = AtomicU64::new(size(&root.join(UPLOADS)));
         Self { root, reserve: reserve.max(STORE_ROOM), has_uploads, uploads }
@@ -112,7 +109,6 @@ fn space(folder: &Path) -> Option<(u64, u64)> {
     Some((bytes(found.f_bavail), bytes(found.f_blocks)))
 }
 
-/// Bytes of the file system of a folder; none where that cannot be told.
 pub(super) fn total_bytes(folder: &Path) -> Option<u64> {
     space(folder).map(|(_, total)| total).filter(|total| *total > 0)
 }

@@ -8,7 +8,6 @@ use tesserae_mesh::error::{Error, Kind};
 /// What clients get when the storage cannot be reached; the log says why.
 pub(super) const CANNOT_REACH: &str = "the storage of the service cannot be reached; try again later";
 
-/// The error of a disk that does not take what is to be stored.
 pub(super) fn storage_error(what: impl std::fmt::Display, error: io::Error) -> Error {
     Error::new(Kind::of_storage(&error), format_args!("{what}: {error}"))
 }

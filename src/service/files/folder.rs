@@ -20,12 +20,11 @@ use crate::blobs::place::BlobPlace;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::private;
-use crate::store::{JobId, SMALL_BLOBS};
+use crate::store::JobId;
 
 /// Part of the room for uploads that the store of jobs may keep free for itself.
 const STORE_PART: u64 = 8;
 
-/// The folder and everything in it.
 #[derive(Debug)]
 pub(crate) struct Files {
     pub(super) root: Root,
@@ -75,21 +74,19 @@ impl Files {
         };
         let ballast = Ballast::new(&root.path, disk::total_bytes(&root.path), root.is_kept());
         let disk = Disk::new(root.path.clone(), reserve, elsewhere.is_none());
-        let (incoming, failures, damages) = (Mutex::default(), AtomicU64::new(0), AtomicU64::new(0));
-        let elsewhere = elsewhere.cloned();
         let files = Self {
             root,
             blobs,
             prefixes: Vec::new(),
-            elsewhere,
+            elsewhere: elsewhere.cloned(),
             owner: None,
             disk,
             ballast,
-            incoming,
-            failures,
-            stuck: AtomicU64::new(0),
-            unknown: AtomicU64::new(0),
-            damages,
+            incoming: Mutex::default(),
+            failures: AtomicU64::default(),
+            stuck: AtomicU64::default(),
+            unknown: AtomicU64::default(),
+            damages: AtomicU64::default(),
             faults,
         };
         // the store needs some room to be opened
@@ -100,12 +97,10 @@ impl Files {
         Ok(files)
     }
 
-    /// Where the store of jobs is to be.
     pub fn database(&self) -> PathBuf {
         self.root.path.join(root::STORE)
     }
 
-    /// A folder for files without a name.
     pub fn scratch(&self) -> PathBuf {
         self.root.path.join("scratch")
     }
@@ -115,7 +110,6 @@ impl Files {
         self.disk.removed(removed);
     }
 
-    /// Removes what an attempt at a job left.
     pub async fn remove_result(&self, id: JobId, attempt: u32) {
         self.remove_below(&Folder::Result(id, attempt).path()).await;
     }
@@ -125,18 +119,9 @@ impl Files {
         self.remove_below(&Folder::Results(id).path()).await;
     }
 
-    /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
-    pub fn check_room(&self, bytes: u64) -> Result<()> {
-        self.check_more(bytes, 0)
-    }
-
-    /// Refuses when a job may be refused that is kept in the store of jobs.
-    pub fn check_small_job(&self) -> Result<()> {
-        self.check_room(SMALL_BLOBS)
-    }
-
-    /// Refuses more bytes of an upload, of which some were written before.
-    pub(super) fn check_more(&self, more: u64, before: u64) -> Result<()> {
+    /// Refuses more bytes of an upload, of which some were written before, when there is no room for them or no folder
+    /// any more.
+    pub fn check_room(&self, more: u64, before: u64) -> Result<()> {
         self.check_reachable()?;
         self.disk.check(more, before)
     }
@@ -213,7 +198,6 @@ impl Files {
         })
     }
 
-    /// Counts an error of the disk.
     pub(super) fn noted(&self, error: Error) -> Error {
         if error.is_of_storage() {
             self.failures.fetch_add(1, Ordering::Relaxed);

@@ -31,7 +31,6 @@ impl Incoming {
         self.has_files = true;
     }
 
-    /// The name of the job that the upload will be.
     pub fn id(&self) -> JobId {
         self.id
     }

@@ -28,7 +28,6 @@ const MAGIC: &[u8; 8] = b"TSRMESH1";
 /// zstd's fastest usual level: positions compress little at any.
 const LEVEL: i32 = 1;
 
-/// Numbers that are converted at once.
 const CHUNK: usize = 1 << 14;
 
 pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {

@@ -36,7 +36,7 @@ mod root;
 pub(crate) mod storage;
 mod sweep;
 
-pub(crate) use self::blob::{BlobWriter, BlockingWriter};
+pub(crate) use self::blob::BlobWriter;
 pub(crate) use self::folder::Files;
 pub(crate) use self::incoming::{Incoming, settle};
 pub(crate) use self::names::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};

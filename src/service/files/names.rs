@@ -18,7 +18,6 @@ pub(crate) const WEIGHTS: &str = "weights";
 /// Name of the edges between points among a job's uploads.
 pub(crate) const GRAPH: &str = "graph";
 
-/// Name of buffer number `index` among a job's uploads.
 pub(crate) fn buffer(index: usize) -> String {
     format!("buffer-{index}")
 }
@@ -26,11 +25,8 @@ pub(crate) fn buffer(index: usize) -> String {
 /// Blobs that belong together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Folder {
-    /// What was uploaded for a job.
     Upload(JobId),
-    /// What an attempt at a job gave.
     Result(JobId, u32),
-    /// What all attempts at a job gave.
     Results(JobId),
 }
 

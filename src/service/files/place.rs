@@ -239,7 +239,7 @@ mod tests {
         let (data, blobs) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         for (elsewhere, is_taken) in [(Some(place(blobs.path())), true), (None, false)] {
             let files = open(Some(data.path()), elsewhere.as_ref(), 0);
-            assert_eq!(files.check_room(1 << 60).is_ok(), is_taken);
+            assert_eq!(files.check_room(1 << 60, 0).is_ok(), is_taken);
             files.close().await;
         }
     }

@@ -12,7 +12,6 @@ use crate::blobs::place::BlobPlace;
 use crate::blobs::{Blob, Blobs, Found};
 use crate::store::Referred;
 
-/// What stands for the tenant in a prefix.
 const TENANT: &str = "{tenant}";
 
 impl Files {
@@ -81,7 +80,6 @@ impl Files {
     }
 }
 
-/// The error of a file that the service could read before.
 fn forbidden_as_unavailable(error: Error) -> Error {
     match error.kind {
         Kind::Forbidden => Error::new(Kind::Unavailable, error.message),

@@ -14,10 +14,8 @@ use crate::files::Files;
 use crate::files::deletion;
 use crate::store::{Deletion, Store};
 
-/// Jobs that are deleted at a time.
 const AT_ONCE: usize = 100;
 
-/// Longest time between two looks for expired jobs.
 const INTERVAL: Duration = Duration::from_secs(30);
 
 /// Time between two sweeps of files that a failed removal left.
@@ -49,7 +47,6 @@ impl Reading {
     }
 }
 
-/// Deletes jobs some time after their end.
 pub(crate) struct Retention {
     files: Arc<Files>,
     store: Arc<Store>,
@@ -72,7 +69,6 @@ impl Retention {
         Ok(Self { files, store, kept, last, pause: None })
     }
 
-    /// Deletes expired jobs until `stop`.
     pub async fn run(mut self, stop: CancellationToken) {
         let kept = self.kept;
         let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
@@ -128,7 +124,6 @@ impl Retention {
         self.pause.is_some_and(|end| now.steady < end)
     }
 
-    /// Deletes every job that ended before a moment.
     async fn expire(&self, before: SystemTime) -> Result<()> {
         loop {
             let old = self.store.ended_before(before, AT_ONCE).await?;

@@ -80,7 +80,6 @@ impl Root {
         Self::taken(folder.path().to_owned(), None, Some(folder))
     }
 
-    /// Whether the folder outlasts the process.
     pub fn is_kept(&self) -> bool {
         self.temporary.is_none()
     }

@@ -16,9 +16,8 @@ use tokio_util::sync::CancellationToken;
 use crate::files::Files;
 use crate::ops::blocking::blocking;
 use crate::ops::health::{Health, Part};
-use crate::store::Store;
+use crate::store::{SMALL_BLOBS, Store};
 
-/// Time between two looks at the counts.
 const INTERVAL: Duration = Duration::from_millis(500);
 
 /// Time after which the folder is tried although nothing failed.
@@ -87,7 +86,7 @@ impl Storage {
             // a failure is counted by the store
             let _ = self.store.give_back().await;
         }
-        self.say(Part::Disk, self.files.check_root().and_then(|()| self.files.check_small_job()));
+        self.say(Part::Disk, self.files.check_root().and_then(|()| self.files.check_room(SMALL_BLOBS, 0)));
     }
 
     fn say(&self, part: Part, tried: Result<()>) {

@@ -35,31 +35,26 @@ impl Files {
             // looked at before the store, which knows an accepted one before it stops coming in
             let is_coming_in = self.incoming.lock().contains(&id);
             match store.get(id).await? {
-                _ if is_coming_in => continue,
-                Some(job) if !job.state.is_ended() || job.keeps_upload() => continue,
-                None if self.stays(Folder::Upload(id), old).await? => {
-                    unknown += 1;
-                    continue;
+                _ if is_coming_in => {}
+                Some(job) if !job.state.is_ended() || job.keeps_upload() => {}
+                None if self.stays(Folder::Upload(id), old).await? => unknown += 1,
+                _ => {
+                    self.remove_upload(id).await;
+                    removed += 1;
                 }
-                _ => self.remove_upload(id).await,
             }
-            removed += 1;
         }
         for id in self.jobs_in(RESULTS).await? {
             // listed before the store is read, which knows an attempt before it has files
-            let attempts = self.names_in(&Folder::Results(id).path()).await?;
+            let attempts = self.blobs.names(&Folder::Results(id).path()).await?;
             match store.get(id).await? {
-                None if self.stays(Folder::Results(id), old).await? => {
-                    unknown += 1;
-                    continue;
-                }
-                None => self.remove(id).await,
-                Some(job) => {
-                    removed += self.sweep_attempts(&job, &attempts).await;
-                    continue;
+                Some(job) => removed += self.sweep_attempts(&job, &attempts).await,
+                None if self.stays(Folder::Results(id), old).await? => unknown += 1,
+                None => {
+                    self.remove(id).await;
+                    removed += 1;
                 }
             }
-            removed += 1;
         }
         // at a shared place, most of them are coming in at other processes
         self.unknown.store(if self.is_shared() { 0 } else { unknown }, Ordering::Relaxed);
@@ -69,7 +64,7 @@ impl Files {
     /// Whether a folder of a job that the store does not know stays: it has a file that is newer than `old`.
     async fn stays(&self, folder: Folder, old: Option<SystemTime>) -> Result<bool> {
         let is_upload_of_one = matches!(folder, Folder::Upload(_)) && !self.is_shared();
-        if is_upload_of_one && !self.names_in(&folder.path()).await?.iter().any(|name| name == MESH) {
+        if is_upload_of_one && !self.blobs.names(&folder.path()).await?.iter().any(|name| name == MESH) {
             return Ok(false);
         }
         let newest = self.blobs.newest(&folder.path()).await?;
@@ -91,11 +86,7 @@ impl Files {
 
     /// The jobs that have a folder. What has another name is not the service's.
     pub(super) async fn jobs_in(&self, folder: &str) -> Result<Vec<JobId>> {
-        let names = self.names_in(&BlobPath::from(folder)).await?;
+        let names = self.blobs.names(&BlobPath::from(folder)).await?;
         Ok(names.iter().filter_map(|name| name.parse().ok()).collect())
-    }
-
-    pub(super) async fn names_in(&self, path: &BlobPath) -> Result<Vec<String>> {
-        self.blobs.names(path).await
     }
 }

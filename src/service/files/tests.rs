@@ -9,8 +9,8 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::*;
 use crate::ops::faults::{FaultPoint, Faults};
-use crate::store::tests::{new_job, store_in};
-use crate::store::{Created, End, JobId, NewJob, SMALL_BLOBS, Summary};
+use crate::store::tests::{SUMMARY, new_job, store_in};
+use crate::store::{Created, End, JobId, NewJob, SMALL_BLOBS};
 
 fn open(path: &Path, reserve: u64, faults: Faults) -> Arc<Files> {
     Arc::new(Files::open(Some(path), None, reserve, faults).expect("it opens"))
@@ -77,7 +77,7 @@ async fn a_reserve_that_the_disk_never_has_is_refused_and_one_that_it_has_not_no
     let folder = tempfile::tempdir().expect("a folder");
     let total = disk::total_bytes(folder.path()).expect("known");
     let files = open(folder.path(), total - 1, Faults::default());
-    let error = files.check_room(0).expect_err("the disk holds something");
+    let error = files.check_room(0, 0).expect_err("the disk holds something");
     assert_eq!(error.kind, Kind::InsufficientStorage);
     assert!(error.message.contains("--min-free-bytes"), "{error}");
     assert_eq!(write(files.incoming().blob("a"), b"x").await.map_err(|error| error.kind), Err(Kind::TooLarge));
@@ -86,7 +86,7 @@ async fn a_reserve_that_the_disk_never_has_is_refused_and_one_that_it_has_not_no
     files.close().await;
     // no deletion makes room for these
     let files = open(folder.path(), 0, Faults::default());
-    assert_eq!(files.check_room(total / 4).expect_err("never").kind, Kind::TooLarge);
+    assert_eq!(files.check_room(total / 4, 0).expect_err("never").kind, Kind::TooLarge);
     files.close().await;
     let error = Files::open(Some(folder.path()), None, total, Faults::default()).expect_err("no disk is that empty");
     let words = format!("less than the {total} bytes");
@@ -149,15 +149,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
     let ticket = claimed[0].0;
-    let summary = Summary {
-        faces: 1,
-        clusters: 1,
-        shape: Vec::new(),
-        labels_sha256: None,
-        is_small: false,
-        blobs: Default::default(),
-    };
-    store.finish(ticket, End::Succeeded(summary)).await.expect("finished");
+    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
     write(files.result(succeeded, 1, REPORT_JSON.file), b"{}").await.expect("written");
     write(files.result(succeeded, 7, REPORT_JSON.file), b"{}").await.expect("written");
     write(files.result(waiting, 1, REPORT_JSON.file), b"{}").await.expect("written");

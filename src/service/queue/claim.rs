@@ -24,27 +24,13 @@ impl Default for Share {
 }
 
 /// The shares of all tenants; a tenant that is not in it has the default share.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Shares(HashMap<String, Share>);
-
-impl FromIterator<(String, Share)> for Shares {
-    fn from_iter<I: IntoIterator<Item = (String, Share)>>(shares: I) -> Self {
-        Self(shares.into_iter().collect())
-    }
-}
-
-impl Shares {
-    pub fn of(&self, tenant: &str) -> Share {
-        self.0.get(tenant).copied().unwrap_or_default()
-    }
-}
+pub(crate) type Shares = HashMap<String, Share>;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Claiming {
     pub limit: usize,
     /// Most further jobs, only of tenants without a running job.
     pub newcomers: usize,
-    /// For how long the jobs are leased.
     pub lease: Duration,
     pub worker: Arc<str>,
     pub shares: Arc<Shares>,
@@ -61,13 +47,10 @@ pub(crate) struct Picks {
     pub again: Option<SystemTime>,
 }
 
-/// A turn of a tenant, in virtual time.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Turn {
     pub tenant: String,
-    /// When the turn started.
     pub served: f64,
-    /// When its next turn starts.
     pub next: f64,
 }
 
@@ -115,7 +98,7 @@ struct Served<'v> {
 impl<'v> Fair<'v> {
     fn new(clock: f64, tenants: &'v [Tenant], shares: &Shares) -> Self {
         let served = |tenant: &'v Tenant| {
-            let share = shares.of(&tenant.name);
+            let share = shares.get(&tenant.name).copied().unwrap_or_default();
             Served { tenant, share, running: tenant.running, taken: 0, next: tenant.next, turn: None }
         };
         Self { clock, tenants: tenants.iter().map(served).collect() }
@@ -126,7 +109,6 @@ impl<'v> Fair<'v> {
         share.max_running.is_none_or(|most| *running < most)
     }
 
-    /// The next tenant, and its next job.
     fn next(&self, is_for_newcomer: bool) -> Option<(usize, i64)> {
         let entitled = (0..self.tenants.len()).filter(|index| self.is_below_limit(*index));
         let candidates = entitled.filter_map(|index| {
@@ -149,7 +131,6 @@ impl<'v> Fair<'v> {
         tenant.next = self.clock + 1.0 / weight(tenant.share);
     }
 
-    /// The last turns of the tenants that were served.
     fn turns(self) -> Vec<Turn> {
         let turn = |Served { tenant, next, turn, .. }: Served<'_>| {
             turn.map(|served| Turn { tenant: tenant.name.clone(), served, next })

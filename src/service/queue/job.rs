@@ -26,7 +26,6 @@ pub(crate) enum State {
 }
 
 impl State {
-    /// Every state.
     pub const ALL: [State; 5] = [State::Queued, State::Running, State::Succeeded, State::Failed, State::Cancelled];
 
     /// As it is written in JSON and in queries.
@@ -52,7 +51,6 @@ impl State {
 /// What the rules know of a job: columns of its row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Standing {
-    /// Where it is in its life.
     pub state: State,
     /// Whether its upload is small: an attempt then begins with its claim.
     pub is_small: bool,
@@ -66,11 +64,8 @@ pub(crate) struct Standing {
     pub suspicion: u32,
     /// When a waiting job that is a suspect may start.
     pub not_before: Option<SystemTime>,
-    /// When it was claimed last.
     pub started_at: Option<SystemTime>,
-    /// When the lease of a running job is over.
     pub lease_until: Option<SystemTime>,
-    /// Whether a client requested its end.
     pub cancel_requested: bool,
 }
 
@@ -124,7 +119,6 @@ pub(crate) enum Change {
 /// A change of the state, which the store appends to the events of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Event {
-    /// It waits.
     Queued,
     /// It runs: the number of the attempt, and the worker.
     Started(u32, Arc<str>),

@@ -5,10 +5,8 @@ use std::time::Duration;
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-/// What the operator allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Rules {
-    /// Jobs that may wait at a time.
     pub max_queued: usize,
     /// Counted attempts after which a job that keeps being given back has failed.
     pub max_attempts: u32,
@@ -31,7 +29,6 @@ impl Rules {
     }
 }
 
-/// The error of a job that was given back too often.
 pub(crate) fn given_up(attempts: u32, last: &Error) -> Error {
     Error::new(
         Kind::Poison,
@@ -43,12 +40,10 @@ pub(crate) fn given_up(attempts: u32, last: &Error) -> Error {
     )
 }
 
-/// Why an attempt failed whose worker is gone.
 pub(crate) fn lease_is_over() -> Error {
     Error::new(Kind::Unavailable, "the service ended, or stood still, while the job ran")
 }
 
-/// The error of a worker that holds a job no longer.
 pub(crate) fn not_yours(job: impl Display) -> Error {
     Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {job}"))
 }

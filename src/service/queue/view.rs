@@ -11,7 +11,6 @@ pub(crate) struct View {
     pub tenants: Vec<Tenant>,
     /// The latest start of a turn of any tenant: the largest `served`, 0 when there is none.
     pub clock: f64,
-    /// The running jobs of this worker.
     pub mine: Vec<Standing>,
     /// Whether no other worker comes before this one by (number of running jobs, id). Only workers count that run a
     /// job, and no suspect. True in a store of one worker.
@@ -39,13 +38,10 @@ pub(crate) struct Waiting {
     pub number: i64,
 }
 
-/// A waiting job that is a suspect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Suspect {
     /// Counts the jobs ever created.
     pub number: i64,
-    /// Its [`Standing::suspicion`].
     pub crashes: u32,
-    /// Its [`Standing::not_before`].
     pub not_before: SystemTime,
 }

@@ -18,8 +18,6 @@ pub struct Transaction<'t> {
     pub effects: &'t mut Effects,
     pub rules: Rules,
     pub me: Uuid,
-    /// Microseconds that a test adds to the clock.
-    pub offset: i64,
     /// The time of the change, once it was read: that of all its jobs.
     pub now: Option<SystemTime>,
 }
@@ -61,7 +59,6 @@ pub fn unplaced(row: &Row) -> Result<Job> {
     })
 }
 
-/// What the rules know of a job.
 pub fn standing(row: &Row) -> Result<Standing> {
     Ok(Standing {
         state: row.get("state")?,
@@ -80,14 +77,13 @@ pub fn standing(row: &Row) -> Result<Standing> {
 const FIND: &str = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
 
 const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, begun = $5, suspicion = $6, \
-    not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker = $11, worker_id = $12, \
-    last_seq = $13, ends = $14, problem = $15, summary = $16, ended_at = $17, progress = coalesce($18, progress) \
+    not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker_id = $11, last_seq = $12, \
+    ends = $13, problem = $14, summary = $15, ended_at = $16, progress = coalesce($17, progress) \
     WHERE number = $1";
 
 const NOTICE: &str = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
     VALUES ($1, $2, $3, $4, $5, $6, $7)";
 
-/// The row of a job that changes.
 #[derive(Debug)]
 pub struct Live {
     pub id: JobId,
@@ -95,7 +91,6 @@ pub struct Live {
     pub tenant: String,
     pub standing: Standing,
     pub last_seq: u64,
-    pub worker: Option<String>,
     pub worker_id: Option<Uuid>,
     /// The URL that its end is sent to, and the `traceparent` for that.
     pub webhook: Option<(String, Option<String>)>,
@@ -111,7 +106,6 @@ impl Live {
             tenant: row.get("tenant")?,
             standing: standing(row)?,
             last_seq: row.get("last_seq")?,
-            worker: row.get("worker")?,
             worker_id: row.get("worker_id")?,
             webhook: row.get::<Option<String>>("webhook")?.map(webhook).transpose()?,
             ends: row.get("ends")?,
@@ -128,7 +122,7 @@ impl Transaction<'_> {
     pub fn now(&mut self) -> Result<SystemTime, Abort> {
         let now = match self.now {
             Some(now) => now,
-            None => moved(self.rows.now()?, self.offset),
+            None => self.rows.now()?,
         };
         Ok(*self.now.insert(now))
     }
@@ -179,7 +173,7 @@ impl Transaction<'_> {
             self.effects.given_up += u64::from(standing.state == State::Failed);
         }
         if let Some((events, _)) = ending.and_then(|ending| ending.rest.as_ref()) {
-            self.tell(&mut live, events)?;
+            self.tell_all(&mut live, events)?;
         }
         self.effects.arrivals |= event == Some(Event::Queued);
         let is_told = event.is_some();
@@ -188,7 +182,7 @@ impl Transaction<'_> {
             _ => None,
         };
         if let Some(event) = event {
-            self.tell(&mut live, &[event.into()])?;
+            self.tell_all(&mut live, &[event.into()])?;
         }
         match end {
             Some(problem) => self.ended(&mut live, problem, ending, now)?,
@@ -230,21 +224,24 @@ impl Transaction<'_> {
         Ok(())
     }
 
-    /// Keeps a small blob of a job.
     pub fn keep(&mut self, job: i64, name: &str, bytes: &tokio_util::bytes::Bytes) -> Result<(), Abort> {
         let sql = "INSERT INTO blobs (job, name, bytes) VALUES ($1, $2, $3)";
         self.rows.write(sql, values![job, name, bytes.clone()])
     }
 
     /// Appends events. The caller writes `last_seq` to the row.
-    pub fn tell(&mut self, live: &mut Live, events: &[What]) -> Result<(), Abort> {
+    pub fn tell_all(&mut self, live: &mut Live, events: &[What]) -> Result<(), Abort> {
         for event in events {
             live.last_seq += 1;
-            let [kind, data] = event.columns()?;
-            let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
-            self.rows.write(sql, values![live.number, live.last_seq, kind, data])?;
+            self.tell(live.number, live.last_seq, event)?;
         }
         Ok(())
+    }
+
+    pub fn tell(&mut self, job: i64, seq: u64, event: &What) -> Result<(), Abort> {
+        let [kind, data] = event.columns()?;
+        let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
+        self.rows.write(sql, values![job, seq, kind, data])
     }
 
     fn save(
@@ -270,7 +267,6 @@ impl Transaction<'_> {
                 started_at,
                 lease_until,
                 cancel_requested,
-                live.worker.clone(),
                 live.worker_id,
                 live.last_seq,
                 live.ends,
@@ -288,10 +284,4 @@ impl Transaction<'_> {
         let pulse = Pulse { last_seq: live.last_seq, cancel_requested, ended: state.is_ended() };
         self.effects.pulses.push((live.id, pulse));
     }
-}
-
-/// A time that a test moves.
-pub fn moved(time: SystemTime, micros: i64) -> SystemTime {
-    let by = std::time::Duration::from_micros(micros.unsigned_abs());
-    if micros < 0 { time - by } else { time + by }
 }

@@ -69,7 +69,6 @@ const HEADS_OF_TENANT: &str = heads!("$2");
 /// Those of all tenants.
 const HEADS: &str = names!(" SELECT heads.* FROM names CROSS JOIN LATERAL (", heads!("names.tenant"), ") AS heads");
 
-/// The running jobs of a worker.
 const MINE: &str = concat!("SELECT ", columns!(), " FROM jobs WHERE state = 'running' AND worker_id = $1");
 
 /// Workers that run jobs, and no suspect.
@@ -291,7 +290,6 @@ fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
     Ok(lost)
 }
 
-/// Gives back the jobs of a worker that was lost.
 fn give_back_of_lost(change: &mut Transaction<'_>, jobs: Vec<Live>) -> Result<(), Abort> {
     let standings: Vec<Standing> = jobs.iter().map(|job| job.standing).collect();
     for (job, what) in jobs.into_iter().zip(crashed(&standings)) {

@@ -26,7 +26,6 @@ pub(crate) const LOCAL_TENANT: &str = "local";
 pub(crate) struct JobId(Uuid);
 
 impl JobId {
-    /// A new one.
     pub fn random() -> Self {
         Self(Uuid::new_v4())
     }
@@ -53,12 +52,10 @@ impl FromStr for JobId {
     }
 }
 
-/// The error for a job that does not exist.
 pub(crate) fn no_such_job(id: impl fmt::Display) -> Error {
     Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
 }
 
-/// The error of a retry of a job that has not failed.
 pub(crate) fn not_failed(state: State) -> Error {
     let what = match state {
         State::Queued | State::Running => "wait for its end",
@@ -78,28 +75,21 @@ pub(crate) struct Spec {
     pub tenant: String,
     /// The `traceparent` of the request (W3C Trace Context), which the work on the job continues.
     pub trace_parent: Option<String>,
-    /// URL that receives the end of the job.
     pub webhook: Option<String>,
     pub parameters: Parameters,
     /// Name that the client gave the mesh file. For people; never a path here.
     pub file_name: Option<String>,
-    /// Format of the mesh.
     pub format: InputFormat,
-    /// Length of the mesh file.
     pub bytes: u64,
     /// Names of the buffers that came with the mesh, in the order of their parts.
     pub buffers: Vec<String>,
-    /// Whether a list of seeds came with the mesh.
     pub listed_seeds: bool,
-    /// Whether weights came with the mesh.
     pub has_weights: bool,
-    /// Whether edges came with the points.
     pub has_graph: bool,
     /// Whether all of these are small blobs, which the store keeps.
     pub is_small: bool,
     /// Jobs of a tenant with a higher priority are claimed first.
     pub priority: i8,
-    /// What is kept of the mesh.
     pub kept: Kept,
     /// Where the mesh lies, if it did not come with the request.
     pub referred: Option<Referred>,
@@ -114,7 +104,6 @@ pub(crate) struct Referred {
     pub tag: Option<String>,
 }
 
-/// The priorities that a job may have.
 pub(crate) const PRIORITIES: std::ops::RangeInclusive<i8> = -100..=100;
 
 /// How far a job is.
@@ -137,7 +126,6 @@ pub(crate) struct Progress {
 pub(crate) struct Summary {
     /// Faces of the mesh, each with a label.
     pub faces: u64,
-    /// Clusters.
     pub clusters: u64,
     /// Shape of points: that of their grid, or their number. Empty for a mesh.
     pub shape: Vec<u64>,
@@ -158,7 +146,6 @@ impl Summary {
 /// What a blob held when it was stored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Contents {
-    /// Number of its bytes.
     pub bytes: u64,
     /// Their SHA-256 in hexadecimal digits.
     pub sha256: String,
@@ -187,9 +174,7 @@ pub(crate) struct Job {
     pub attempt: u32,
     /// Name of the process that claimed it last.
     pub worker: Option<String>,
-    /// How far it is.
     pub progress: Progress,
-    /// Whether it is to be cancelled.
     pub cancel_requested: bool,
     pub problem: Option<Error>,
     pub summary: Option<Summary>,

@@ -23,7 +23,7 @@ const BY_ID: &str = jobs!("WHERE id = $1");
 const WAITING: &str = "SELECT count(*) AS jobs FROM (SELECT 1 FROM jobs WHERE state = 'queued' LIMIT $1) AS waiting";
 
 const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, is_small, progress, idempotency_key, \
-    request_digest, created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, $10, 0) \
+    request_digest, created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, $10, 1) \
     ON CONFLICT DO NOTHING RETURNING number";
 
 /// The waiting jobs of a tenant, and the place of a new one among them.
@@ -31,7 +31,6 @@ const OF_TENANT: &str = "SELECT count(*) AS jobs, \
     1 + coalesce(sum(CASE WHEN urgency <= $2 THEN 1 ELSE 0 END), 0) AS place \
     FROM jobs WHERE state = 'queued' AND tenant = $1";
 
-/// The error of a key that stands for another request.
 fn reused_key(key: &str) -> Error {
     Error::new(
         Kind::KeyReused,
@@ -83,7 +82,6 @@ impl Store {
         self.change("create", move |change| create(change, &new)).await
     }
 
-    /// The job as it is now.
     pub async fn get(&self, id: JobId) -> Result<Option<Job>> {
         self.read("get", move |rows| find(rows, id)).await
     }
@@ -95,7 +93,7 @@ impl Store {
             let live = change.of_ticket(ticket)?;
             change.worked(live, Change::Begin { attempt: ticket.attempt }, None).map(drop)
         });
-        self.fenced(ticket, begun.await)
+        self.fenced(ticket, begun.await, false)
     }
 
     /// Makes leases end this long after now, by the clock of the store; returns the tickets that are over.
@@ -116,11 +114,7 @@ impl Store {
             let release = Change::Release { attempt: ticket.attempt, release: release.clone() };
             Ok(change.worked(live, release, None)?.standing.state)
         });
-        let released = released.await;
-        if released.is_ok() {
-            self.held.lock().remove(&ticket);
-        }
-        self.fenced(ticket, released)
+        self.fenced(ticket, released.await, true)
     }
 
     /// Ends a running job. Small blobs of its upload go, unless it is given up. Nothing happens where this worker ended
@@ -128,25 +122,24 @@ impl Store {
     pub async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
         let is_held = self.held.lock().contains_key(&ticket);
         let ended = self.change("finish", move |change| end(change, ticket, &ending, is_held)).await;
-        if ended.is_ok() {
-            self.held.lock().remove(&ticket);
-        }
-        self.fenced(ticket, ended)
+        self.fenced(ticket, ended, true)
     }
 
-    /// Ends a running job without further events or blobs.
     #[cfg(test)]
     pub async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
         self.end(ticket, end.into()).await
     }
 
-    /// Forgets a ticket that is over.
-    fn fenced<T>(&self, ticket: Ticket, outcome: Result<T>) -> Result<T> {
-        outcome.inspect_err(|error| {
-            if matches!(error.kind, Kind::Conflict | Kind::NotFound) {
-                self.held.lock().remove(&ticket);
-            }
-        })
+    /// Forgets a ticket that is over, by success if that `ends` it.
+    fn fenced<T>(&self, ticket: Ticket, outcome: Result<T>, ends: bool) -> Result<T> {
+        let is_over = match &outcome {
+            Ok(_) => ends,
+            Err(error) => matches!(error.kind, Kind::Conflict | Kind::NotFound),
+        };
+        if is_over {
+            self.held.lock().remove(&ticket);
+        }
+        outcome
     }
 
     /// Requests the end of a job: at once while it waits; by a pulse while it runs; an ended job stays as it is. The
@@ -182,7 +175,7 @@ impl Store {
         if let (Ok(last_seq), Some(held)) = (&appended, self.held.lock().get_mut(&ticket)) {
             *held = *last_seq;
         }
-        self.fenced(ticket, appended).map(drop)
+        self.fenced(ticket, appended, false).map(drop)
     }
 
     /// At most `limit` events of a job from number `after + 1` on; none when there is no such job.
@@ -245,25 +238,14 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
             (None, None) => Err(Error::new(Kind::Internal, "a new job was not stored").into()),
         };
     };
-    let (standing, event) = Standing::created(spec.is_small);
-    let mut live = Live {
-        id: *id,
-        number: row.get("number")?,
-        tenant: spec.tenant.clone(),
-        standing,
-        last_seq: 0,
-        worker: None,
-        worker_id: None,
-        webhook: None,
-        ends: 0,
-    };
-    change.tell(&mut live, &[event.into()])?;
-    change.rows.write("UPDATE jobs SET last_seq = $2 WHERE number = $1", values![live.number, live.last_seq])?;
+    let number = row.get("number")?;
+    let (_, event) = Standing::created(spec.is_small);
+    change.tell(number, 1, &event.into())?;
     for SmallBlob { name, bytes } in upload {
-        change.keep(live.number, name, bytes)?;
+        change.keep(number, name, bytes)?;
     }
+    // nobody watches a job that was not there
     change.effects.arrivals = true;
-    change.pulse(&live);
     Ok(Created::New(job))
 }
 
@@ -310,7 +292,7 @@ fn append(
     if before.is_some_and(|before| live.last_seq == before + events.len() as u64) {
         return Ok(live.last_seq);
     }
-    change.tell(&mut live, events)?;
+    change.tell_all(&mut live, events)?;
     let sql = "UPDATE jobs SET progress = $2, last_seq = $3 WHERE number = $1";
     change.rows.write(sql, values![live.number, json(progress)?, live.last_seq])?;
     change.pulse(&live);

@@ -7,7 +7,6 @@ use tesserae_mesh::error::{Error, Quoted, Result};
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::{Name, Parameters};
 
-/// What a job keeps of its mesh.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct Kept {
@@ -25,12 +24,10 @@ impl Kept {
         made_of_input().filter(move |artifact| self.gives(artifact, format))
     }
 
-    /// The forms of the named outputs.
     pub fn forms(&self) -> impl Iterator<Item = &'static Form> {
         made_of_input().flat_map(|artifact| artifact.forms).filter(|form| self.has(form))
     }
 
-    /// Whether a form is among the named outputs.
     pub fn has(&self, form: &Form) -> bool {
         self.outputs.iter().any(|name| name == form.file)
     }
@@ -76,7 +73,6 @@ impl Kept {
     }
 }
 
-/// Whether a file of this format can be kept with the result.
 fn can_be_kept(format: InputFormat) -> bool {
     !format.is_of_points() || format.is_image()
 }

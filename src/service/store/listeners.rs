@@ -17,7 +17,6 @@ pub struct Effects {
     pub deleted: Vec<JobId>,
     /// Whether a job may be claimed that could not be before: it waits, or another one ended.
     pub arrivals: bool,
-    /// Whether a job with a webhook ended.
     pub endings: bool,
     /// As in [`Statistics`].
     pub attempts_failed: u64,
@@ -135,7 +134,6 @@ impl Pulses {
         }
     }
 
-    /// Jobs with a receiver.
     #[cfg(feature = "postgres")]
     pub fn waited_for(&self) -> Vec<JobId> {
         let waiters = self.0.lock();

@@ -7,7 +7,7 @@
 //! [`PACE`] at most, and a slow client misses labels in between.
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
@@ -32,34 +32,28 @@ const PACE: Duration = Duration::from_millis(250);
 /// One label a face, in upload order.
 type Labels = Arc<[u32]>;
 
-#[derive(Debug, Default)]
-pub(crate) struct Live(Mutex<HashMap<JobId, Watched>>);
+/// Labels of a job; empty before the first ones.
+type Shown = watch::Sender<Labels>;
 
-/// A job that runs, is watched, or both.
+/// The jobs that run, are watched, or both.
 #[derive(Debug, Default)]
-struct Watched {
-    labels: watch::Sender<Labels>,
-    watchers: usize,
-    /// Attempts that run: of one that was given up, the thread may still work.
-    channels: usize,
-}
+pub(crate) struct Live(Mutex<HashMap<JobId, Weak<Shown>>>);
 
-/// A running job, for the thread that works on it, until this is dropped.
+/// A running job, for the thread that works on it.
 #[derive(Debug)]
 pub(crate) struct Channel {
-    live: Arc<Live>,
-    id: JobId,
+    labels: Arc<Shown>,
     /// When the next labels are due.
     next: Mutex<Instant>,
 }
 
-/// A client that watches a job, until this is dropped.
+/// A client that watches a job.
 #[derive(Debug)]
 pub(crate) struct Watcher {
-    live: Arc<Live>,
-    id: JobId,
     labels: watch::Receiver<Labels>,
     sent: Labels,
+    /// Kept for the next watcher, and so that the labels outlast the job.
+    _job: Arc<Shown>,
 }
 
 /// Data of the event `labels`.
@@ -75,42 +69,39 @@ pub(crate) struct LabelsEvent {
 
 impl Live {
     /// A job that runs from now on, watched or not.
-    pub fn job(self: &Arc<Self>, id: JobId) -> Channel {
-        self.0.lock().entry(id).or_default().channels += 1;
-        Channel { live: Arc::clone(self), id, next: Mutex::new(Instant::now()) }
+    pub fn job(&self, id: JobId) -> Channel {
+        Channel { labels: of(&mut self.0.lock(), id), next: Mutex::new(Instant::now()) }
     }
 
     /// Watches a job from now on; none where there are too many watchers.
-    pub fn watch(self: &Arc<Self>, id: JobId) -> Option<Watcher> {
+    pub fn watch(&self, id: JobId) -> Option<Watcher> {
         let mut jobs = self.0.lock();
-        if jobs.values().map(|job| job.watchers).sum::<usize>() >= MOST_WATCHERS {
+        let watchers = jobs.values().filter_map(Weak::upgrade).map(|job| job.receiver_count());
+        if watchers.sum::<usize>() >= MOST_WATCHERS {
             return None;
         }
-        let job = jobs.entry(id).or_default();
-        job.watchers += 1;
-        let mut labels = job.labels.subscribe();
-        drop(jobs);
+        let job = of(&mut jobs, id);
+        let mut labels = job.subscribe();
         if !labels.borrow().is_empty() {
             labels.mark_changed();
         }
-        Some(Watcher { live: Arc::clone(self), id, labels, sent: Labels::default() })
+        Some(Watcher { labels, sent: Labels::default(), _job: job })
     }
+}
 
-    /// Takes one user away from a job, and forgets a job that has none.
-    fn leave(&self, id: JobId, user: impl FnOnce(&mut Watched) -> &mut usize) {
-        let mut jobs = self.0.lock();
-        if let Some(job) = jobs.get_mut(&id) {
-            *user(job) -= 1;
-            if job.watchers + job.channels == 0 {
-                jobs.remove(&id);
-            }
-        }
-    }
+/// The labels of a job; those of jobs that nobody runs or watches go.
+fn of(jobs: &mut HashMap<JobId, Weak<Shown>>, id: JobId) -> Arc<Shown> {
+    jobs.retain(|_, job| job.strong_count() > 0);
+    jobs.get(&id).and_then(Weak::upgrade).unwrap_or_else(|| {
+        let job = Arc::default();
+        jobs.insert(id, Arc::downgrade(&job));
+        job
+    })
 }
 
 impl Viewer for Channel {
     fn watches(&self) -> bool {
-        self.live.0.lock().get(&self.id).is_some_and(|job| job.watchers > 0)
+        self.labels.receiver_count() > 0
     }
 
     /// Whether a client watches, and the last labels are long enough ago.
@@ -120,15 +111,7 @@ impl Viewer for Channel {
 
     fn show(&self, labels: Vec<u32>) {
         *self.next.lock() = Instant::now() + PACE;
-        if let Some(job) = self.live.0.lock().get(&self.id) {
-            job.labels.send_replace(labels.into());
-        }
-    }
-}
-
-impl Drop for Channel {
-    fn drop(&mut self) {
-        self.live.leave(self.id, |job| &mut job.channels);
+        self.labels.send_replace(labels.into());
     }
 }
 
@@ -160,12 +143,6 @@ impl Watcher {
         let faces = labels.len() as u64;
         self.sent = labels;
         LabelsEvent { faces, changes: STANDARD.encode(bytes) }
-    }
-}
-
-impl Drop for Watcher {
-    fn drop(&mut self) {
-        self.live.leave(self.id, |job| &mut job.watchers);
     }
 }
 
@@ -212,7 +189,7 @@ mod tests {
         assert_eq!(next.now().map(|event| pairs(&event)), Some(vec![[1, 5]]));
         drop(next);
         drop(live.job(id));
-        assert!(live.0.lock().is_empty());
+        assert!(live.0.lock().values().all(|job| job.strong_count() == 0));
     }
 
     #[test]
@@ -225,6 +202,6 @@ mod tests {
         watchers.pop();
         assert!(live.watch(JobId::random()).is_some());
         watchers.clear();
-        assert!(live.0.lock().is_empty());
+        assert!(live.0.lock().values().all(|job| job.strong_count() == 0));
     }
 }

@@ -52,10 +52,11 @@ pub(crate) use crate::queue::{Claiming, Release, Rules, State};
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use std::collections::BTreeMap;
     use std::path::Path;
     use std::time::Duration;
 
-    use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec, Store};
+    use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec, Store, Summary};
     use crate::ops::faults::Faults;
     use crate::store::kept::Kept;
     use tesserae_mesh::job::InputFormat;
@@ -69,6 +70,15 @@ pub(crate) mod tests {
     pub async fn store_in(folder: &Path) -> Store {
         Store::temporary(&folder.join("jobs.sqlite3"), RULES, Faults::default()).await.expect("a store")
     }
+
+    pub const SUMMARY: Summary = Summary {
+        faces: 12,
+        clusters: 7,
+        shape: Vec::new(),
+        labels_sha256: None,
+        is_small: false,
+        blobs: BTreeMap::new(),
+    };
 
     /// A job of the tenant `local` like any other.
     pub fn new_job() -> NewJob {

@@ -1,35 +1,22 @@
-//! The tables, and their version: the number of migrations that were run, after the first tables.
-//!
-//! A migration is run once, in order, and never changed after a release. There was no release yet, so there is none.
+//! The tables, and their version: the number of migrations that were run.
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-/// The first tables.
-const TABLES: &str = include_str!("schema.sql");
+/// Each is run once, in order, and never changed after a release.
+pub const MIGRATIONS: [&str; 1] = [include_str!("schema.sql")];
 
-/// Changes of the tables since the first release.
-pub const MIGRATIONS: [&str; 0] = [];
-
-/// The version of tables after these migrations.
-pub fn version(migrations: &[&str]) -> i64 {
-    1 + migrations.len() as i64
-}
-
-/// The statements that bring tables of a version up to date; 0 where there are none yet. Refuses a version that is not
-/// known.
-pub fn steps<'m>(found: i64, migrations: &[&'m str]) -> Result<Vec<&'m str>> {
-    let known = version(migrations);
-    if !(0..=known).contains(&found) {
-        return Err(Error::new(
+/// The migrations that bring tables of a version up to date: 0 where there are none yet.
+pub fn steps(found: i64) -> Result<&'static [&'static str]> {
+    usize::try_from(found).ok().and_then(|found| MIGRATIONS.get(found..)).ok_or_else(|| {
+        let known = MIGRATIONS.len();
+        Error::new(
             Kind::Io,
             format_args!(
                 "the tables of the store of jobs are of version {found}, and this version of tesserae knows them up to \
                  {known}: start the version that wrote them, or a later one"
             ),
-        ));
-    }
-    let all: Vec<&str> = [TABLES].into_iter().chain(migrations.iter().copied()).collect();
-    Ok(all.into_iter().skip(found as usize).collect())
+        )
+    })
 }
 
 /// What PostgreSQL calls the same. SQLite takes a partial index for the first of its columns only; PostgreSQL leaves a

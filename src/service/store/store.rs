@@ -46,9 +46,6 @@ pub(crate) struct Store {
     /// Whether the last claim took nothing.
     pub(super) is_idle: AtomicBool,
     observer: OnceLock<Observer>,
-    /// Microseconds that a test adds to the clock.
-    #[cfg(test)]
-    pub(super) offset: std::sync::atomic::AtomicI64,
 }
 
 impl fmt::Debug for Store {
@@ -103,8 +100,6 @@ impl Store {
             held: Mutex::default(),
             is_idle: AtomicBool::new(true),
             observer: OnceLock::new(),
-            #[cfg(test)]
-            offset: Default::default(),
         };
         let kept = "SELECT name FROM identity WHERE id = 1";
         let row = match store.read("open", move |rows| rows.first(kept, Vec::new())).await? {
@@ -128,7 +123,6 @@ impl Store {
         let _ = self.observer.set(Box::new(observer));
     }
 
-    /// The name of the store, by which its files are known.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -140,9 +134,9 @@ impl Store {
         operation: &'static str,
         command: impl Fn(&mut Transaction<'_>) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
-        let (rules, me, offset) = (self.rules, self.me, self.offset());
+        let (rules, me) = (self.rules, self.me);
         let command = move |rows: &mut dyn Rows, effects: &mut Effects| {
-            command(&mut Transaction { rows, effects, rules, me, offset, now: None })
+            command(&mut Transaction { rows, effects, rules, me, now: None })
         };
         let changed = async {
             match &self.database {
@@ -180,40 +174,27 @@ impl Store {
         outcome
     }
 
-    #[cfg(test)]
-    pub(super) fn offset(&self) -> i64 {
-        self.offset.load(std::sync::atomic::Ordering::Relaxed)
-    }
-
-    #[cfg(not(test))]
-    pub(super) fn offset(&self) -> i64 {
-        0
+    /// The file, if the jobs lie in one.
+    fn file(&self) -> Option<&Sqlite> {
+        match &self.database {
+            Database::Sqlite(file) => Some(file),
+            #[cfg(feature = "postgres")]
+            Database::Postgres(_) => None,
+        }
     }
 
     pub fn is_durable(&self) -> bool {
-        match &self.database {
-            Database::Sqlite(file) => !file.is_temporary(),
-            #[cfg(feature = "postgres")]
-            Database::Postgres(_) => true,
-        }
+        self.file().is_none_or(|file| !file.is_temporary())
     }
 
     /// Whether other processes use the store, too.
     pub fn is_shared(&self) -> bool {
-        match &self.database {
-            Database::Sqlite(_) => false,
-            #[cfg(feature = "postgres")]
-            Database::Postgres(_) => true,
-        }
+        self.file().is_none()
     }
 
     /// Writes a row without meaning, to see whether the store can write.
     pub async fn probe(&self) -> Result<()> {
-        match &self.database {
-            Database::Sqlite(file) => file.damage().map_or(Ok(()), Err)?,
-            #[cfg(feature = "postgres")]
-            Database::Postgres(_) => {}
-        }
+        self.file().and_then(Sqlite::damage).map_or(Ok(()), Err)?;
         let probed = self.change("probe", |change| {
             let now = change.rows.now()?;
             change.rows.write("UPDATE identity SET probed_at = $1", values![now])
@@ -222,15 +203,10 @@ impl Store {
     }
 
     pub fn statistics(&self) -> Statistics {
-        let statistics = self.listeners.statistics();
-        match &self.database {
-            // reads find damage, too
-            Database::Sqlite(file) => {
-                Statistics { failures: statistics.failures + u64::from(file.damage().is_some()), ..statistics }
-            }
-            #[cfg(feature = "postgres")]
-            Database::Postgres(_) => statistics,
-        }
+        let mut statistics = self.listeners.statistics();
+        // reads find damage, too
+        statistics.failures += u64::from(self.file().and_then(Sqlite::damage).is_some());
+        statistics
     }
 
     /// Finishes the operations under way and closes the database. Nothing works afterwards.

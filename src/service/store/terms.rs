@@ -41,7 +41,6 @@ pub(crate) enum Created {
 pub(crate) enum End {
     Succeeded(Summary),
     Failed(Error),
-    /// On request.
     Cancelled,
 }
 
@@ -71,16 +70,13 @@ impl From<End> for Ending {
     }
 }
 
-/// A page of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Page {
-    /// The jobs, newest first.
     pub jobs: Vec<Job>,
     /// Where the next page begins; none on the last.
     pub next: Option<String>,
 }
 
-/// Which part of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct ListQuery {
     pub tenant: String,
@@ -90,7 +86,6 @@ pub(crate) struct ListQuery {
     pub limit: usize,
 }
 
-/// Something that happened to a job.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Event {
     /// Its number: 1 for the job's first.
@@ -98,7 +93,6 @@ pub(crate) struct Event {
     pub what: What,
 }
 
-/// What can happen to a job.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum What {
     /// It entered a state that is no end.

@@ -311,7 +311,7 @@ mod tests {
         assert_eq!(file.tenants["a"].quotas.max_queued_jobs, Some(3));
         let quotas = r#"{"tenants": {"a": {"quotas": {"weight": 4, "max_running_jobs": 2}}, "b": {}}}"#;
         let shares = Tokens::of(&TokenFile::parse(quotas.as_bytes()).expect("valid")).expect("valid").shares;
-        assert_eq!(shares.of("a"), Share { weight: 4, max_running: Some(2) });
-        assert_eq!(shares.of("b"), Share { weight: 1, max_running: None });
+        assert_eq!(shares["a"], Share { weight: 4, max_running: Some(2) });
+        assert_eq!(shares["b"], Share { weight: 1, max_running: None });
     }
 }

@@ -124,7 +124,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
         if bytes > rules.limit {
             return Err(rules.too_large(bytes).into());
         }
-        shared.files.check_room(bytes)?;
+        shared.files.check_room(bytes, 0)?;
     }
     let wait = prefer::wait(request.headers());
     let parent = request.extensions().get::<Origin>().map(|origin| origin.trace.to_string());

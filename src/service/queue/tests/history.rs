@@ -15,7 +15,7 @@ use super::super::{Change, Event, Release, Rules, State};
 pub const RULES: Rules = Rules { max_queued: 1000, max_attempts: 3, crash_pause: Duration::from_secs(1200) };
 
 /// Seconds.
-pub const HOUR: i64 = 3600;
+const HOUR: i64 = 3600;
 
 /// Tenants of jobs: the second one of weight 3, the third one with a limit.
 pub const TENANTS: [&str; 3] = ["a", "b", "c"];

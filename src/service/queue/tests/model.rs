@@ -12,7 +12,7 @@ use super::history::{New, RULES, Stored, TENANTS};
 /// What a worker may claim: no lease ends by itself.
 pub fn claiming(worker: usize, limit: usize, newcomers: usize, weight: u32) -> Claiming {
     let (b, c) = (Share { weight, max_running: None }, Share { weight: 1, max_running: Some(1) });
-    let shares = Arc::new([("b".to_owned(), b), ("c".to_owned(), c)].into_iter().collect::<Shares>());
+    let shares = Arc::new(Shares::from([("b".to_owned(), b), ("c".to_owned(), c)]));
     Claiming { limit, newcomers, lease: Duration::from_secs(1 << 30), worker: worker.to_string().into(), shares }
 }
 

@@ -8,24 +8,10 @@ pub(super) async fn a_new_job_is_as_it_was_created(store: &Store) {
     assert_eq!((job.id, job.state), (id, State::Queued));
     assert_eq!(job.spec, spec("größe.gltf"));
     assert_eq!(job.queue_position, Some(1));
-    assert_eq!(job.started_at, None);
+    assert_eq!((job.started_at, &job.worker), (None, &None));
     assert_eq!(get(store, id).await, job);
     assert_eq!(create(store).await.queue_position, Some(2));
     assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::State(State::Queued) }]);
-}
-
-pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
-    let first = create(store).await;
-    let second = create(store).await;
-    let (ticket, job) = claim(store).await;
-    assert_eq!((ticket.job, job.id), (first.id, first.id));
-    assert_eq!((job.state, job.queue_position), (State::Running, None));
-    assert!(job.started_at.is_some());
-    assert_eq!((&first.worker, job.worker.as_deref()), (&None, Some("test")));
-    assert_eq!(get(store, second.id).await.queue_position, Some(1));
-    assert_eq!(claim(store).await.0.job, second.id);
-    assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
-    assert_eq!(store.counts().await.expect("counted"), [0, 2, 0, 0, 0]);
 }
 
 pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &Store) {
@@ -50,10 +36,7 @@ pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {
     create(store).await;
     assert_eq!(store.check_room("a", None).await.expect_err("full").kind, Kind::QueueFull);
     let id = JobId::random();
-    let refused = store
-        .create(NewJob { id, spec: spec("x"), idempotency: None, upload: Vec::new(), most_waiting: None })
-        .await
-        .expect_err("full");
+    let refused = store.create(NewJob { id, ..new_job() }).await.expect_err("full");
     assert_eq!(refused.kind, Kind::QueueFull);
     assert_eq!(store.get(id).await.expect("readable"), None);
     claim(store).await;
@@ -62,7 +45,10 @@ pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {
 
 pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &Store) {
     let id = create(store).await.id;
-    let (ticket, _) = claim(store).await;
+    let (ticket, job) = claim(store).await;
+    assert_eq!((job.state, job.queue_position, job.worker.as_deref()), (State::Running, None, Some("test")));
+    assert!(job.started_at.is_some());
+    assert_eq!(store.counts().await.expect("counted"), [0, 1, 0, 0, 0]);
     let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
     let before = *pulses.borrow_and_update();
     assert_eq!((before.last_seq, before.ended), (2, false));
@@ -124,17 +110,6 @@ pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &Store) {
     }
 }
 
-pub(super) async fn a_queued_job_is_cancelled_at_once(store: &Store) {
-    let first = create(store).await.id;
-    let second = create(store).await.id;
-    let cancelled = store.cancel(first).await.expect("asked").expect("a job");
-    assert_eq!(cancelled.state, State::Cancelled);
-    assert_eq!(get(store, first).await, cancelled);
-    assert_eq!(get(store, second).await.queue_position, Some(1));
-    assert_eq!(claim(store).await.0.job, second);
-    assert_eq!(events(store, first, 1, 9).await[0].what, What::End(State::Cancelled, None));
-}
-
 pub(super) async fn a_running_job_is_asked_to_end(store: &Store) {
     let id = create(store).await.id;
     let (ticket, _) = claim(store).await;
@@ -169,7 +144,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     let result = [blob("report", b"{}".to_vec()), blob("mesh", vec![7; 70_000])];
     let add = async || {
         let spec = Spec { is_small: true, ..spec("x") };
-        let new = NewJob { id: JobId::random(), spec, idempotency: None, upload: upload.to_vec(), most_waiting: None };
+        let new = NewJob { spec, upload: upload.to_vec(), ..new_job() };
         let id = new.id;
         assert!(matches!(store.create(new).await, Ok(Created::New(_))));
         id
@@ -224,7 +199,7 @@ pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &Store) {
 pub(super) async fn a_tenant_has_no_more_waiting_jobs_than_it_may(store: &Store) {
     let new = |tenant: &str| {
         let spec = Spec { tenant: tenant.to_owned(), ..spec("x") };
-        NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new(), most_waiting: Some(2) }
+        NewJob { spec, most_waiting: Some(2), ..new_job() }
     };
     let at_once = futures_util::future::join_all((0..4).map(|_| store.create(new("a")))).await;
     let refused = at_once.iter().filter_map(|created| created.as_ref().err());

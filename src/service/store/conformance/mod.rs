@@ -11,11 +11,11 @@ use tesserae_mesh::parameters::Parameters;
 use tesserae_mesh::report::Phase;
 
 use super::terms::Page;
+use super::tests::{SUMMARY, new_job};
 use super::{
     Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice, Progress,
     Release, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
 };
-use crate::store::kept::Kept;
 
 mod at_once;
 mod attempts;
@@ -41,13 +41,11 @@ pub(crate) trait Subject {
 pub(crate) async fn run(subject: &impl Subject) {
     let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
     life::a_new_job_is_as_it_was_created(&make(9).await).await;
-    life::jobs_are_claimed_in_order_and_once(&make(9).await).await;
     life::a_full_queue_refuses_until_a_job_starts(&make(2).await).await;
     life::a_tenant_has_no_more_waiting_jobs_than_it_may(&make(9).await).await;
     life::events_are_numbered_and_read_from_anywhere(&make(9).await).await;
     life::every_end_is_told(&make(9).await).await;
     life::a_ticket_that_is_over_writes_nothing(&make(9).await).await;
-    life::a_queued_job_is_cancelled_at_once(&make(9).await).await;
     life::a_running_job_is_asked_to_end(&make(9).await).await;
     life::an_ended_job_cannot_be_cancelled_and_can_be_deleted(&make(9).await).await;
     life::small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(&make(9).await).await;
@@ -87,7 +85,6 @@ fn spec(name: &str) -> Spec {
     Spec {
         tenant: TENANT.to_owned(),
         trace_parent: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned()),
-        webhook: None,
         parameters: Parameters { clusters: Some(7), seed: u64::MAX, ..Parameters::default() },
         file_name: Some(name.to_owned()),
         format: InputFormat::Mesh(Format::Gltf),
@@ -95,11 +92,7 @@ fn spec(name: &str) -> Spec {
         buffers: vec!["a b.bin".to_owned(), "ü/β.bin".to_owned()],
         listed_seeds: true,
         has_weights: true,
-        has_graph: false,
-        is_small: false,
-        priority: 0,
-        kept: Kept::default(),
-        referred: None,
+        ..new_job().spec
     }
 }
 
@@ -108,8 +101,7 @@ async fn create(store: &Store) -> Job {
 }
 
 async fn add(store: &Store, id: JobId, spec: Spec) -> Job {
-    let new = NewJob { id, spec, idempotency: None, upload: Vec::new(), most_waiting: None };
-    match store.create(new).await.expect("created") {
+    match store.create(NewJob { id, spec, ..new_job() }).await.expect("created") {
         Created::New(job) => job,
         Created::Known(job) => panic!("no key was given: {job:?}"),
     }
@@ -127,15 +119,10 @@ async fn events(store: &Store, id: JobId, after: u64, limit: usize) -> Vec<Event
     store.events(id, after, limit).await.expect("readable").expect("a job")
 }
 
-const SUMMARY: Summary =
-    Summary { faces: 12, clusters: 7, shape: Vec::new(), labels_sha256: None, is_small: false, blobs: BTreeMap::new() };
-
 fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
     NewJob {
-        id: JobId::random(),
         spec: Spec { tenant: tenant.to_owned(), ..spec("x") },
         idempotency: Some(Idempotency { key: key.to_owned(), request: request.to_owned() }),
-        upload: Vec::new(),
-        most_waiting: None,
+        ..new_job()
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rusqlite::Connection;
 
-use super::super::tests::{RULES, new_job};
+use super::super::tests::RULES;
 use super::sqlite::{NAME, in_a_folder, open};
 use super::*;
 use crate::ops::faults::Faults;

@@ -6,7 +6,7 @@ use parking_lot::Mutex;
 
 use super::super::StoreUrl;
 use super::super::database::rows::values;
-use super::super::tests::{RULES, new_job};
+use super::super::tests::RULES;
 use super::server::Server;
 use super::*;
 use crate::queue::Change;

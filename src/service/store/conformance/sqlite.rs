@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use tempfile::TempDir;
 
 use super::super::database::rows::{Abort, Rows};
-use super::super::tests::{RULES, new_job};
+use super::super::tests::RULES;
 use super::{claims, *};
 use crate::ops::faults::{FaultPoint, Faults};
 

@@ -12,7 +12,6 @@ use uuid::Uuid;
 use super::super::job::JobId;
 use crate::queue::State;
 
-/// A value of a row or of a parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
     Null,
@@ -29,7 +28,6 @@ macro_rules! values {
 }
 pub(in crate::store) use values;
 
-/// Why something was not done.
 #[derive(Debug)]
 pub enum Abort {
     /// It is not allowed; nothing was written.
@@ -85,7 +83,6 @@ pub trait Rows {
         Ok(self.all(&[(sql, values)])?.pop().unwrap_or_default())
     }
 
-    /// The first row of a query, if there is one.
     fn first(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Option<Row>, Abort> {
         Ok(self.query(sql, values)?.into_iter().next())
     }
@@ -129,7 +126,6 @@ impl Row {
         serde_json::from_str(self.text(column)?).map_err(|error| unreadable(column, &error))
     }
 
-    /// A column of JSON, or none where it is null.
     pub fn optional_json<T: DeserializeOwned>(&self, column: &'static str) -> Result<Option<T>> {
         match self.value(column)? {
             Value::Null => Ok(None),
@@ -138,7 +134,6 @@ impl Row {
     }
 }
 
-/// Something as a column of JSON.
 pub fn json<T: Serialize>(value: &T) -> Result<String> {
     serde_json::to_string(value)
         .map_err(|error| Error::new(Kind::Internal, format_args!("what is to be stored cannot be written: {error}")))
@@ -150,73 +145,41 @@ pub fn micros(time: SystemTime) -> i64 {
     i64::try_from(since.as_micros()).unwrap_or(i64::MAX)
 }
 
-/// The point in time that is stored so.
 pub fn time(micros: i64) -> SystemTime {
     UNIX_EPOCH + Duration::from_micros(u64::try_from(micros).unwrap_or_default())
 }
 
-/// What a column can be read as.
 pub trait FromValue: Sized {
     fn from_value(value: &Value) -> Option<Self>;
 }
 
-impl FromValue for i64 {
-    fn from_value(value: &Value) -> Option<Self> {
-        match value {
-            Value::Integer(number) => Some(*number),
-            _ => None,
-        }
-    }
-}
-
-/// Types that are read from another one.
+/// Types, and the kinds of values that they are read from.
 macro_rules! read_as {
-    ($($type:ty: $from:ty, $read:expr;)*) => {
+    ($($type:ty: $kind:ident($value:ident) => $read:expr;)*) => {
         $(impl FromValue for $type {
             fn from_value(value: &Value) -> Option<Self> {
-                let read: fn($from) -> Option<Self> = $read;
-                <$from>::from_value(value).and_then(read)
+                match value {
+                    Value::$kind($value) => $read,
+                    _ => None,
+                }
             }
         })*
     };
 }
 
 read_as! {
-    u64: i64, |number| number.try_into().ok();
-    u32: i64, |number| number.try_into().ok();
-    i16: i64, |number| number.try_into().ok();
-    bool: i64, |number| Some(number != 0);
-    SystemTime: i64, |micros| Some(time(micros));
-    JobId: String, |text| text.parse().ok();
-    Uuid: String, |text| Uuid::try_parse(&text).ok();
-    State: String, |text| State::ALL.into_iter().find(|state| state.name() == text);
-}
-
-impl FromValue for f64 {
-    fn from_value(value: &Value) -> Option<Self> {
-        match value {
-            Value::Real(number) => Some(*number),
-            _ => None,
-        }
-    }
-}
-
-impl FromValue for String {
-    fn from_value(value: &Value) -> Option<Self> {
-        match value {
-            Value::Text(text) => Some(text.clone()),
-            _ => None,
-        }
-    }
-}
-
-impl FromValue for Bytes {
-    fn from_value(value: &Value) -> Option<Self> {
-        match value {
-            Value::Bytes(bytes) => Some(bytes.clone()),
-            _ => None,
-        }
-    }
+    i64: Integer(number) => Some(*number);
+    u64: Integer(number) => (*number).try_into().ok();
+    u32: Integer(number) => (*number).try_into().ok();
+    i16: Integer(number) => (*number).try_into().ok();
+    bool: Integer(number) => Some(*number != 0);
+    SystemTime: Integer(micros) => Some(time(*micros));
+    f64: Real(number) => Some(*number);
+    String: Text(text) => Some(text.clone());
+    JobId: Text(text) => text.parse().ok();
+    Uuid: Text(text) => Uuid::try_parse(text).ok();
+    State: Text(text) => State::ALL.into_iter().find(|state| state.name() == text);
+    Bytes: Bytes(bytes) => Some(bytes.clone());
 }
 
 impl<T: FromValue> FromValue for Option<T> {
@@ -228,7 +191,6 @@ impl<T: FromValue> FromValue for Option<T> {
     }
 }
 
-/// Types that become values.
 macro_rules! write_as {
     ($($type:ty: $write:expr;)*) => {
         $(impl From<$type> for Value {

@@ -22,7 +22,7 @@ use super::patience::Patience;
 use super::rows::{Inbox, Log};
 use super::task::Task;
 use crate::blobs::Blob;
-use crate::files::{self, BlobWriter, BlockingWriter, settle};
+use crate::files::{self, BlobWriter, settle};
 use crate::files::{job_blobs, kept_mesh};
 use crate::ops::blocking::blocking;
 use crate::store::kept::Kept;
@@ -86,7 +86,7 @@ impl Pipeline {
         let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
         let (mut summary, blobs) = blocking(move || {
             let (_slot, outcome) = (slot, &mut *outcome.lock());
-            let blob = |name: &str| BlockingWriter::new(files.result(id, attempt, name));
+            let blob = |name: &str| files.result(id, attempt, name);
             caught(|| write(outcome, &kept, image.as_deref(), blob, started))
         })
         .await??;
@@ -230,7 +230,7 @@ fn write(
     outcome: &mut Outcome,
     kept: &Kept,
     image: Option<&[u8]>,
-    blob: impl Fn(&str) -> BlockingWriter,
+    blob: impl Fn(&str) -> BlobWriter,
     started: Instant,
 ) -> Result<(Summary, Vec<BlobWriter>)> {
     let writing = Instant::now();

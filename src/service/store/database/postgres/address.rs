@@ -53,7 +53,6 @@ pub fn parse(url: &StoreUrl) -> Result<Config> {
     Ok(config)
 }
 
-/// Whether a server is on this machine.
 fn is_local(host: &Host) -> bool {
     match host {
         Host::Tcp(name) => name == "localhost" || name.parse().is_ok_and(|ip: std::net::IpAddr| ip.is_loopback()),

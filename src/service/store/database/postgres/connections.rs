@@ -1,6 +1,7 @@
 //! Connections to the database: a pool, and how they fail.
 
 use std::fmt;
+use std::iter::successors;
 use std::time::Duration;
 
 use deadpool_postgres::{Manager, ManagerConfig, Object, Pool, PoolError, RecyclingMethod};
@@ -20,7 +21,10 @@ pub const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Why a transaction ended: clients get no more than the kind; the log says the rest.
 pub fn failure(error: tokio_postgres::Error) -> Abort {
-    let Some(database) = error.as_db_error() else { return Abort::Broken(away(&Causes(&error))) };
+    let Some(database) = error.as_db_error() else {
+        let causes = successors(Some(&error as &dyn std::error::Error), |error| error.source());
+        return Abort::Broken(away(&causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")));
+    };
     let (code, message) = (database.code(), database.message());
     let failed = || Error::new(Kind::Internal, format_args!("the store of jobs failed: {message} ({})", code.code()));
     if [SqlState::T_R_DEADLOCK_DETECTED, SqlState::T_R_SERIALIZATION_FAILURE].contains(code) {
@@ -36,22 +40,6 @@ pub fn failure(error: tokio_postgres::Error) -> Abort {
     })
 }
 
-/// An error with what caused it.
-struct Causes<'e>(&'e dyn std::error::Error);
-
-impl fmt::Display for Causes<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.0)?;
-        let mut cause = self.0.source();
-        while let Some(error) = cause {
-            write!(f, ": {error}")?;
-            cause = error.source();
-        }
-        Ok(())
-    }
-}
-
-/// The error of a database that does not answer.
 fn away(why: &dyn fmt::Display) -> Error {
     tracing::debug!(%why, "the store of jobs cannot be reached");
     Error::new(Kind::Unavailable, "the store of jobs cannot be reached; try again later")

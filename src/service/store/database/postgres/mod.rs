@@ -90,7 +90,6 @@ impl Postgres {
         Ok(done)
     }
 
-    /// Ends the looks and the connections.
     pub fn close(&self) {
         self.stop.cancel();
         self.connections.close();

@@ -20,18 +20,17 @@ const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version bigint
 /// Oldest server that is worked with, as it tells its version.
 const OLDEST_SERVER: i32 = 150_000;
 
-/// Makes the tables, or brings them up to date.
 pub async fn open(connections: &Connections) -> Result<()> {
     let deadline = Instant::now() + PATIENCE;
     let mut client = connections.get(deadline).await.map_err(Abort::into_error)?;
-    match timeout_at(deadline, migrate(&mut client, &MIGRATIONS)).await {
+    match timeout_at(deadline, migrate(&mut client)).await {
         Ok(migrated) => migrated.map_err(Abort::into_error),
         Err(_) => Err(connections.too_late().into_error()),
     }
 }
 
 /// One service migrates at a time, under an advisory lock.
-pub async fn migrate(client: &mut Client, migrations: &[&str]) -> Result<(), Abort> {
+async fn migrate(client: &mut Client) -> Result<(), Abort> {
     let version = |row: tokio_postgres::Row| row.try_get::<_, i64>(0).map_err(failure);
     let server = client.query_one("SHOW server_version_num", &[]).await.map_err(failure)?;
     let server: String = server.try_get(0).map_err(failure)?;
@@ -50,7 +49,7 @@ pub async fn migrate(client: &mut Client, migrations: &[&str]) -> Result<(), Abo
     run(VERSION).await?;
     let found = transaction.query_opt("SELECT version FROM schema_version", &[]).await.map_err(failure)?;
     let found = found.map(version).transpose()?.unwrap_or(0);
-    let steps = schema::steps(found, migrations)?;
+    let steps = schema::steps(found)?;
     if steps.is_empty() {
         return Ok(());
     }
@@ -60,7 +59,7 @@ pub async fn migrate(client: &mut Client, migrations: &[&str]) -> Result<(), Abo
     if found == 0 {
         run(STORAGE).await?;
     }
-    let version = schema::version(migrations);
+    let version = MIGRATIONS.len();
     run(&format!("DELETE FROM schema_version; INSERT INTO schema_version VALUES ({version})")).await?;
     transaction.commit().await.map_err(failure)
 }

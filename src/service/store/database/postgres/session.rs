@@ -37,12 +37,10 @@ const LOCK: &str = clock!("BEGIN; ", " FROM pg_advisory_xact_lock(1953723250, 1)
 const LOCK_BRIEFLY: &str =
     clock!("BEGIN; SET LOCAL synchronous_commit = off; ", " FROM pg_advisory_xact_lock(1953723250, 1)");
 
-/// Where a session is in its transaction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
     /// Every statement is a transaction.
     None,
-    /// It begins with this.
     Next(&'static str),
     Begun,
 }
@@ -97,7 +95,6 @@ impl<'c> Session<'c> {
         Ok(())
     }
 
-    /// Ends the transaction after some queries.
     fn end(&mut self, queries: &[Query], end: &str, last: Option<&Query>) -> Result<Vec<Vec<Row>>, Abort> {
         let found = self.send(queries, Some((end, last)))?;
         self.stage = Stage::None;
@@ -106,11 +103,13 @@ impl<'c> Session<'c> {
 
     fn send(&mut self, queries: &[Query], end: Option<End<'_>>) -> Result<Vec<Vec<Row>>, Abort> {
         let changes = std::mem::take(&mut self.changes);
+        let Some(client) = &self.client else {
+            return Err(Abort::Broken(Error::new(Kind::Internal, "a transaction has no connection")));
+        };
         let begin = match self.stage {
             Stage::Next(sql) => Some(sql),
             Stage::None | Stage::Begun => None,
         };
-        let Some(client) = &self.client else { return Err(Abort::Broken(lost())) };
         if begin.is_some() {
             self.stage = Stage::Begun;
         }
@@ -128,10 +127,6 @@ impl<'c> Session<'c> {
 
 /// How a transaction ends, and a statement after it.
 type End<'e> = (&'e str, Option<&'e Query>);
-
-fn lost() -> Error {
-    Error::new(Kind::Internal, "a transaction has no connection")
-}
 
 type Answer = (Option<i64>, Vec<Vec<tokio_postgres::Row>>);
 
@@ -191,8 +186,7 @@ async fn run(
     client.query(statement, &values).await
 }
 
-/// Rows of the driver as rows of the store.
-pub fn read(rows: Vec<tokio_postgres::Row>) -> Result<Vec<Row>, Abort> {
+fn read(rows: Vec<tokio_postgres::Row>) -> Result<Vec<Row>, Abort> {
     let names: Arc<[String]> = rows
         .first()
         .map(|row| row.columns().iter().map(|column| column.name().to_owned()).collect())
@@ -207,11 +201,9 @@ pub fn read(rows: Vec<tokio_postgres::Row>) -> Result<Vec<Row>, Abort> {
 fn value(row: &tokio_postgres::Row, place: usize, kind: &Type) -> Result<Value, tokio_postgres::Error> {
     Ok(match *kind {
         Type::INT8 => row.try_get::<_, Option<i64>>(place)?.into(),
-        Type::INT4 => row.try_get::<_, Option<i32>>(place)?.map(i64::from).into(),
         Type::BOOL => row.try_get::<_, Option<bool>>(place)?.into(),
         Type::FLOAT8 => row.try_get::<_, Option<f64>>(place)?.into(),
         Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(place)?.map(Bytes::from).into(),
-        Type::VOID => Value::Null,
         _ => row.try_get::<_, Option<String>>(place)?.into(),
     })
 }
@@ -220,7 +212,6 @@ impl ToSql for Value {
     fn to_sql(&self, kind: &Type, out: &mut BytesMut) -> Result<IsNull, Box<dyn std::error::Error + Sync + Send>> {
         match self {
             Self::Null => Ok(IsNull::Yes),
-            Self::Integer(number) if *kind == Type::INT4 => i32::try_from(*number)?.to_sql(kind, out),
             Self::Integer(number) => number.to_sql(kind, out),
             Self::Real(number) => number.to_sql(kind, out),
             Self::Text(text) => text.to_sql(kind, out),

@@ -10,12 +10,11 @@ use rusqlite::{Connection, ErrorCode};
 use tesserae_mesh::error::{Error, Kind};
 
 /// Longest time that the check may take when the store is opened. 300,000 jobs in 0.9 GB took 8 s on a busy machine.
-pub const START: Duration = Duration::from_secs(10);
+const LONGEST: Duration = Duration::from_secs(10);
 
 /// Operations of SQLite between two looks at the time; reading a page is one of them.
 const OPERATIONS: i32 = 1_000;
 
-/// What messages about damage begin with.
 const DAMAGED: &str = "the store of jobs is damaged";
 
 #[derive(Debug, Default)]
@@ -39,12 +38,10 @@ impl Damage {
     }
 }
 
-/// Whether the database says that its file is broken.
 pub fn is_damage(error: &rusqlite::Error) -> bool {
     matches!(error.sqlite_error_code(), Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase))
 }
 
-/// The error of a file that is broken.
 pub fn damaged(what: &str) -> Error {
     Error::new(
         Kind::Unavailable,
@@ -52,10 +49,10 @@ pub fn damaged(what: &str) -> Error {
     )
 }
 
-/// Checks the structure of all tables and indices, for so long at most.
-pub fn check(connection: &mut Connection, longest: Duration) -> rusqlite::Result<()> {
+/// Checks the structure of all tables and indices.
+pub fn check(connection: &mut Connection) -> rusqlite::Result<()> {
     let started = Instant::now();
-    connection.progress_handler(OPERATIONS, Some(move || started.elapsed() > longest))?;
+    connection.progress_handler(OPERATIONS, Some(move || started.elapsed() > LONGEST))?;
     let found = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get::<_, String>(0));
     connection.progress_handler(0, None::<fn() -> bool>)?;
     match found {
@@ -63,17 +60,15 @@ pub fn check(connection: &mut Connection, longest: Duration) -> rusqlite::Result
             tracing::debug!(milliseconds = started.elapsed().as_millis() as u64, "the store of jobs is sound");
             Ok(())
         }
-        Ok(verdict) => Err(broken(verdict)),
+        Ok(verdict) => {
+            let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+            Err(rusqlite::Error::SqliteFailure(code, Some(verdict.replace('\n', " "))))
+        }
         Err(error) if error.sqlite_error_code() == Some(ErrorCode::OperationInterrupted) => {
-            let seconds = longest.as_secs();
+            let seconds = LONGEST.as_secs();
             tracing::warn!(seconds, "the store of jobs is so large that only a part of it was checked for damage");
             Ok(())
         }
         Err(error) => Err(error),
     }
-}
-
-fn broken(verdict: String) -> rusqlite::Error {
-    let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
-    rusqlite::Error::SqliteFailure(code, Some(verdict.replace('\n', " ")))
 }

@@ -19,7 +19,6 @@ use std::sync::Arc;
 
 use tesserae_mesh::error::{Error, Result};
 
-use self::check::Damage;
 use self::place::DatabasePlace;
 use self::readers::Readers;
 use self::writer::Writer;
@@ -28,12 +27,10 @@ use super::rows::{Abort, Rows};
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 
-/// A file with the tables of the store.
 #[derive(Debug)]
 pub struct Sqlite {
     readers: Readers,
     writer: Writer,
-    damage: Arc<Damage>,
     place: Arc<DatabasePlace>,
 }
 
@@ -41,17 +38,13 @@ impl Sqlite {
     /// Opens the file at `path`, or makes it. No other process may have it open. A temporary file is one that the
     /// process outlasts.
     pub async fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
-        let place = match is_temporary {
-            true => DatabasePlace::temporary(path.to_owned()),
-            false => DatabasePlace::locked(path.to_owned())?,
-        };
-        let place = Arc::new(place);
+        let place = Arc::new(DatabasePlace::lock(path.to_owned(), is_temporary)?);
         let file = Arc::clone(&place);
         let (connection, readers) = blocking(move || opening::open(&file)).await??;
         let damage = Arc::clone(&readers.damage);
-        let writer = Writer::start(connection, Arc::clone(&place), listeners, Arc::clone(&damage), faults);
+        let writer = Writer::start(connection, Arc::clone(&place), listeners, damage, faults);
         let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
-        Ok(Self { readers, writer, damage, place })
+        Ok(Self { readers, writer, place })
     }
 
     /// Makes a change; returns when it is on the disk, and what follows from it is done.
@@ -66,14 +59,12 @@ impl Sqlite {
         self.readers.read(|session| work(session)).await
     }
 
-    /// Whether the process outlasts the file.
     pub fn is_temporary(&self) -> bool {
         self.place.is_temporary
     }
 
-    /// What was found broken in the file.
     pub fn damage(&self) -> Option<Error> {
-        self.damage.found()
+        self.readers.damage.found()
     }
 
     /// Finishes the operations under way and closes the file.

@@ -19,7 +19,6 @@ const READ_CACHE: i32 = 512;
 /// Size to which the write-ahead log is cut back after it grew larger.
 const LOG_BYTES: u32 = 64 << 20;
 
-/// For how long a connection waits for another one's lock.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Statements that a connection keeps prepared: more than there are.
@@ -55,12 +54,10 @@ pub fn message(error: &rusqlite::Error) -> String {
     }
 }
 
-/// The error of a store that was closed.
 pub fn closed() -> Error {
     Error::new(Kind::Unavailable, "the store of jobs is closed")
 }
 
-/// Whether the database failed for want of room on the disk.
 pub fn lacks_room(error: &rusqlite::Error) -> bool {
     const INDEX_OF_LOG: [i32; 3] = [ffi::SQLITE_IOERR_SHMSIZE, ffi::SQLITE_IOERR_SHMOPEN, ffi::SQLITE_IOERR_SHMMAP];
     error.sqlite_error_code() == Some(ErrorCode::DiskFull)
@@ -77,16 +74,17 @@ pub struct DatabasePlace {
     /// Whether the process outlasts the file: then no commit waits for the disk.
     pub is_temporary: bool,
     /// Closed after all connections: closing a file that SQLite has locked ends SQLite's own locks (POSIX).
-    lock: Option<File>,
+    lock: File,
 }
 
 impl DatabasePlace {
-    /// The file at `path`, locked for this service. [`Kind::Conflict`] when another one has it.
-    pub fn locked(path: PathBuf) -> Result<Self> {
+    /// The file at `path`, which is made if need be. [`Kind::Conflict`] when another service has it.
+    pub fn lock(path: PathBuf, is_temporary: bool) -> Result<Self> {
         let cannot = |error| Error::io(format_args!("the store of jobs cannot be opened: {}", path.display()), error);
+        // SQLite gives the log the mode of this file
         let lock = private::options().open(&path).map_err(cannot)?;
         match lock.try_lock() {
-            Ok(()) => Ok(Self { path, is_temporary: false, lock: Some(lock) }),
+            Ok(()) => Ok(Self { path, is_temporary, lock }),
             Err(TryLockError::WouldBlock) => Err(Error::new(
                 Kind::Conflict,
                 format_args!(
@@ -100,25 +98,14 @@ impl DatabasePlace {
 
     /// Lets another process work with the file, once all connections are closed.
     pub fn release(&self) {
-        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+        if let Err(error) = self.lock.unlock() {
             tracing::warn!(%error, "the store of jobs stays locked until the process ends");
         }
     }
 
-    /// The same in a temporary folder, which no other process knows.
-    pub fn temporary(path: PathBuf) -> Self {
-        Self { path, is_temporary: true, lock: None }
-    }
-
-    /// Opens the connection that writes, and makes the file if that may be.
-    pub fn writing(&self, may_create: bool) -> rusqlite::Result<Connection> {
-        if may_create {
-            // SQLite gives the log the mode of this file
-            private::options().open(&self.path).map_err(|_| rusqlite::Error::InvalidPath(self.path.clone()))?;
-        }
-        let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE;
-        flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
-        let connection = self.open(flags)?;
+    /// The connection that writes. It makes no file: one that is gone is not replaced by an empty one.
+    pub fn writing(&self) -> rusqlite::Result<Connection> {
+        let connection = self.open(OpenFlags::SQLITE_OPEN_READ_WRITE)?;
         if connection.pragma_query_value(None, "page_count", |row| row.get::<_, i64>(0))? == 0 {
             // no job is in a new file yet, and the next statement writes its page again, to the disk
             connection.pragma_update(None, "synchronous", "OFF")?;

@@ -20,13 +20,11 @@ pub struct Readers {
     place: Arc<DatabasePlace>,
     /// One for each connection that may be.
     places: Semaphore,
-    /// What they find broken in the file.
     pub damage: Arc<Damage>,
     idle: Mutex<Vec<Session>>,
 }
 
 impl Readers {
-    /// For a file that is there.
     pub fn open(place: Arc<DatabasePlace>) -> rusqlite::Result<Self> {
         let places = Semaphore::new(READERS as usize);
         let readers = Self { place, places, damage: Arc::default(), idle: Mutex::default() };

@@ -74,7 +74,6 @@ impl Writer {
     }
 }
 
-/// A command and the way back for its answer.
 struct Sent<T, C> {
     command: C,
     outcome: Option<Result<T>>,
@@ -128,7 +127,6 @@ struct Worker {
 }
 
 impl Worker {
-    /// Works until the writer is closed.
     fn run(mut self, inbox: &mpsc::Receiver<Box<dyn Pending>>) {
         let mut batch = Vec::new();
         while let Ok(command) = inbox.recv() {
@@ -159,7 +157,6 @@ impl Worker {
         }
     }
 
-    /// One transaction, and what is published after it.
     fn commit(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<()> {
         let started = Instant::now();
         let outcome = self.transaction(batch).map_err(|error| self.damage.note(error));
@@ -181,7 +178,7 @@ impl Worker {
     fn transaction(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<Effects> {
         let session = match &mut self.session {
             Some(session) => session,
-            none => none.insert(Session::new(self.place.writing(false).map_err(failure)?)),
+            none => none.insert(Session::new(self.place.writing().map_err(failure)?)),
         };
         session.begin().map_err(failure)?;
         let mut effects = Effects::default();
