@@ -16,7 +16,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::files::Files;
-use crate::files::retention::Retention;
+use crate::files::retention::{Reading, Retention};
 use crate::files::storage::Storage;
 use crate::guard::access::Access;
 use crate::guard::traffic::{Traffic, connections};
@@ -201,7 +201,7 @@ impl Server {
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
         let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-        let retention = Retention::new(files, store, kept).await?;
+        let retention = Retention::new(files, store, kept, Reading::now()).await?;
         let mut work = match shared.settings.work.work {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),

@@ -43,14 +43,11 @@ pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
     let endpoint = of(AmazonS3ConfigKey::S3Endpoint).or_else(|| of(AmazonS3ConfigKey::Endpoint));
     let allows_http = of(AmazonS3ConfigKey::Client(ClientConfigKey::AllowHttp)).is_some_and(|value| value == "true");
     let is_local = endpoint.as_deref().is_some_and(is_on_this_machine);
-    match endpoint {
-        Some(endpoint) if endpoint.starts_with("http://") && !is_local && !allows_http => {
-            return Err(Error::parameter(format_args!(
-                "uploads and results would cross the network without encryption: give an https URL in \
-                 AWS_ENDPOINT_URL, or AWS_ALLOW_HTTP=true beside it; it is {endpoint}"
-            )));
-        }
-        _ => {}
+    if let Some(endpoint) = endpoint.filter(|url| url.starts_with("http://") && !is_local && !allows_http) {
+        return Err(Error::parameter(format_args!(
+            "uploads and results would cross the network without encryption: give an https URL in AWS_ENDPOINT_URL, or \
+             AWS_ALLOW_HTTP=true beside it; it is {endpoint}"
+        )));
     }
     let options = ClientOptions::new()
         .with_allow_http(allows_http || is_local)

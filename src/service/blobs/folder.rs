@@ -10,6 +10,7 @@ use std::time::SystemTime;
 
 use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Result};
+use walkdir::WalkDir;
 
 use crate::ops::blocking::blocking;
 use crate::ops::private;
@@ -39,9 +40,7 @@ pub(super) async fn names(root: &Path, below: &BlobPath) -> Result<Vec<String>> 
 pub(super) async fn newest(root: &Path, below: &BlobPath) -> Result<Option<SystemTime>> {
     let folder = root.join(below.as_ref());
     blocking(move || {
-        let mut newest = None;
-        each_below(&folder, |_, found| newest = newest.max(found.modified().ok().filter(|_| found.is_file())));
-        newest
+        entries_below(&folder).filter(|(_, found)| found.is_file()).filter_map(|(_, found)| found.modified().ok()).max()
     })
     .await
 }
@@ -76,17 +75,15 @@ fn remove_empty_above(root: &Path, folder: &Path) {
 
 /// The whole files below a path, relative to the root.
 pub(crate) fn whole_files(root: &Path, below: &BlobPath) -> Vec<PathBuf> {
-    let mut files = Vec::new();
-    each_below(&root.join(below.as_ref()), |path, found| {
-        if is_whole(path, found) {
-            files.extend(path.strip_prefix(root).map(Path::to_owned));
-        }
-    });
-    files
+    let folder = root.join(below.as_ref());
+    entries_below(&folder)
+        .filter(is_whole)
+        .filter_map(|(path, _)| path.strip_prefix(root).map(Path::to_owned).ok())
+        .collect()
 }
 
 /// Whether this is a file, and not one that is being written, which has a `#` in its name.
-fn is_whole(path: &Path, found: &Metadata) -> bool {
+fn is_whole((path, found): &(PathBuf, Metadata)) -> bool {
     found.is_file() && path.file_name().is_some_and(|name| !name.to_string_lossy().contains('#'))
 }
 
@@ -109,23 +106,13 @@ pub(crate) fn link(from: &Path, to: &Path, file: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Bytes of all whole files in a folder and below it; what disappears meanwhile does not count.
+/// Bytes of all whole files in a folder and below it.
 pub(crate) fn size(folder: &Path) -> u64 {
-    let mut size = 0;
-    each_below(folder, |path, found| size += if is_whole(path, found) { found.len() } else { 0 });
-    size
+    entries_below(folder).filter(is_whole).map(|(_, found)| found.len()).sum()
 }
 
-/// Calls `visit` with every file and folder below a folder; links are not followed.
-fn each_below(folder: &Path, mut visit: impl FnMut(&Path, &Metadata)) {
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-            let (path, Ok(found)) = (entry.path(), entry.metadata()) else { continue };
-            visit(&path, &found);
-            if found.is_dir() {
-                folders.push(path);
-            }
-        }
-    }
+/// Files and folders in a folder and below it, without those that disappear meanwhile.
+fn entries_below(folder: &Path) -> impl Iterator<Item = (PathBuf, Metadata)> {
+    let entries = WalkDir::new(folder).min_depth(1).into_iter().flatten();
+    entries.filter_map(|entry| Some((entry.path().to_owned(), entry.metadata().ok()?)))
 }

@@ -22,10 +22,6 @@ pub(crate) struct Incoming {
 }
 
 impl Incoming {
-    pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
-        Self { files, id, held: Vec::new(), has_files: false, kept: false }
-    }
-
     /// The mesh lies in a bucket: what comes with it lies in files.
     pub fn is_referred(&mut self) {
         self.has_files = true;
@@ -97,6 +93,6 @@ impl Files {
     pub fn incoming(self: &Arc<Self>) -> Incoming {
         let id = JobId::random();
         self.incoming.lock().insert(id);
-        Incoming::new(Arc::clone(self), id)
+        Incoming { files: Arc::clone(self), id, held: Vec::new(), has_files: false, kept: false }
     }
 }

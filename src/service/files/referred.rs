@@ -28,21 +28,22 @@ impl Files {
     pub async fn find_referred(&self, tenant: &str, url: &str) -> Result<Found> {
         let (blobs, path) = self.place_of(tenant, url)?;
         let found = self.explain_forbidden(blobs.find(&path).await, url).await;
-        self.noting(found).map_err(|error| match error.kind {
+        found.map_err(|error| match error.kind {
             Kind::NotFound => no_object(url),
-            _ => error,
+            _ => self.noted(error),
         })
     }
 
     /// Opens a mesh that no request brought, or a range of it.
     pub async fn read_referred(&self, tenant: &str, referred: &Referred, range: Option<GetRange>) -> Result<Blob> {
         let (blobs, path) = self.place_of(tenant, &referred.url)?;
-        // it could be read when the job was accepted: a key that may not read it now may do so again
-        let found = blobs.get_tagged(&path, range, referred.tag.as_deref()).await.map_err(forbidden_as_unavailable);
-        self.noting(found).map_err(|error| match error.kind {
+        let found = blobs.get_tagged(&path, range, referred.tag.as_deref()).await;
+        found.map_err(|error| match error.kind {
             Kind::Conflict => Error::mesh("the mesh was replaced by another one after the job was accepted"),
             Kind::NotFound => no_object(&referred.url),
-            _ => error,
+            // it could be read when the job was accepted: a key that may not read it now may do so again
+            Kind::Forbidden => self.noted(Error::new(Kind::Unavailable, error.message)),
+            _ => self.noted(error),
         })
     }
 
@@ -73,17 +74,6 @@ impl Files {
                  {url:?}"
             ))
         })
-    }
-
-    fn noting<T>(&self, outcome: Result<T>) -> Result<T> {
-        outcome.map_err(|error| self.noted(error))
-    }
-}
-
-fn forbidden_as_unavailable(error: Error) -> Error {
-    match error.kind {
-        Kind::Forbidden => Error::new(Kind::Unavailable, error.message),
-        _ => error,
     }
 }
 

@@ -35,14 +35,14 @@ const PAUSE: Duration = Duration::from_secs(600);
 
 /// The clocks of the system, read at once.
 #[derive(Debug, Clone, Copy)]
-struct Reading {
+pub(crate) struct Reading {
     /// The system's clock, which people and other computers set.
     wall: SystemTime,
     steady: Instant,
 }
 
 impl Reading {
-    fn now() -> Self {
+    pub fn now() -> Self {
         Self { wall: SystemTime::now(), steady: Instant::now() }
     }
 }
@@ -58,11 +58,7 @@ pub(crate) struct Retention {
 
 impl Retention {
     /// For the jobs of a store. The clock was right when the newest job was created.
-    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>) -> Result<Self> {
-        Self::at(files, store, kept, Reading::now()).await
-    }
-
-    async fn at(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
+    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
         let newest = store.newest().await?;
         // a stop and a jump of the clock look alike
         let last = Reading { wall: newest.unwrap_or(now.wall), ..now };
@@ -169,7 +165,7 @@ mod tests {
         let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
         let from = async |now| {
             let (files, jobs) = (Arc::clone(&files), Arc::clone(&store));
-            Retention::at(files, jobs, Some(week), now).await.expect("readable")
+            Retention::new(files, jobs, Some(week), now).await.expect("readable")
         };
         let mut retention = from(start).await;
         assert!(retention.look(at(minute, minute)).await);

@@ -86,13 +86,10 @@ impl Root {
 
     /// Whether the folder is still the one that was opened: not removed, unmounted, or mounted over.
     pub fn check(&self) -> io::Result<()> {
-        match same_file(&self.path.metadata()?, &self.found) {
+        let now = self.path.metadata()?;
+        match (now.dev(), now.ino()) == (self.found.dev(), self.found.ino()) {
             true => Ok(()),
             false => Err(io::Error::other("it was replaced by another")),
         }
     }
-}
-
-fn same_file(one: &Metadata, other: &Metadata) -> bool {
-    (one.dev(), one.ino()) == (other.dev(), other.ino())
 }

@@ -76,10 +76,10 @@ pub fn standing(row: &Row) -> Result<Standing> {
 
 const FIND: &str = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
 
-const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, begun = $5, suspicion = $6, \
-    not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker_id = $11, last_seq = $12, \
-    ends = $13, problem = $14, summary = $15, ended_at = $16, progress = coalesce($17, progress) \
-    WHERE number = $1";
+/// All but what a claim changes.
+const SAVE: &str = "UPDATE jobs SET state = $2, uncounted = $3, begun = $4, suspicion = $5, not_before = $6, \
+    lease_until = $7, cancel_requested = $8, worker_id = $9, last_seq = $10, ends = $11, problem = $12, \
+    summary = $13, ended_at = $14, progress = coalesce($15, progress) WHERE number = $1";
 
 const NOTICE: &str = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
     VALUES ($1, $2, $3, $4, $5, $6, $7)";
@@ -252,19 +252,17 @@ impl Transaction<'_> {
         ended_at: Option<SystemTime>,
         progress: Option<&Progress>,
     ) -> Result<(), Abort> {
-        let Standing { state, attempt, uncounted, has_begun, suspicion, .. } = live.standing;
-        let Standing { not_before, started_at, lease_until, cancel_requested, .. } = live.standing;
+        let Standing { state, uncounted, has_begun, suspicion, .. } = live.standing;
+        let Standing { not_before, lease_until, cancel_requested, .. } = live.standing;
         self.rows.write(
             SAVE,
             values![
                 live.number,
                 state,
-                attempt,
                 uncounted,
                 has_begun,
                 suspicion,
                 not_before,
-                started_at,
                 lease_until,
                 cancel_requested,
                 live.worker_id,

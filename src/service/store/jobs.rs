@@ -31,15 +31,6 @@ const OF_TENANT: &str = "SELECT count(*) AS jobs, \
     1 + coalesce(sum(CASE WHEN urgency <= $2 THEN 1 ELSE 0 END), 0) AS place \
     FROM jobs WHERE state = 'queued' AND tenant = $1";
 
-fn reused_key(key: &str) -> Error {
-    Error::new(
-        Kind::KeyReused,
-        format_args!(
-            "another request came with this Idempotency-Key before; send a new key with a new request: {key:?}"
-        ),
-    )
-}
-
 /// The place of a job that is to wait, of which the tenant may have `most`. [`Kind::QueueFull`] when there is none.
 fn place(rows: &mut dyn Rows, rules: &Rules, tenant: &str, most: Option<u64>, urgency: i16) -> Result<u64, Abort> {
     let found = rows.all(&[(WAITING, values![rules.max_queued]), (OF_TENANT, values![tenant, urgency])])?;
@@ -55,10 +46,11 @@ fn find(rows: &mut dyn Rows, id: JobId) -> Result<Option<Job>, Abort> {
 
 fn known(rows: &mut dyn Rows, tenant: &str, wanted: &Idempotency) -> Result<Option<Job>, Abort> {
     let Some(row) = rows.first(KNOWN, values![tenant, &*wanted.key])? else { return Ok(None) };
-    match row.text("request_digest")? == wanted.request {
-        true => Ok(Some(job(&row)?)),
-        false => Err(reused_key(&wanted.key).into()),
+    if row.text("request_digest")? == wanted.request {
+        return Ok(Some(job(&row)?));
     }
+    let why = "another request came with this Idempotency-Key before; send a new key with a new request";
+    Err(Error::new(Kind::KeyReused, format_args!("{why}: {:?}", wanted.key)).into())
 }
 
 impl Store {

@@ -25,7 +25,7 @@ impl Kept {
     }
 
     pub fn forms(&self) -> impl Iterator<Item = &'static Form> {
-        made_of_input().flat_map(|artifact| artifact.forms).filter(|form| self.has(form))
+        forms().filter(|form| self.has(form))
     }
 
     pub fn has(&self, form: &Form) -> bool {
@@ -82,16 +82,18 @@ pub(crate) fn made_of_input() -> impl Iterator<Item = &'static Artifact> {
     ALL.into_iter().filter(|artifact| artifact.is_served && artifact.is_made_of_input())
 }
 
+fn forms() -> impl Iterator<Item = &'static Form> {
+    made_of_input().flat_map(|artifact| artifact.forms)
+}
+
 /// The files that a list of names means: `mesh.ply` that file, `mesh` the first form of that output.
 pub(crate) fn files<'a>(names: impl Iterator<Item = &'a str>) -> Result<Vec<String>> {
     let mut files = Vec::new();
     for name in names.map(str::trim) {
         let by_name =
             made_of_input().find(|artifact| artifact.name == name).and_then(|artifact| artifact.forms.first());
-        let form =
-            by_name.or_else(|| made_of_input().flat_map(|artifact| artifact.forms).find(|form| form.file == name));
-        let form = form.ok_or_else(|| {
-            let known: Vec<&str> = made_of_input().flat_map(|artifact| artifact.forms).map(|form| form.file).collect();
+        let form = by_name.or_else(|| forms().find(|form| form.file == name)).ok_or_else(|| {
+            let known: Vec<&str> = forms().map(|form| form.file).collect();
             Error::parameter(format_args!("outputs must be of {}, not {}", known.join(", "), Quoted(name)))
         })?;
         if !files.iter().any(|file| file == form.file) {

@@ -140,7 +140,7 @@ impl Store {
         };
         let changed = async {
             match &self.database {
-                Database::Sqlite(file) => file.change(command).await,
+                Database::Sqlite(file) => file.writer.change(command).await,
                 #[cfg(feature = "postgres")]
                 Database::Postgres(database) => database.change(command).await,
             }
@@ -155,7 +155,7 @@ impl Store {
     ) -> Result<T> {
         let read = async {
             match &self.database {
-                Database::Sqlite(file) => file.read(work).await,
+                Database::Sqlite(file) => file.readers.read(work).await,
                 #[cfg(feature = "postgres")]
                 Database::Postgres(database) => database.read(work).await,
             }

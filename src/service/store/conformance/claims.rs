@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::super::tests::new_job;
 use super::super::{Claiming, End, Spec, Store};
-use super::LEASE;
+use super::{LEASE, events};
 
 /// How many jobs are claimed: `CLAIM_JOBS` says it for the figures in `docs/farm.md`.
 pub fn jobs() -> usize {
@@ -61,4 +61,7 @@ pub async fn claim_all(stores: &[Arc<Store>], limit: usize, jobs: usize) {
     claimed.sort();
     claimed.dedup();
     assert_eq!(claimed.len(), jobs, "none twice");
+    for id in claimed {
+        assert_eq!(events(&stores[0], id, 0, 9).await.len(), 3);
+    }
 }

@@ -2,10 +2,8 @@
 
 use proptest::strategy::{Strategy as _, ValueTree as _};
 use proptest::test_runner::TestRunner;
-use tempfile::TempDir;
 
 use super::super::database::rows::values;
-use super::sqlite::NAME;
 use super::*;
 use crate::ops::faults::Faults;
 use crate::queue::tests::history::{self, New, Step, Stored, play};
@@ -31,38 +29,36 @@ async fn are_as_in<S: Stored>(altered: Altered, mut empty: impl AsyncFnMut() -> 
     true
 }
 
-/// A store, and how one of its workers crashes.
-trait Crashes {
-    fn stores(&self) -> &[Store];
-    async fn crash(&mut self, worker: usize);
-}
-
-/// Workers, and the jobs in the order of their creation with the last claim of each.
-struct Workers<C> {
-    subject: C,
+/// Workers, each with its store, and the jobs in the order of their creation with the last claim of each.
+struct Workers {
+    stores: Vec<Store>,
     jobs: Vec<(JobId, usize, u32)>,
 }
 
-impl<C: Crashes> Workers<C> {
+impl Workers {
+    fn new(stores: Vec<Store>) -> Self {
+        Self { stores, jobs: Vec::new() }
+    }
+
     fn store(&self, job: usize) -> &Store {
-        &self.subject.stores()[self.jobs[job].1]
+        &self.stores[self.jobs[job].1]
     }
 }
 
-impl<C: Crashes> Stored for Workers<C> {
+impl Stored for Workers {
     fn workers(&self) -> usize {
-        self.subject.stores().len()
+        self.stores.len()
     }
 
     async fn create(&mut self, New { tenant, priority, is_small, .. }: New) {
         let spec = Spec { tenant: tenant.to_owned(), priority, is_small, ..spec("x") };
-        let job = add(&self.subject.stores()[0], JobId::random(), spec).await;
+        let job = add(&self.stores[0], JobId::random(), spec).await;
         self.jobs.push((job.id, 0, 0));
     }
 
     async fn claim(&mut self, worker: usize, limit: usize, newcomers: usize) -> Vec<(usize, u32)> {
         let claiming = claiming(worker, limit, newcomers, 3);
-        let claimed = self.subject.stores()[worker].claim_as(claiming).await.expect("claimable").0;
+        let claimed = self.stores[worker].claim_as(claiming).await.expect("claimable").0;
         let job = |(ticket, _): (Ticket, Job)| {
             let index = self.jobs.iter().position(|(id, ..)| *id == ticket.job).expect("created here");
             self.jobs[index] = (ticket.job, worker, ticket.attempt);
@@ -93,12 +89,25 @@ impl<C: Crashes> Stored for Workers<C> {
     }
 
     async fn crash(&mut self, worker: usize) {
-        self.subject.crash(worker).await;
+        let (store, next) = (&self.stores[worker], &self.stores[(worker + 1) % self.stores.len()]);
+        if !store.is_shared() {
+            // as the next process does when it opens the file
+            store.recover().await.expect("recovered");
+            return;
+        }
+        let over = store.change("test", |change| {
+            let (me, now) = (change.me, change.now()?);
+            let sql = "UPDATE jobs SET lease_until = $2 WHERE worker_id = $1 AND state = 'running'";
+            change.rows.write(sql, values![me, now])?;
+            change.rows.write("UPDATE workers SET alive_until = $2 WHERE id = $1", values![me, now])
+        });
+        over.await.expect("written");
+        next.reclaim().await.expect("reclaimed");
     }
 
     /// Moves the times in the tables into the past, or back.
     async fn wait(&mut self, seconds: i64) {
-        let moved = self.subject.stores()[0].change("test", move |change| {
+        let moved = self.stores[0].change("test", move |change| {
             let jobs = "UPDATE jobs SET not_before = not_before - $1, started_at = started_at - $1, \
                         lease_until = lease_until - $1";
             for sql in [jobs, "UPDATE workers SET alive_until = alive_until - $1"] {
@@ -122,66 +131,26 @@ impl<C: Crashes> Stored for Workers<C> {
     }
 }
 
-/// The only worker of a file.
-struct OneFile([Store; 1], #[expect(dead_code, reason = "it goes with the store")] TempDir);
-
-impl Crashes for OneFile {
-    fn stores(&self) -> &[Store] {
-        &self.0
-    }
-
-    /// Does what the next process does when it opens the file.
-    async fn crash(&mut self, _: usize) {
-        self.0[0].recover().await.expect("recovered");
-    }
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn a_file_follows_the_rules_in_every_history() {
+    let folder = tempfile::tempdir().expect("a folder");
     let empty = async || {
-        let folder = tempfile::tempdir().expect("a folder");
-        let store = Store::temporary(&folder.path().join(NAME), history::RULES, Faults::default()).await;
-        Workers { subject: OneFile([store.expect("it opens")], folder), jobs: vec![] }
+        let path = folder.path().join(format!("{}.sqlite3", JobId::random()));
+        let store = Store::temporary(&path, history::RULES, Faults::default()).await;
+        Workers::new(vec![store.expect("it opens")])
     };
     assert!(are_as_in(Altered::Nothing, empty).await);
     assert!(!are_as_in(Altered::Weights, empty).await, "other rules are noticed");
 }
 
 #[cfg(feature = "postgres")]
-mod shared {
-    use super::super::postgres::open;
-    use super::super::server::Server;
-    use super::*;
-
-    struct Services([Store; 3]);
-
-    impl Crashes for Services {
-        fn stores(&self) -> &[Store] {
-            &self.0
-        }
-
-        /// Its leases are over.
-        async fn crash(&mut self, worker: usize) {
-            let over = self.0[worker].change("test", |change| {
-                let (me, now) = (change.me, change.now()?);
-                let sql = "UPDATE jobs SET lease_until = $2 WHERE worker_id = $1 AND state = 'running'";
-                change.rows.write(sql, values![me, now])?;
-                change.rows.write("UPDATE workers SET alive_until = $2 WHERE id = $1", values![me, now])
-            });
-            over.await.expect("written");
-            self.0[(worker + 1) % 3].reclaim().await.expect("reclaimed");
-        }
-    }
-
-    #[tokio::test(flavor = "multi_thread")]
-    async fn services_follow_the_rules_in_every_history() {
-        let Some(server) = Server::start() else { return };
-        let empty = async || {
-            let (url, rules) = (server.database(), history::RULES);
-            let subject = Services([open(&url, rules).await, open(&url, rules).await, open(&url, rules).await]);
-            Workers { subject, jobs: vec![] }
-        };
-        assert!(are_as_in(Altered::Nothing, empty).await);
-        assert!(!are_as_in(Altered::Weights, empty).await, "other rules are noticed");
-    }
+#[tokio::test(flavor = "multi_thread")]
+async fn services_follow_the_rules_in_every_history() {
+    let Some(server) = server::Server::start() else { return };
+    let empty = async || {
+        let url = server.database();
+        Workers::new(join_all((0..3).map(|_| postgres::open(&url, history::RULES))).await)
+    };
+    assert!(are_as_in(Altered::Nothing, empty).await);
+    assert!(!are_as_in(Altered::Weights, empty).await, "other rules are noticed");
 }

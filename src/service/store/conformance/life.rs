@@ -201,7 +201,7 @@ pub(super) async fn a_tenant_has_no_more_waiting_jobs_than_it_may(store: &Store)
         let spec = Spec { tenant: tenant.to_owned(), ..spec("x") };
         NewJob { spec, most_waiting: Some(2), ..new_job() }
     };
-    let at_once = futures_util::future::join_all((0..4).map(|_| store.create(new("a")))).await;
+    let at_once = join_all((0..4).map(|_| store.create(new("a")))).await;
     let refused = at_once.iter().filter_map(|created| created.as_ref().err());
     assert!(refused.clone().all(|error| error.kind == Kind::QueueFull && error.message.contains("of this tenant")));
     // services that share a database count at once

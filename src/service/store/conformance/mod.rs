@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
+use futures_util::future::join_all;
 use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::Format;
@@ -55,10 +56,9 @@ pub(crate) async fn run(subject: &impl Subject) {
     lists::every_end_with_a_webhook_is_untold_until_settled(&make(99).await).await;
     lists::a_foreign_cursor_is_refused(&make(9).await).await;
     lists::the_oldest_job_that_waits_is_known(&make(9).await).await;
-    at_once::arrivals_wake_a_worker(Arc::new(make(9).await)).await;
-    at_once::many_at_once_lose_nothing(Arc::new(make(1000).await)).await;
+    at_once::arrivals_wake_a_worker(&make(9).await).await;
     at_once::a_key_stands_for_one_request(&make(9).await).await;
-    at_once::the_same_key_at_once_gives_one_job(Arc::new(make(1000).await)).await;
+    at_once::the_same_key_at_once_gives_one_job(&make(1000).await).await;
     attempts::a_released_job_runs_again_in_its_place(&make(9).await).await;
     attempts::a_lease_that_is_over_is_reclaimed(&make(9).await).await;
     attempts::attempts_whose_lease_is_over_are_counted(&make(9).await).await;

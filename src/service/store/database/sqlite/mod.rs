@@ -22,15 +22,14 @@ use tesserae_mesh::error::{Error, Result};
 use self::place::DatabasePlace;
 use self::readers::Readers;
 use self::writer::Writer;
-use super::super::listeners::{Effects, Listeners};
-use super::rows::{Abort, Rows};
+use super::super::listeners::Listeners;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 
 #[derive(Debug)]
 pub struct Sqlite {
-    readers: Readers,
-    writer: Writer,
+    pub readers: Readers,
+    pub writer: Writer,
     place: Arc<DatabasePlace>,
 }
 
@@ -45,18 +44,6 @@ impl Sqlite {
         let writer = Writer::start(connection, Arc::clone(&place), listeners, damage, faults);
         let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
         Ok(Self { readers, writer, place })
-    }
-
-    /// Makes a change; returns when it is on the disk, and what follows from it is done.
-    pub async fn change<T: Send + 'static>(
-        &self,
-        command: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
-    ) -> Result<T> {
-        self.writer.carry_out(command).await
-    }
-
-    pub async fn read<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
-        self.readers.read(|session| work(session)).await
     }
 
     pub fn is_temporary(&self) -> bool {

@@ -8,7 +8,7 @@ use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::Semaphore;
 use tokio::task::block_in_place;
 
-use super::super::rows::Abort;
+use super::super::rows::{Abort, Rows};
 use super::check::Damage;
 use super::place::{DatabasePlace, closed, failure};
 use super::session::Session;
@@ -33,7 +33,7 @@ impl Readers {
     }
 
     /// Reads rows on this thread. Where that takes long, the other tasks of this thread continue on another one.
-    pub async fn read<T>(&self, work: impl FnOnce(&mut Session) -> Result<T, Abort>) -> Result<T> {
+    pub async fn read<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
         let _place = self.places.acquire().await.map_err(|_| closed())?;
         match Handle::current().runtime_flavor() {
             RuntimeFlavor::CurrentThread => self.work(work),
@@ -48,7 +48,7 @@ impl Readers {
         self.places.close();
     }
 
-    fn work<T>(&self, work: impl FnOnce(&mut Session) -> Result<T, Abort>) -> Result<T> {
+    fn work<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
         let idle = self.idle.lock().pop();
         let mut session = match idle {
             Some(session) => session,

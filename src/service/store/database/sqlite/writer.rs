@@ -54,15 +54,14 @@ impl Writer {
         Ok(Self { commands: Mutex::new(Some(commands)), closed })
     }
 
-    /// Runs a command, and waits until the disk has its changes. A command [refuses](Abort::Refused) before it writes;
-    /// it runs again after a transaction that failed.
-    pub async fn carry_out<T, C>(&self, command: C) -> Result<T>
-    where
-        T: Send + 'static,
-        C: Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
-    {
+    /// Makes a change; returns when it is on the disk, and what follows from it is done. A command
+    /// [refuses](Abort::Refused) before it writes; it runs again after a transaction that failed.
+    pub async fn change<T: Send + 'static>(
+        &self,
+        command: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
         let (reply, answer) = oneshot::channel();
-        let sent = Box::new(Sent { command, outcome: None, reply: Some(reply) });
+        let sent = Box::new(Sent { command, outcome: None, reply });
         self.commands.lock().as_ref().and_then(|commands| commands.send(sent).ok()).ok_or_else(closed)?;
         answer.await.map_err(|_| closed())?
     }
@@ -77,7 +76,7 @@ impl Writer {
 struct Sent<T, C> {
     command: C,
     outcome: Option<Result<T>>,
-    reply: Option<oneshot::Sender<Result<T>>>,
+    reply: oneshot::Sender<Result<T>>,
 }
 
 trait Pending: Send {
@@ -85,7 +84,7 @@ trait Pending: Send {
     fn apply(&mut self, session: &mut Session, effects: &mut Effects) -> Result<()>;
 
     /// Sends the answer: the one that was kept, or why the transaction failed.
-    fn settle(&mut self, failed: Option<Error>);
+    fn settle(self: Box<Self>, failed: Option<Error>);
 }
 
 impl<T: Send, C: Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send> Pending for Sent<T, C> {
@@ -104,16 +103,11 @@ impl<T: Send, C: Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send> Pen
         Ok(())
     }
 
-    fn settle(&mut self, failed: Option<Error>) {
-        let answer = match (failed, self.outcome.take()) {
-            (None, Some(outcome)) => outcome,
-            (Some(error), _) => Err(error),
-            (None, None) => Err(Error::new(Kind::Internal, "a change of a job was forgotten")),
-        };
-        if let Some(reply) = self.reply.take() {
-            // the sender may have given up
-            let _ = reply.send(answer);
-        }
+    fn settle(self: Box<Self>, failed: Option<Error>) {
+        let forgotten = || Err(Error::new(Kind::Internal, "a change of a job was forgotten"));
+        let Self { outcome, reply, .. } = *self;
+        // the sender may have given up
+        let _ = reply.send(failed.map_or_else(|| outcome.unwrap_or_else(forgotten), Err));
     }
 }
 
@@ -128,11 +122,8 @@ struct Worker {
 
 impl Worker {
     fn run(mut self, inbox: &mpsc::Receiver<Box<dyn Pending>>) {
-        let mut batch = Vec::new();
         while let Ok(command) = inbox.recv() {
-            batch.extend(iter::once(command).chain(inbox.try_iter()).take(BATCH));
-            self.carry_out(&mut batch);
-            batch.clear();
+            self.carry_out(iter::once(command).chain(inbox.try_iter()).take(BATCH).collect());
         }
         if let Some(session) = self.session.take()
             && let Err((_, error)) = session.connection.close()
@@ -141,18 +132,17 @@ impl Worker {
         }
     }
 
-    fn carry_out(&mut self, batch: &mut [Box<dyn Pending>]) {
-        let Err(error) = self.commit(batch) else {
-            batch.iter_mut().for_each(|command| command.settle(None));
-            return;
-        };
-        if let [command] = batch {
-            command.settle(Some(error));
-            return;
+    fn carry_out(&mut self, mut batch: Vec<Box<dyn Pending>>) {
+        let failed = self.commit(&mut batch).err();
+        let is_one = batch.len() == 1;
+        if let Some(error) = failed.as_ref().filter(|_| !is_one) {
+            tracing::debug!(%error, commands = batch.len(), "a transaction failed; its commands are tried one by one");
         }
-        tracing::debug!(%error, commands = batch.len(), "a transaction failed; its commands are tried one by one");
-        for command in batch {
-            let failed = self.commit(slice::from_mut(command)).err();
+        for mut command in batch {
+            let failed = match &failed {
+                Some(_) if !is_one => self.commit(slice::from_mut(&mut command)).err(),
+                failed => failed.clone(),
+            };
             command.settle(failed);
         }
     }
