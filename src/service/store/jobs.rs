@@ -236,7 +236,7 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     for SmallBlob { name, bytes } in upload {
         change.keep(number, name, bytes)?;
     }
-    // nobody watches a job that was not there
+    // no task can wait for a job that was not there
     change.effects.arrivals = true;
     Ok(Created::New(job))
 }

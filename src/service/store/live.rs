@@ -89,7 +89,7 @@ impl Live {
     }
 }
 
-/// The labels of a job; those of jobs that nobody runs or watches go.
+/// The labels of a job; those of jobs that are neither run nor watched go.
 fn of(jobs: &mut HashMap<JobId, Weak<Shown>>, id: JobId) -> Arc<Shown> {
     jobs.retain(|_, job| job.strong_count() > 0);
     jobs.get(&id).and_then(Weak::upgrade).unwrap_or_else(|| {
