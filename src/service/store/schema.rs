@@ -5,10 +5,10 @@ use tesserae_mesh::error::{Error, Kind, Result};
 /// Each is run once, in order, and never changed after a release.
 pub const MIGRATIONS: [&str; 1] = [include_str!("schema.sql")];
 
-/// The migrations that bring tables of a version up to date: 0 where there are none yet.
-pub fn steps(found: i64) -> Result<&'static [&'static str]> {
-    usize::try_from(found).ok().and_then(|found| MIGRATIONS.get(found..)).ok_or_else(|| {
-        let known = MIGRATIONS.len();
+/// Those of `migrations` that bring tables of a version up to date: 0 where there are none yet.
+pub fn steps<'m>(found: i64, migrations: &'m [&'m str]) -> Result<&'m [&'m str]> {
+    usize::try_from(found).ok().and_then(|found| migrations.get(found..)).ok_or_else(|| {
+        let known = migrations.len();
         Error::new(
             Kind::Io,
             format_args!(

@@ -51,3 +51,49 @@ pub(super) async fn arrivals_wake_a_worker(store: &Store) {
     let (claimed, job) = tokio::join!(biased; worker, create(store));
     assert_eq!(claimed.expect("in time"), job.id);
 }
+
+pub(super) async fn many_at_once_lose_nothing(store: Arc<Store>) {
+    let clients: Vec<_> = (0..50)
+        .map(|_| {
+            let store = Arc::clone(&store);
+            tokio::spawn(async move { create(store.as_ref()).await.id })
+        })
+        .collect();
+    let workers: Vec<_> = (0..8)
+        .map(|_| {
+            let store = Arc::clone(&store);
+            tokio::spawn(async move {
+                let mut arrivals = store.arrivals();
+                let mut claimed = Vec::new();
+                loop {
+                    arrivals.borrow_and_update();
+                    while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
+                        let row = vec![What::Iteration("{}".to_owned())];
+                        store.append(ticket, row, Progress::default()).await.expect("appended");
+                        store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+                        claimed.push(ticket.job);
+                    }
+                    let patience = Duration::from_millis(200);
+                    if tokio::time::timeout(patience, arrivals.changed()).await.is_err() {
+                        return claimed;
+                    }
+                }
+            })
+        })
+        .collect();
+    let mut created = Vec::new();
+    for client in clients {
+        created.push(client.await.expect("no panic"));
+    }
+    let mut claimed = Vec::new();
+    for worker in workers {
+        claimed.extend(worker.await.expect("no panic"));
+    }
+    created.sort();
+    claimed.sort();
+    assert_eq!(created, claimed);
+    for id in created {
+        let events = events(store.as_ref(), id, 0, 99).await;
+        assert_eq!(events.len(), 4);
+    }
+}

@@ -57,6 +57,7 @@ pub(crate) async fn run(subject: &impl Subject) {
     lists::a_foreign_cursor_is_refused(&make(9).await).await;
     lists::the_oldest_job_that_waits_is_known(&make(9).await).await;
     at_once::arrivals_wake_a_worker(&make(9).await).await;
+    at_once::many_at_once_lose_nothing(Arc::new(make(1000).await)).await;
     at_once::a_key_stands_for_one_request(&make(9).await).await;
     at_once::the_same_key_at_once_gives_one_job(&make(1000).await).await;
     attempts::a_released_job_runs_again_in_its_place(&make(9).await).await;

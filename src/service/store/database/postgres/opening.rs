@@ -49,7 +49,7 @@ async fn migrate(client: &mut Client) -> Result<(), Abort> {
     run(VERSION).await?;
     let found = transaction.query_opt("SELECT version FROM schema_version", &[]).await.map_err(failure)?;
     let found = found.map(version).transpose()?.unwrap_or(0);
-    let steps = schema::steps(found)?;
+    let steps = schema::steps(found, &MIGRATIONS)?;
     if steps.is_empty() {
         return Ok(());
     }
