@@ -93,7 +93,7 @@ impl Server {
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
             max_attempts: settings.work.max_attempts,
-            crash_pause: settings.work.crash_pause(),
+            crash_pause: Duration::from_secs(settings.work.crash_pause),
         };
         let shared = open_shared(&settings, rules).await?;
         let access = Arc::new(Access::open(&settings.access).await?);
@@ -218,7 +218,7 @@ impl Server {
         let (followed, until) = (Arc::clone(&shared), stop.clone());
         tasks.spawn(async move { followed.access.follow(&followed.health, until).await });
         let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));
-        tasks.spawn(Teller::new(store, webhooks, Arc::clone(&shared.metrics)).run(stop.clone()));
+        tasks.spawn(Teller { store, webhooks, metrics: Arc::clone(&shared.metrics) }.run(stop.clone()));
         tracing::info!(%address, device = shared.device.info.name, "listening on http://{address}");
         page::start();
 
@@ -230,7 +230,7 @@ impl Server {
         tracing::info!("stopping");
         shared.health.fail(Part::Process, "the service is stopping");
         // jobs are still taken while load balancers notice
-        let delay = shared.settings.drain_delay();
+        let delay = Duration::from_secs(shared.settings.drain_delay);
         if !delay.is_zero() && !serving.is_terminated() {
             tokio::select! {
                 () = sleep(delay) => {}
@@ -238,7 +238,7 @@ impl Server {
             }
         }
         stop.cancel();
-        if timeout(shared.settings.grace_period(), &mut work).await.is_err() {
+        if timeout(Duration::from_secs(shared.settings.grace_period), &mut work).await.is_err() {
             tracing::warn!("the grace period is over: running jobs are broken off");
             abort.cancel();
             let _ = timeout(LAST_MOMENT, work).await;

@@ -1,15 +1,5 @@
 //! The settings of the service: each defined once, here, with its flag, variable, meaning and default.
 
-/// Methods that give settings in seconds as durations.
-macro_rules! durations {
-    ($($field:ident),+) => {$(
-        #[doc = concat!("[`", stringify!($field), "`](Self::", stringify!($field), ") as a duration.")]
-        pub(crate) fn $field(&self) -> std::time::Duration {
-            std::time::Duration::from_secs(self.$field)
-        }
-    )+};
-}
-
 mod access;
 pub mod heading;
 pub(crate) mod logging;
@@ -126,8 +116,6 @@ impl Default for Settings {
 }
 
 impl Settings {
-    durations!(grace_period, drain_delay);
-
     /// Checks what the settings say together.
     pub fn check(&self) -> Result<()> {
         let is_open = self.access.tokens.is_none() && !self.access.insecure_no_auth;

@@ -31,8 +31,6 @@ pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(crate) const ENCODINGS: &str = "gzip, zstd, identity";
 
-pub(crate) const MEDIA_TYPE: &str = "application/problem+json";
-
 /// Seconds after which a client may repeat a request that failed for now.
 const RETRY_AFTER: u32 = 5;
 
@@ -86,13 +84,11 @@ pub(crate) struct Failure {
     pub error: Error,
     /// Path of the resource it happened to, when that is not the request's.
     pub instance: Option<String>,
-    /// Of a range that is not there: bytes that are.
-    pub complete_length: Option<u64>,
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self { error, instance: None, complete_length: None }
+        Self { error, instance: None }
     }
 }
 
@@ -106,11 +102,6 @@ impl IntoResponse for Failure {
         }
         if self.error.kind == Kind::Unauthorized {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"tesserae\""));
-        }
-        if let Some(length) = self.complete_length
-            && let Ok(value) = HeaderValue::try_from(format!("bytes */{length}"))
-        {
-            headers.insert(header::CONTENT_RANGE, value);
         }
         response.extensions_mut().insert(self);
         response
@@ -141,32 +132,21 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
         Kind::Unavailable | Kind::Overloaded | Kind::InsufficientStorage => {
             tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error)
         }
-        // logged with its job where it was found
-        Kind::Damaged => {}
-        // the client's doing
-        Kind::NotImplemented => {}
+        // logged with its job where it was found; the client's doing
+        Kind::Damaged | Kind::NotImplemented => {}
         kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),
         _ => {}
     }
     let instance = failure.instance.unwrap_or_else(|| cut_path(&path).to_owned());
-    let problem = Problem::new(&failure.error, instance);
-    let mut rendered = (
-        status(failure.error.kind),
-        [(header::CONTENT_TYPE, MEDIA_TYPE)],
-        axum::Json(problem).into_response().into_body(),
-    )
-        .into_response();
-    *rendered.extensions_mut() = std::mem::take(response.extensions_mut());
-    let headers = rendered.headers_mut();
-    for (name, value) in response.headers() {
-        if name != header::CONTENT_TYPE && name != header::CONTENT_LENGTH {
-            headers.append(name, value.clone());
-        }
-    }
+    *response.status_mut() = status(failure.error.kind);
+    *response.body_mut() = axum::Json(Problem::new(&failure.error, instance)).into_response().into_body();
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
+    headers.remove(header::CONTENT_LENGTH);
     if failure.error.kind.is_retryable() {
         headers.insert(header::RETRY_AFTER, RETRY_AFTER.into());
     }
-    rendered
+    response
 }
 
 /// The error for a response that the router or a layer made by itself.
@@ -201,11 +181,6 @@ fn refused_by_framework(
         }
         status => Error::new(Kind::BadRequest, format_args!("the request cannot be read: {status}")),
     }
-}
-
-/// Answer to a handler that panicked; the panic itself was logged by the panic hook.
-pub(crate) fn panicked(_: Box<dyn std::any::Any + Send + 'static>) -> Response {
-    StatusCode::INTERNAL_SERVER_ERROR.into_response()
 }
 
 fn status(kind: Kind) -> StatusCode {

@@ -50,8 +50,9 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
     };
     let digest = Sha256::new().chain_update(what).chain_update(media_type);
     let tag: String = digest.finalize()[..16].iter().map(|byte| format!("{byte:02x}")).collect();
+    let tag = format!("\"{tag}\"");
     let headers = response.headers_mut();
-    if let Ok(value) = HeaderValue::try_from(format!("\"{tag}\"")) {
+    if let Ok(value) = HeaderValue::try_from(&tag) {
         headers.insert(header::ETAG, value);
     }
     // kept by the client only, and validated before each use
@@ -66,11 +67,14 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
         return response;
     }
     let length = content_length(response.headers()).or_else(|| response.body().size_hint().exact());
-    let range = asked.get(header::RANGE).filter(|_| is_get && if_range(&asked, &tag));
+    // a part of other bytes than the client has is of no use to it
+    let is_same = asked.get(header::IF_RANGE).is_none_or(|value| value == &tag);
+    let range = asked.get(header::RANGE).filter(|_| is_get && is_same);
     let range = range.zip(length).and_then(|(range, length)| Some((parse(range, length)?, length)));
     let range = match range {
         Some((Err(error), length)) => {
-            return Failure { complete_length: Some(length), ..error.into() }.into_response();
+            let whole = [(header::CONTENT_RANGE, format!("bytes */{length}"))];
+            return (whole, Failure::from(error)).into_response();
         }
         Some((Ok(range), length)) => Some((range, length)),
         None => None,
@@ -82,12 +86,16 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
 }
 
 /// Makes the tag of a response weak that was compressed since it got the tag: its bytes are others. A response without
-/// any coding may be sent whatever the client accepts (RFC 9110 §12.5.3), so this layer removes what refuses that from
-/// the request: the layer that compresses would answer 406 after the request was handled.
+/// any coding may be sent whatever the client accepts (RFC 9110 §12.5.3), so this layer leaves nothing in the request
+/// but the codings that there are: the layer that compresses would answer 406 after the request was handled.
 pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Response {
     let accepted = request.headers().get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
-    let codings: Vec<&str> =
-        accepted.flat_map(|value| value.split(',')).filter(|coding| !refuses_none(coding)).collect();
+    let accepted = accepted.flat_map(|value| value.split(',')).map(str::trim);
+    let is_known = |coding: &&str| {
+        let name = coding.split(';').next().unwrap_or_default().trim();
+        ["gzip", "zstd"].iter().any(|known| name.eq_ignore_ascii_case(known))
+    };
+    let codings: Vec<&str> = accepted.filter(is_known).collect();
     match HeaderValue::try_from(codings.join(",")) {
         Ok(codings) if !codings.is_empty() => _ = request.headers_mut().insert(header::ACCEPT_ENCODING, codings),
         _ => _ = request.headers_mut().remove(header::ACCEPT_ENCODING),
@@ -103,26 +111,11 @@ pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Res
     response
 }
 
-/// Whether this part of `Accept-Encoding` refuses a response without a coding: `identity;q=0`, or `*;q=0`.
-fn refuses_none(coding: &str) -> bool {
-    let (name, weight) = coding.split_once(';').unwrap_or((coding, ""));
-    let is_zero = weight.trim().strip_prefix(['q', 'Q']).and_then(|weight| weight.trim_start().strip_prefix('='));
-    let is_zero = is_zero.is_some_and(|weight| weight.trim().parse::<f32>() == Ok(0.0));
-    is_zero && ["identity", "*"].iter().any(|all| name.trim().eq_ignore_ascii_case(all))
-}
-
 /// Whether the client has the result, compressed or not.
 fn known(asked: &HeaderMap, tag: &str) -> bool {
     let values = asked.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    values.flat_map(|value| value.split(',')).map(str::trim).any(|candidate| {
-        let candidate = candidate.strip_prefix("W/").unwrap_or(candidate);
-        candidate == "*" || candidate.trim_matches('"') == tag
-    })
-}
-
-/// Whether a range may be answered: `If-Range` is absent, or names these very bytes.
-fn if_range(asked: &HeaderMap, tag: &str) -> bool {
-    asked.get(header::IF_RANGE).is_none_or(|value| value.as_bytes() == format!("\"{tag}\"").as_bytes())
+    let mut values = values.flat_map(|value| value.split(',')).map(str::trim);
+    values.any(|known| known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag)
 }
 
 /// The bytes of a `Range` header. None for what may be ignored: other units, several ranges, and nonsense.
@@ -149,11 +142,10 @@ fn parse(range: &HeaderValue, length: u64) -> Option<Result<Range<u64>, Error>> 
 /// A response with all of its body, or a part of so many bytes.
 async fn with_body(response: Response, part: Option<(Range<u64>, u64)>) -> Result<Response, Failure> {
     let (mut parts, body) = response.into_parts();
-    let range = part.as_ref().map(|(range, _)| range.clone());
-    let body = match (parts.extensions.remove(), range) {
-        (Some(Opens(open)), range) => open(range).await?,
-        (None, Some(range)) => {
-            slice(body, range).await.map_err(|error| Error::io("the result cannot be read", error))?
+    let body = match (parts.extensions.remove(), &part) {
+        (Some(Opens(open)), part) => open(part.as_ref().map(|(range, _)| range.clone())).await?,
+        (None, Some((range, _))) => {
+            slice(body, range.clone()).await.map_err(|error| Error::io("the result cannot be read", error))?
         }
         (None, None) => body,
     };
@@ -176,7 +168,7 @@ async fn slice(body: Body, range: Range<u64>) -> io::Result<Body> {
 
 #[cfg(fuzzing)]
 pub(crate) fn for_fuzzing(headers: &HeaderMap, length: u64) {
-    let _ = known(headers, "abc");
+    let _ = known(headers, "\"abc\"");
     if let Some(Some(Ok(range))) = headers.get(header::RANGE).map(|range| parse(range, length)) {
         assert!(range.start < range.end && range.end <= length);
     }

@@ -1,13 +1,14 @@
 //! Routes, and the layers around them.
 
+use std::any::Any;
 use std::sync::Arc;
 use std::time::Instant;
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderValue, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
@@ -48,7 +49,8 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
                 .compress_when(SizeAbove::new(COMPRESSED_FROM).and(NotForContentType::const_new("text/event-stream"))),
         )
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
-        .layer(CatchPanicLayer::custom(problem::panicked))
+        // the panic hook logs them
+        .layer(CatchPanicLayer::custom(|_: Box<dyn Any + Send>| StatusCode::INTERNAL_SERVER_ERROR.into_response()))
         .layer(from_fn(heads::check))
         .option_layer((is_open && !accepts_names).then(|| from_fn(sites::check)))
         .option_layer(is_open.then(|| CsrfLayer::new().with_rejection_response(sites::foreign)))
@@ -61,34 +63,25 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
     Router::new().fallback_service(routes).layer(layers)
 }
 
-/// The template of the route that answered, for the layers that count answers.
-#[derive(Debug, Clone)]
-struct Route(MatchedPath);
-
-/// Passes the route to the layers around the router, which do not see it.
+/// Passes the route to the layers around the router, which count answers and do not see it.
 async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     if let Some(route) = route {
-        response.extensions_mut().insert(Route(route));
+        response.extensions_mut().insert(route);
     }
     response
 }
 
-/// Counts answers, and adds the headers that every answer has.
+/// Counts answers, and adds the headers that every answer has: browsers must not guess types, show answers as pages, or
+/// cache the data of a tenant. A route may set its own content security policy and caching.
 async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
     let started = Instant::now();
     let method = request.method().clone();
     let mut response = next.run(request).await;
-    let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());
+    let route = response.extensions().get().map_or("none", MatchedPath::as_str);
     let status = response.status().as_u16();
     metrics.answered(&method, route, status, started.elapsed());
-    complete(response.headers_mut());
-    response
-}
-
-/// Adds the headers that every answer has: browsers must not guess types, show answers as pages, or cache the data of a
-/// tenant. A route may set its own content security policy and caching.
-fn complete(headers: &mut HeaderMap) {
+    let headers = response.headers_mut();
     for (name, value) in [
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::X_FRAME_OPTIONS, "DENY"),
@@ -102,4 +95,5 @@ fn complete(headers: &mut HeaderMap) {
     ] {
         headers.entry(name).or_insert(HeaderValue::from_static(value));
     }
+    response
 }

@@ -1,7 +1,6 @@
 //! What handlers share.
 
 use std::sync::Arc;
-use std::time::SystemTime;
 
 use axum::extract::State;
 use serde::Serialize;
@@ -79,11 +78,6 @@ impl Shared {
     pub fn most_waiting(&self, tenant: &Tenant) -> Option<u64> {
         let most = self.settings.traffic.max_queued_jobs_per_tenant;
         tenant.quotas.max_queued_jobs.or((tenant.name != LOCAL_TENANT).then_some(most))
-    }
-
-    /// When a job will be deleted.
-    pub fn expires_at(&self, job: &Job) -> Option<SystemTime> {
-        job.ended_at?.checked_add(self.settings.storage.retention()?)
     }
 
     /// The error of a service that is about to end.

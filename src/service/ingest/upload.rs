@@ -23,7 +23,7 @@ use crate::files::{self, Files, Incoming};
 use crate::guard::problem::{ACCEPTED, ENCODINGS};
 use crate::ingest::intake::{self, Coding, Content, Rules};
 use crate::ingest::request::{Beside, Wanted};
-use crate::store::Spec;
+use crate::store::{Referred, Spec};
 
 /// Longest file name that is kept, in characters.
 const MAX_NAME: usize = 255;
@@ -65,7 +65,7 @@ pub(crate) async fn receive(
     let mut folder = files.incoming();
     let referred = match &wanted.mesh_url {
         None => None,
-        Some(url) => Some(referred::find(url, files, &mut folder, tenant, &rules).await?),
+        Some(url) => Some(referred::find(url, wanted.format, files, &mut folder, tenant, &rules).await?),
     };
     let into = Destination { folder, with_digests };
     let mut upload = match (kind, referred) {
@@ -112,11 +112,11 @@ async fn raw(
         Some(format) => format.check_head(head, length),
         None => InputFormat::recognise(None, head, length)?.check_head(head, length),
     };
-    let mesh = into.save(content.bytes, files::MESH, early).await?;
-    let format = mesh.format(format, None)?;
-    tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
-    let digests = mesh.digest.into_iter().collect();
-    Ok(Upload { folder: into.folder, digests, spec: spec_of(wanted, format, mesh.bytes, Beside::default())? })
+    let saved = into.save(content.bytes, files::MESH, early).await?;
+    let mesh = Mesh { saved, file_name: None, format, referred: None };
+    let spec = spec_of(wanted, mesh.format()?, mesh.saved.bytes, Beside::default())?;
+    tracing::debug!(bytes = mesh.saved.bytes, path = parts.uri.path(), "received a mesh");
+    Ok(Upload { folder: into.folder, digests: mesh.saved.digest.into_iter().collect(), spec })
 }
 
 /// A mesh of so many bytes without a name, and what came beside it.
@@ -192,17 +192,26 @@ struct Saved {
     digest: Option<[u8; 32]>,
 }
 
-impl Saved {
-    /// The format of a mesh file that said to be `declared` or nothing; checks that it can be.
-    fn format(&self, declared: Option<InputFormat>, name: Option<&str>) -> Result<InputFormat> {
-        if self.bytes == 0 {
+/// The mesh or the points of an upload.
+struct Mesh {
+    saved: Saved,
+    file_name: Option<String>,
+    /// What the request says that it is, if it does.
+    format: Option<InputFormat>,
+    /// Where it lies, of one in a bucket.
+    referred: Option<Referred>,
+}
+
+impl Mesh {
+    /// The format, once it was checked that the file can be of it.
+    fn format(&self) -> Result<InputFormat> {
+        let Saved { bytes, head, .. } = &self.saved;
+        if *bytes == 0 {
             return Err(Error::mesh("the mesh is empty: it has no bytes"));
         }
-        let format = match declared {
-            Some(format) => format,
-            None => InputFormat::recognise(name, &self.head, Some(self.bytes))?,
-        };
-        format.check_head(&self.head, Some(self.bytes))?;
+        let recognise = || InputFormat::recognise(self.file_name.as_deref(), head, Some(*bytes));
+        let format = self.format.map_or_else(recognise, Ok)?;
+        format.check_head(head, Some(*bytes))?;
         Ok(format)
     }
 }

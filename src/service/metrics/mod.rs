@@ -80,10 +80,6 @@ impl Metrics {
         self.families.poison.get_or_create(&ByReason { reason: kind.slug() }).inc();
     }
 
-    pub fn accepted(&self, job: &Job) {
-        self.families.upload_bytes.inc_by(job.spec.bytes);
-    }
-
     pub fn claimed(&self, job: &Job) {
         let claimed = job.started_at.unwrap_or_else(SystemTime::now);
         let waited = claimed.duration_since(job.created_at).unwrap_or_default();
@@ -137,11 +133,6 @@ impl Metrics {
     /// A device was opened; `memory` reads how much it has allocated.
     pub fn device_opened(&self, memory: MemoryMeter) {
         *self.memory_meter.lock() = Some(memory);
-    }
-
-    fn device_memory(&self) -> Option<u64> {
-        let meter = self.memory_meter.lock().clone()?;
-        meter()
     }
 
     /// The device works on a job until what this gives is dropped.
@@ -214,7 +205,8 @@ impl Metrics {
         }
         let age = oldest.and_then(|oldest| oldest.elapsed().ok()).unwrap_or_default();
         families.queue_oldest.set(age.as_secs_f64());
-        families.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
+        let meter = self.memory_meter.lock().clone();
+        families.device_memory.set(meter.and_then(|meter| meter()).unwrap_or(0).cast_signed());
         let mut text = String::new();
         encode_registry(&mut text, &self.registry)
             .and_then(|()| encode_registry(&mut text, self.process.measured()))

@@ -32,27 +32,8 @@ const ABORT_AT: &str = "TEST_ABORT_AT_FILE";
 #[derive(Debug, Clone, Default)]
 pub struct Faults {
     armed: Arc<Mutex<Vec<Armed>>>,
-    held: Arc<Held>,
-}
-
-/// Points that are held, and the number of threads that wait there.
-#[derive(Debug, Default)]
-struct Held {
-    points: Mutex<Vec<(FaultPoint, usize)>>,
-    changed: Condvar,
-}
-
-impl Held {
-    /// Waits as long as the point is held.
-    fn pass(&self, at: FaultPoint) {
-        let mut points = self.points.lock();
-        if let Some((_, waiting)) = points.iter_mut().find(|(point, _)| *point == at) {
-            *waiting += 1;
-        }
-        while points.iter().any(|(point, _)| *point == at) {
-            self.changed.wait(&mut points);
-        }
-    }
+    /// Points that are held, with the number of threads that wait there, and what wakes these.
+    held: Arc<(Mutex<Vec<(FaultPoint, usize)>>, Condvar)>,
 }
 
 #[derive(Debug)]
@@ -67,26 +48,25 @@ struct Armed {
 impl Faults {
     /// `point` is passed `after` times, then fails `times` times with an error of `kind`.
     pub fn arm(&self, point: FaultPoint, kind: io::ErrorKind, after: usize, times: usize) {
-        let armed = Armed { point, kind, passes: after, failures: times };
-        self.armed.lock().push(armed);
+        self.armed.lock().push(Armed { point, kind, passes: after, failures: times });
     }
 
     /// From now on, every thread that reaches `point` waits there. [`FaultPoint::Request`] is on threads of
     /// the runtime: to hold it, a test needs threads of its own.
     pub fn hold(&self, point: FaultPoint) {
-        self.held.points.lock().push((point, 0));
+        self.held.0.lock().push((point, 0));
     }
 
     /// Number of threads that wait at a point.
     pub fn waiting(&self, at: FaultPoint) -> usize {
-        self.held.points.lock().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
+        self.held.0.lock().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
     }
 
     /// Ends all faults and all waits.
     pub fn disarm(&self) {
         self.armed.lock().clear();
-        self.held.points.lock().clear();
-        self.held.changed.notify_all();
+        self.held.0.lock().clear();
+        self.held.1.notify_all();
     }
 
     /// Aborts the process when [`ABORT_AT`] names this file, as a mesh would that takes all memory.
@@ -99,9 +79,17 @@ impl Faults {
     }
 
     /// Waits while this point is held.
-    pub(crate) fn pass(&self, point: FaultPoint) {
-        if cfg!(debug_assertions) {
-            self.held.pass(point);
+    pub(crate) fn pass(&self, at: FaultPoint) {
+        if !cfg!(debug_assertions) {
+            return;
+        }
+        let (points, changed) = &*self.held;
+        let mut points = points.lock();
+        if let Some((_, waiting)) = points.iter_mut().find(|(point, _)| *point == at) {
+            *waiting += 1;
+        }
+        while points.iter().any(|(point, _)| *point == at) {
+            changed.wait(&mut points);
         }
     }
 

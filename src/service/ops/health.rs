@@ -79,11 +79,6 @@ impl Condition {
         };
         Self { detail: detail.to_owned(), ..self }
     }
-
-    /// Why no jobs can be taken, if this is a reason.
-    fn reason(&self) -> Option<String> {
-        (self.severity == Severity::Failing).then(|| format!("{}: {}", self.part.name(), self.detail))
-    }
 }
 
 impl Health {
@@ -130,6 +125,7 @@ impl Health {
 
 /// Why these conditions keep the service from taking jobs, for people; none when they do not.
 pub(crate) fn why_not_ready(conditions: &[Condition]) -> Option<String> {
-    let reasons: Vec<String> = conditions.iter().filter_map(Condition::reason).collect();
+    let failing = conditions.iter().filter(|condition| condition.severity == Severity::Failing);
+    let reasons: Vec<_> = failing.map(|condition| format!("{}: {}", condition.part.name(), condition.detail)).collect();
     (!reasons.is_empty()).then(|| reasons.join("; "))
 }

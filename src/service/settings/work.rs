@@ -63,8 +63,6 @@ impl Default for WorkSettings {
 }
 
 impl WorkSettings {
-    durations!(crash_pause);
-
     /// [`max_job_seconds`](Self::max_job_seconds) as a duration; none for any.
     pub(crate) fn max_job(&self) -> Option<Duration> {
         (self.max_job_seconds > 0).then(|| Duration::from_secs(self.max_job_seconds))

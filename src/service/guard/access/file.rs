@@ -67,15 +67,10 @@ impl Tokens {
 }
 
 /// What changes when the file does: when it was written, and its length. None while it is not there.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Stamp(Option<(Option<SystemTime>, u64)>);
+pub(super) type Stamp = Option<(Option<SystemTime>, u64)>;
 
-impl Stamp {
-    /// The stamp of the file as it is now.
-    pub fn of(path: &Path) -> Self {
-        let metadata = std::fs::metadata(path);
-        Self(metadata.ok().map(|metadata| (metadata.modified().ok(), metadata.len())))
-    }
+pub(super) fn stamp(path: &Path) -> Stamp {
+    std::fs::metadata(path).ok().map(|metadata| (metadata.modified().ok(), metadata.len()))
 }
 
 /// Checks which users may write and read the file.

@@ -19,7 +19,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
-use self::file::Stamp;
+use self::file::{Stamp, stamp};
 use self::tokens::{Tenant, TokenName, Tokens};
 use crate::guard::problem::Failure;
 use crate::ops::blocking::blocking;
@@ -77,7 +77,7 @@ impl Caller {
     }
 
     pub fn token_id(&self) -> Option<&str> {
-        self.token.as_ref().map(TokenName::id)
+        self.token.as_ref().map(|token| &*token.id)
     }
 
     /// The tenant whose jobs it may see.
@@ -105,7 +105,7 @@ impl Access {
         let (file, tokens) = match settings.tokens.clone() {
             Some(path) => {
                 // before they are read: what changes meanwhile is read again
-                let first = on_file(&path, Stamp::of).await?;
+                let first = on_file(&path, stamp).await?;
                 let tokens = on_file(&path, Tokens::read).await.flatten()?;
                 tracing::info!(tokens = tokens.len(), "read {}", path.display());
                 (Some((path, first)), tokens)
@@ -166,14 +166,14 @@ impl Access {
     /// Reads the tokens again whenever they change, until `stop`. Tokens that cannot be read change nothing.
     pub async fn follow(&self, health: &Health, stop: CancellationToken) {
         let Some((path, first)) = &self.file else { return };
-        let mut seen = first.clone();
+        let mut seen = *first;
         loop {
             tokio::select! {
                 () = stop.cancelled() => return,
                 () = tokio::time::sleep(LOOK_EVERY) => {}
             }
-            let Ok(stamp) = on_file(path, Stamp::of).await else { continue };
-            if stamp == seen {
+            let Ok(now) = on_file(path, stamp).await else { continue };
+            if now == seen {
                 continue;
             }
             match on_file(path, Tokens::read).await.flatten() {
@@ -181,7 +181,7 @@ impl Access {
                     tracing::info!(tokens = tokens.len(), "read {} again", path.display());
                     self.tokens.send_replace(Arc::new(tokens));
                     health.clear(Part::Tokens);
-                    seen = stamp;
+                    seen = now;
                 }
                 // and are read again at the next look
                 Err(error) => health.degrade(Part::Tokens, format!("the tokens are as they were before: {error}")),

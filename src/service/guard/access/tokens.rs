@@ -207,24 +207,11 @@ struct Known {
     tenant: Tenant,
 }
 
-/// Which token a request came with.
-#[derive(Clone, PartialEq, Eq)]
+/// Which token a request came with. Neither id nor digest is a secret.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct TokenName {
-    id: Arc<str>,
+    pub id: Arc<str>,
     digest: [u8; 32],
-}
-
-impl TokenName {
-    /// The id, which is no secret.
-    pub fn id(&self) -> &str {
-        &self.id
-    }
-}
-
-impl fmt::Debug for TokenName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("TokenName").field("id", &self.id).finish_non_exhaustive()
-    }
 }
 
 #[derive(Debug, Clone, PartialEq)]

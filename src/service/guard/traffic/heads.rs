@@ -36,14 +36,11 @@ fn check_host(request: &Request) -> Result<()> {
         (None, _) if request.version() < Version::HTTP_11 => Ok(()),
         (None, _) => wrong("a request of HTTP/1.1 must have a Host header; it has none"),
         (Some(_), Some(_)) => wrong("a request must have one Host header; it has several"),
-        (Some(host), None) if host.is_empty() || is_authority(host.as_bytes()) => Ok(()),
+        (Some(host), None) if host.is_empty() => Ok(()),
+        // without the user that an authority may begin with
+        (Some(host), None) if Authority::try_from(host.as_bytes()).is_ok_and(|it| !it.as_str().contains('@')) => Ok(()),
         (Some(_), None) => wrong("the Host header must be a host and perhaps a port; it is something else"),
     }
-}
-
-/// Whether it is a host and perhaps a port, without the user that an authority may begin with.
-fn is_authority(host: &[u8]) -> bool {
-    !host.contains(&b'@') && Authority::try_from(host).is_ok()
 }
 
 /// hyper decodes the transfer coding `chunked` and passes any other one on as if it were part of the content.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Request, State as Extract};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::IntoResponse;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::InputFormat;
@@ -142,19 +142,14 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
         Some(wait) => wait_for_end(&shared, job, wait).await,
         None => job,
     };
-    let mut headers = HeaderMap::new();
-    if let Ok(value) = HeaderValue::from_str(&location) {
-        headers.insert(header::LOCATION, value);
-    }
+    let located = [(header::LOCATION, location.clone())];
     if !job.state.is_ended() {
-        return Ok((headers, answer(&shared, StatusCode::ACCEPTED, job)).into_response());
+        return Ok((located, answer(&shared, StatusCode::ACCEPTED, job)).into_response());
     }
-    if wait.is_some() {
-        headers.insert("preference-applied", HeaderValue::from_static("wait"));
-    }
+    let waited = wait.map(|_| [("preference-applied", "wait")]);
     Ok(match job.problem {
-        Some(error) => (headers, Failure { instance: Some(location), ..error.into() }).into_response(),
-        None => (headers, answer(&shared, StatusCode::OK, job)).into_response(),
+        Some(error) => (located, waited, Failure { error, instance: Some(location) }).into_response(),
+        None => (located, waited, answer(&shared, StatusCode::OK, job)).into_response(),
     })
 }
 
@@ -168,7 +163,7 @@ async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>, most_w
     match shared.store.create(NewJob { id, spec, idempotency, upload, most_waiting }).await {
         Ok(Created::New(job)) => {
             folder.keep();
-            shared.metrics.accepted(&job);
+            shared.metrics.families.upload_bytes.inc_by(job.spec.bytes);
             Ok(job)
         }
         Ok(Created::Known(job)) => Ok(job),

@@ -13,7 +13,7 @@ use crate::guard::problem::Answer;
 use crate::guard::query;
 use crate::http::conditional::Content;
 use crate::http::negotiate;
-use crate::http::results::derived::{check_input, made, not_made};
+use crate::http::results::derived::{made, not_made};
 use crate::http::results::stored::{Of, attachment, check_clusters, stored, succeeded};
 use crate::http::state::App;
 use crate::store::kept::Kept;
@@ -80,7 +80,9 @@ pub(crate) async fn derived(
         None => preferred(&headers, artifact, kept)?,
         named => negotiate::form(&headers, named.as_deref(), artifact)?,
     };
-    check_input(&job, artifact, form)?;
+    if let Some(what) = job.spec.format.lacks(artifact) {
+        return Err(Error::new(Kind::Conflict, format_args!("{} is made of {what}", form.file)).into());
+    }
     let summary = succeeded(&job)?;
     check_clusters(&job, &summary, clusters)?;
     let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);

@@ -11,9 +11,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Path, State as Extract};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::IntoResponse;
 use axum::response::sse::{Event as Sent, KeepAlive, Sse};
-use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 use serde::{Deserialize, Serialize};
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -143,7 +143,13 @@ pub(crate) async fn stream(
         pulses,
         closing: false,
     };
-    Ok(reader.into_response())
+    let events = stream::unfold(reader, |mut reader| async move {
+        let event = reader.next().await?;
+        Some((Ok::<_, Infallible>(event), reader))
+    });
+    // nginx and proxies like it hold an answer back until they have much of it, but for this header
+    let unbuffered = [("x-accel-buffering", "no")];
+    Ok((unbuffered, Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE))).into_response())
 }
 
 /// Whether the log has no event of that number: a pulse may be older than an event that a client has read.
@@ -226,27 +232,21 @@ impl Reader {
 
     /// An event as it is sent.
     fn sent(&self, event: Event) -> Option<Sent> {
-        let (name, data) = match event.what {
-            What::State(state) => ("state", serde_json::to_string(&StateEvent { state, attempt: None, worker: None })),
+        let sent = Sent::default().id(event.seq.to_string());
+        let sent = match event.what {
+            What::State(state) => sent.event("state").json_data(StateEvent { state, attempt: None, worker: None }),
             What::Started(attempt, worker) => {
                 let event = StateEvent { state: State::Running, attempt: Some(attempt), worker: Some(worker) };
-                ("state", serde_json::to_string(&event))
+                sent.event("state").json_data(event)
             }
-            What::Iteration(row) => ("iteration", Ok(row)),
-            What::Round(row) => ("round", Ok(row)),
+            What::Iteration(row) => Ok(sent.event("iteration").data(row)),
+            What::Round(row) => Ok(sent.event("round").data(row)),
             What::End(state, error) => {
                 let problem = error.map(|error| Problem::new(&error, urls::path(self.id)));
-                ("end", serde_json::to_string(&EndEvent { state, problem }))
+                sent.event("end").json_data(EndEvent { state, problem })
             }
         };
-        let sent = Sent::default().id(event.seq.to_string()).event(name);
-        match data {
-            Ok(data) => Some(sent.data(data)),
-            Err(error) => {
-                tracing::error!(%error, job = %self.id, "an event cannot be written");
-                None
-            }
-        }
+        sent.inspect_err(|error| tracing::error!(%error, job = %self.id, "an event cannot be written")).ok()
     }
 }
 
@@ -260,19 +260,6 @@ async fn next_labels(watcher: &mut Option<Watcher>) -> LabelsEvent {
 
 fn labels_sent(labels: &LabelsEvent) -> Option<Sent> {
     Sent::default().event("labels").json_data(labels).ok()
-}
-
-impl IntoResponse for Reader {
-    fn into_response(self) -> Response {
-        let keep_alive = KeepAlive::new().interval(KEEP_ALIVE);
-        let events = stream::unfold(self, |mut reader| async move {
-            let event = reader.next().await?;
-            Some((Ok::<_, Infallible>(event), reader))
-        });
-        // nginx and proxies like it hold an answer back until they have much of it, but for this header
-        let unbuffered = [(HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"))];
-        (unbuffered, Sse::new(events).keep_alive(keep_alive)).into_response()
-    }
 }
 
 /// The number of the last event that the client knows.

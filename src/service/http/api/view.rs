@@ -96,7 +96,7 @@ pub(crate) fn answer(shared: &Shared, status: StatusCode, job: Job) -> Response 
 impl JobView {
     pub fn new(shared: &Shared, job: Job) -> Self {
         let path = urls::path(job.id);
-        let expires_at = shared.expires_at(&job).map(rfc3339);
+        let retention = shared.settings.storage.retention();
         let urls = Urls::of(&job);
         Self {
             id: job.id,
@@ -119,7 +119,7 @@ impl JobView {
             created_at: rfc3339(job.created_at),
             started_at: job.started_at.map(rfc3339),
             ended_at: job.ended_at.map(rfc3339),
-            expires_at,
+            expires_at: job.ended_at.and_then(|ended| ended.checked_add(retention?)).map(rfc3339),
             outputs: job.spec.kept.outputs,
             keep_mesh: job.spec.kept.mesh,
             urls,

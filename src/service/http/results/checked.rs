@@ -13,7 +13,6 @@ use std::io::{self, Read};
 use std::sync::Arc;
 
 use axum::body::Bytes;
-use futures_util::StreamExt as _;
 use object_store::GetRange;
 use sha2::{Digest, Sha256};
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -24,6 +23,7 @@ use crate::blobs::Blob;
 use crate::files::Files;
 use crate::files::job_blobs;
 use crate::http::state::Shared;
+use crate::ops::blocking::blocking;
 use crate::store::{Contents, Job, JobId};
 
 /// A whole blob of a result, whose length is right.
@@ -72,7 +72,8 @@ pub(crate) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> 
     let opened = open(shared, job, name).await?;
     match opened.length() > HELD as u64 {
         true => {
-            opened.compare().await?;
+            let reader = opened.into_reader();
+            blocking(move || reader.read(|_| Ok(()))).await??;
             part(shared, job, name, GetRange::Offset(from)).await
         }
         false => Blob::held(&opened.blob.bytes().await?, Some(GetRange::Offset(from))),
@@ -101,16 +102,6 @@ impl Checked {
         self.check.add(&bytes);
         self.check.digest()?;
         Ok(bytes)
-    }
-
-    /// Reads all bytes, and compares them.
-    async fn compare(self) -> Result<()> {
-        let Self { blob, mut check } = self;
-        let mut chunks = blob.into_body().into_data_stream();
-        while let Some(chunk) = chunks.next().await {
-            check.add(&chunk.map_err(|error| Error::new(Kind::Io, error))?);
-        }
-        check.digest()
     }
 
     /// The bytes for a thread that may block; to be called on the runtime.

@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::response::Response;
-use tesserae_mesh::artifacts::{Artifact, Choices, Content, Form, HIERARCHY_TSR, LABELS, LABELS_NPY, Labels, Need};
+use tesserae_mesh::artifacts::{Choices, Content, Form, HIERARCHY_TSR, LABELS, LABELS_NPY, Labels, Need};
 use tesserae_mesh::data::Format as PointsFormat;
 use tesserae_mesh::data::image;
-use tesserae_mesh::device::FREE;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::{self, Input};
 use tesserae_mesh::job::{InputFormat, PointsRequest, table_of_points};
@@ -84,12 +83,7 @@ pub(crate) async fn made(
             Source::Labels(blob, clusters) => {
                 let head = length.saturating_sub(4 * faces);
                 let numbers = blob.read(|rows| labels::read(rows, head, faces))?;
-                let all = numbers.iter().copied();
-                match &kept {
-                    Of::Mesh(..) => labels::check(all, clusters, &files, job, source)?,
-                    // those that a mask leaves out
-                    Of::Image(..) => labels::check(all.filter(|&label| label != FREE), clusters, &files, job, source)?,
-                }
+                labels::check(&numbers, matches!(kept, Of::Image(..)), clusters, &files, job, source)?;
                 (numbers, clusters)
             }
             Source::Cut(hierarchy, clusters) => {
@@ -126,14 +120,6 @@ fn of_image<'a>(
     parameters: &'a Parameters,
 ) -> PointsRequest<'a> {
     PointsRequest { bytes, format, limits, parameters, graph: None, seeds: None, weights: None, outputs: &[] }
-}
-
-/// Refuses outputs that are made of something else than the job was on.
-pub(crate) fn check_input(job: &Job, artifact: &Artifact, form: &Form) -> Result<()> {
-    match job.spec.format.lacks(artifact) {
-        Some(what) => Err(Error::new(Kind::Conflict, format_args!("{} is made of {what}", form.file))),
-        None => Ok(()),
-    }
 }
 
 /// The error of an output that is not stored and cannot be made.

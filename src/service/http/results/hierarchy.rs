@@ -3,8 +3,7 @@
 use std::io::Write;
 use std::sync::Arc;
 
-use axum::http::HeaderValue;
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use tesserae_mesh::artifacts::{Content, Form, HIERARCHY_TSR, Labels};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::json::Limits;
@@ -35,13 +34,8 @@ pub(crate) async fn cut(
         (form.encode)(&content)?(out).map_err(encoded::cannot)?;
         Ok((cut.kind(), cut.energy))
     };
-    let (mut response, (kind, energy)) = encoded(shared, Some(turn), form.media_type, write).await?;
-    let headers = response.headers_mut();
-    headers.insert("tesserae-cut", HeaderValue::from_static(kind));
-    if let Ok(value) = HeaderValue::try_from(format!("{energy:e}")) {
-        headers.insert("tesserae-energy", value);
-    }
-    Ok(response)
+    let (response, (kind, energy)) = encoded(shared, Some(turn), form.media_type, write).await?;
+    Ok(([("tesserae-cut", kind.to_owned()), ("tesserae-energy", format!("{energy:e}"))], response).into_response())
 }
 
 /// The error of a number of clusters that a stored hierarchy cannot be cut at, for clients.

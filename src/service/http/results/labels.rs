@@ -38,9 +38,7 @@ pub(super) async fn made(
     let turn = if summary.faces > SMALL { Some(encoded::turn(shared).await?) } else { None };
     let write = move |out: &mut dyn Write| {
         let labels = read()?;
-        // those of points that a mask leaves out
-        let is_free = |label: &u32| are_points && *label == FREE;
-        check(labels.iter().copied().filter(|label| !is_free(label)), clusters, &files, job, blob)?;
+        check(&labels, are_points, clusters, &files, job, blob)?;
         let shape = Some(&shape[..]).filter(|shape| !shape.is_empty());
         let content = Content { labels: Some(Labels::new(clusters, &labels)), shape, ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)
@@ -50,13 +48,16 @@ pub(super) async fn made(
 
 /// Refuses labels that are no clusters.
 pub(super) fn check(
-    mut labels: impl Iterator<Item = u32>,
+    labels: &[u32],
+    are_points: bool,
     clusters: u64,
     files: &Files,
     job: JobId,
     blob: &str,
 ) -> Result<()> {
-    match labels.find(|&label| u64::from(label) >= clusters) {
+    // a mask leaves points out
+    let is_free = |label| are_points && label == FREE;
+    match labels.iter().find(|&&label| u64::from(label) >= clusters && !is_free(label)) {
         Some(label) => Err(files.damaged(job, blob, format_args!("a label is {label}, of {clusters} clusters"))),
         None => Ok(()),
     }

@@ -12,7 +12,7 @@ use futures_util::{Stream, TryStreamExt};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::{self, InputFormat};
 
-use super::{Destination, Saved, Upload, agreed, kept_name, referred, spec_of};
+use super::{Destination, Mesh, Saved, Upload, agreed, kept_name, spec_of};
 use crate::files;
 use crate::ingest::intake::Content;
 use crate::ingest::request::{Beside, MAX_PARAMETERS_BYTES, Wanted};
@@ -26,7 +26,7 @@ pub(super) async fn receive(
     content: Content,
     wanted: Wanted,
     into: Destination,
-    referred: Option<referred::Mesh>,
+    mesh: Option<Mesh>,
 ) -> Result<Upload> {
     let Content { bytes, allowance } = content;
     allowance.between_parts();
@@ -37,8 +37,8 @@ pub(super) async fn receive(
     let mut form = Form {
         into,
         wanted,
-        mesh: None,
-        referred,
+        mesh,
+        part: None,
         buffers: Vec::new(),
         names: HashSet::new(),
         digests: Vec::new(),
@@ -56,9 +56,10 @@ pub(super) async fn receive(
 struct Form {
     into: Destination,
     wanted: Wanted,
+    /// From the beginning, if it lies in a bucket.
     mesh: Option<Mesh>,
-    /// The mesh, if it lies in a bucket.
-    referred: Option<referred::Mesh>,
+    /// Name of the part that the mesh was.
+    part: Option<&'static str>,
     buffers: Vec<String>,
     /// Of the buffers.
     names: HashSet<String>,
@@ -69,19 +70,11 @@ struct Form {
     has_parameters: bool,
 }
 
-/// The part `mesh` or `points`.
-struct Mesh {
-    saved: Saved,
-    part: &'static str,
-    file_name: Option<String>,
-    format: Option<InputFormat>,
-}
-
 impl Form {
     async fn add(&mut self, field: Field<'_>) -> Result<()> {
         match field.name().unwrap_or_default() {
-            "mesh" => self.add_mesh(field, false).await,
-            "points" => self.add_mesh(field, true).await,
+            "mesh" => self.add_mesh(field, "mesh").await,
+            "points" => self.add_mesh(field, "points").await,
             "parameters" => {
                 once("parameters", self.has_parameters)?;
                 self.has_parameters = true;
@@ -115,17 +108,19 @@ impl Form {
         Ok(())
     }
 
-    async fn add_mesh(&mut self, field: Field<'_>, are_points: bool) -> Result<()> {
-        let part = if are_points { "points" } else { "mesh" };
-        if self.referred.is_some() {
-            return Err(Error::parameter(
-                "mesh_url in the query says where the mesh lies: leave out the part mesh or points, or mesh_url",
-            ));
-        }
-        if self.mesh.is_some() {
-            return Err(Error::parameter(format_args!(
-                "there is more than one part named mesh or points: leave out all but one, such as this: {part}"
-            )));
+    async fn add_mesh(&mut self, field: Field<'_>, part: &'static str) -> Result<()> {
+        match &self.mesh {
+            None => {}
+            Some(Mesh { referred: Some(_), .. }) => {
+                return Err(Error::parameter(
+                    "mesh_url in the query says where the mesh lies: leave out the part mesh or points, or mesh_url",
+                ));
+            }
+            Some(_) => {
+                return Err(Error::parameter(format_args!(
+                    "there is more than one part named mesh or points: leave out all but one, such as this: {part}"
+                )));
+            }
         }
         let file_name = file_name(&field).map(|name| kept_name(&name));
         let by_type = field.content_type().and_then(InputFormat::from_media_type);
@@ -136,7 +131,8 @@ impl Form {
             format.check_head(head, None)
         };
         let saved = self.into.save(content(field), files::MESH, early).await?;
-        self.mesh = Some(Mesh { saved, part, file_name, format });
+        self.mesh = Some(Mesh { saved, file_name, format, referred: None });
+        self.part = Some(part);
         Ok(())
     }
 
@@ -160,23 +156,15 @@ impl Form {
     }
 
     fn finish(self) -> Result<Upload> {
-        let (saved, file_name, format, referred) = match (self.mesh, self.referred) {
-            (Some(mesh), _) => {
-                let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
-                check_part(mesh.part, format)?;
-                (mesh.saved, mesh.file_name, format, None)
-            }
-            (None, Some(mesh)) => {
-                let format = mesh.saved.format(self.wanted.format, mesh.file_name.as_deref())?;
-                (mesh.saved, mesh.file_name, format, Some(mesh.referred))
-            }
-            (None, None) => {
-                return Err(Error::parameter(
-                    "the form has no part named mesh or points: send the mesh or the points as one, or name them in \
-                     the query (mesh_url)",
-                ));
-            }
-        };
+        let mesh = self.mesh.ok_or_else(|| {
+            Error::parameter(
+                "the form has no part named mesh or points: send the mesh or the points as one, or name them in the \
+                 query (mesh_url)",
+            )
+        })?;
+        let format = mesh.format()?;
+        self.part.map_or(Ok(()), |part| check_part(part, format))?;
+        let Mesh { saved, file_name, referred, .. } = mesh;
         if !self.buffers.is_empty() && !format.has_buffers() {
             return Err(Error::parameter(format_args!(
                 "{} refers to no buffers: leave out the part buffer with file name {:?}",

@@ -3,22 +3,24 @@
 use futures_util::StreamExt as _;
 use object_store::GetRange;
 use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::HEAD_BYTES;
 
-use super::{Destination, Saved, Upload, kept_name, spec_of};
+use super::{Destination, Mesh, Saved, Upload, kept_name, spec_of};
 use crate::files::{Files, Incoming};
 use crate::ingest::intake::{Content, Rules};
 use crate::ingest::request::{Beside, Wanted};
-use crate::store::Referred;
-
-pub(super) struct Mesh {
-    pub saved: Saved,
-    pub file_name: Option<String>,
-    pub referred: Referred,
-}
+use crate::store::{Referred, Spec};
 
 /// Finds the mesh of an upload, and reads its head.
-pub(super) async fn find(url: &str, files: &Files, folder: &mut Incoming, tenant: &str, rules: &Rules) -> Result<Mesh> {
+pub(super) async fn find(
+    url: &str,
+    format: Option<InputFormat>,
+    files: &Files,
+    folder: &mut Incoming,
+    tenant: &str,
+    rules: &Rules,
+) -> Result<Mesh> {
     let found = files.find_referred(tenant, url).await?;
     if found.bytes > rules.limit {
         return Err(rules.too_large(found.bytes));
@@ -33,7 +35,7 @@ pub(super) async fn find(url: &str, files: &Files, folder: &mut Incoming, tenant
     };
     folder.is_referred();
     let saved = Saved { bytes: found.bytes, head, digest: None };
-    Ok(Mesh { saved, file_name: url.rsplit('/').next().map(kept_name), referred })
+    Ok(Mesh { saved, file_name: url.rsplit('/').next().map(kept_name), format, referred: Some(referred) })
 }
 
 /// Makes an upload of a request without a body.
@@ -52,9 +54,7 @@ pub(super) async fn without_body(
             ));
         }
     }
-    let format = mesh.saved.format(wanted.format, mesh.file_name.as_deref())?;
-    let mut spec = spec_of(wanted, format, mesh.saved.bytes, Beside::default())?;
-    spec.file_name = mesh.file_name;
-    spec.referred = Some(mesh.referred);
+    let spec = spec_of(wanted, mesh.format()?, mesh.saved.bytes, Beside::default())?;
+    let spec = Spec { file_name: mesh.file_name, referred: mesh.referred, ..spec };
     Ok(Upload { folder: into.folder, spec, digests: Vec::new() })
 }

@@ -76,8 +76,6 @@ struct Shared {
     cpu_below_faces: Option<u64>,
     health: Arc<Health>,
     metrics: Arc<Metrics>,
-    /// Threads that were abandoned: their failures are not reported any more.
-    left: AtomicU64,
 }
 
 impl DeviceThread {
@@ -93,7 +91,7 @@ impl DeviceThread {
         health: Arc<Health>,
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics, left: AtomicU64::default() });
+        let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics });
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
@@ -107,14 +105,15 @@ impl DeviceThread {
     /// Clusters a mesh on a thread beside that of the device, and makes its results.
     async fn run_beside(
         &self,
-        device: Box<dyn Device>,
+        mut device: Box<dyn Device>,
         threads: &SmallMeshes,
         task: Task,
         limit: Option<Duration>,
     ) -> Result<Outcome> {
         let thread = threads.thread().await?;
-        let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
-        let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
+        let (shared, faults, span) = (Arc::clone(&self.shared), self.shared.faults.clone(), task.span.clone());
+        let cluster = move |task: &mut Task| task.cluster(device.as_mut(), &shared.metrics);
+        let work = move || span.in_scope(|| task.run(cluster)?.finish(&faults));
         within(limit, thread.run(work)).await
     }
 
@@ -170,7 +169,6 @@ impl DeviceThread {
             () = self.lifeless(&life) => {
                 tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is abandoned");
                 self.shared.lost("it showed no sign of life");
-                self.shared.left.fetch_add(1, Ordering::SeqCst);
                 let thread = Thread::start(Devices::new(None, &self.shared)?)?;
                 *self.thread.lock() = thread;
                 Err(Error::new(
@@ -220,16 +218,6 @@ impl Thread {
 }
 
 impl Shared {
-    /// Whether the cpu is faster with a mesh.
-    fn is_few(&self, task: &Task) -> bool {
-        self.cpu_below_faces.is_some_and(|faces| (task.prepared.subject.items() as u64) < faces)
-    }
-
-    /// Whether the cpu takes a mesh, if it takes part.
-    fn is_for_cpu(&self, task: &Task) -> bool {
-        task.prepared.wants_cpu() || task.is_retry || self.is_few(task)
-    }
-
     fn opened(&self, device: &dyn Device) {
         self.metrics.device_opened(device.memory_meter());
     }
@@ -250,29 +238,22 @@ struct Devices {
     workers: Option<Arc<ThreadPool>>,
     /// When a device that cannot be opened is tried again.
     next_attempt: Option<Instant>,
-    /// Threads that had been abandoned when it was made.
-    left: u64,
 }
 
 impl Devices {
     fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Result<Self> {
         let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
         let cpu = (shared.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
-        let left = shared.left.load(Ordering::SeqCst);
         let is_cpu = device.as_ref().is_some_and(|device| device.info().kind == DeviceKind::Cpu);
         let workers = (is_cpu || cpu.is_some()).then(|| pool(0, |index| format!("cluster-{index}")).map(Arc::new));
         let workers = workers.transpose()?;
-        Ok(Self { shared: Arc::clone(shared), device, cpu, workers, next_attempt: None, left })
-    }
-
-    /// Whether its thread was abandoned.
-    fn is_left(&self) -> bool {
-        self.shared.left.load(Ordering::SeqCst) != self.left
+        Ok(Self { shared: Arc::clone(shared), device, cpu, workers, next_attempt: None })
     }
 
     fn run(&mut self, task: &mut Task) -> Result<Clustered> {
-        let is_few = self.shared.is_few(task);
-        let suits_cpu = self.shared.is_for_cpu(task);
+        let items = task.prepared.subject.items() as u64;
+        let is_few = self.shared.cpu_below_faces.is_some_and(|faces| items < faces);
+        let suits_cpu = task.prepared.wants_cpu() || task.is_retry || is_few;
         let metrics = Arc::clone(&self.shared.metrics);
         let workers = self.workers.clone();
         let mut run = |device: &mut dyn Device| match &workers {
@@ -315,10 +296,10 @@ impl Devices {
                 outcome.map(|clustered| clustered.with_warning(instead_of_gpu(&error.message)))
             }
             (Err(error), _) if error.kind == Kind::DeviceLost => {
-                if self.is_left() {
-                    return Err(error);
+                // cancelled, too, when the thread was abandoned, whose failures say nothing about the next device
+                if !task.cancel.is_cancelled() {
+                    self.shared.lost(&error.message);
                 }
-                self.shared.lost(&error.message);
                 self.device.take_if(|_| self.shared.reopen.is_some());
                 Err(error)
             }

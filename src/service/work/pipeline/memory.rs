@@ -6,7 +6,7 @@
 //!
 //! The reservation also covers the results that are made while the device works on the next job.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use tesserae_mesh::data::{Size, width};
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -75,22 +75,17 @@ pub(crate) type Held = OwnedSemaphorePermit;
 
 /// The place of a mesh among those in memory, shared by all that works on it.
 #[derive(Debug, Clone)]
-pub(super) struct Slot(Arc<HeldSlot>);
-
-#[derive(Debug)]
-struct HeldSlot {
-    _slot: OwnedSemaphorePermit,
-    memory: parking_lot::Mutex<Option<Held>>,
-}
+pub(super) struct Slot(Arc<(OwnedSemaphorePermit, OnceLock<Held>)>);
 
 impl Slot {
     pub fn new(slot: OwnedSemaphorePermit) -> Self {
-        Self(Arc::new(HeldSlot { _slot: slot, memory: Default::default() }))
+        Self(Arc::new((slot, OnceLock::new())))
     }
 
     /// Holds the job's share of memory, too.
     pub fn holds(&self, memory: Held) {
-        *self.0.memory.lock() = Some(memory);
+        // a job has one share
+        let _ = self.0.1.set(memory);
     }
 }
 
@@ -134,20 +129,17 @@ impl Reading {
         let Needed { bytes: more, items, noun } = need;
         let all = self.bytes.saturating_add(more);
         check(self.memory.total, all, format_args!("its {items} {noun}"))?;
-        let held = match self.turn {
-            None if more <= SMALL => self.held,
+        match self.turn {
+            None if more <= SMALL => {}
             None => {
                 // not small after all: a job that waits for its turn must hold no memory that others wait for
                 drop(self.held);
                 let _turn = self.memory.turn().await;
-                acquire(&self.memory.left, all).await?
+                return acquire(&self.memory.left, all).await;
             }
-            Some(_turn) => {
-                self.held.merge(acquire(&self.memory.left, more).await?);
-                self.held
-            }
-        };
-        Ok(held)
+            Some(_turn) => self.held.merge(acquire(&self.memory.left, more).await?),
+        }
+        Ok(self.held)
     }
 }
 

@@ -18,20 +18,8 @@ const ROWS_AT_ONCE: usize = 1024;
 /// For how long rows are gathered before they are appended: a short job has all of them stored with its end.
 const GATHERING: Duration = Duration::from_millis(50);
 
-/// Rows that were not appended when the last one came.
-#[derive(Debug, Default)]
-pub(super) struct Log(Mutex<Option<(Vec<What>, Progress)>>);
-
-impl Log {
-    /// The rows that are left, and the progress after them.
-    pub fn rest(&self) -> Option<(Vec<What>, Progress)> {
-        self.0.lock().clone()
-    }
-
-    fn leave(&self, rows: Vec<What>, progress: Progress) {
-        *self.0.lock() = Some((rows, progress));
-    }
-}
+/// Rows that were not appended when the last one came, and the progress after them.
+pub(super) type Log = Mutex<Option<(Vec<What>, Progress)>>;
 
 /// What a clustering calls with every row.
 pub(super) type OnRow = Box<dyn FnMut(Row) + Send>;
@@ -60,18 +48,16 @@ impl Inbox {
     /// goes to `log`. A row wakes nothing by itself.
     pub async fn tell(mut self, store: Arc<Store>, ticket: Ticket, log: Arc<Log>) -> Result<()> {
         let mut progress = Progress::default();
-        let mut events = Vec::new();
-        loop {
+        let (mut events, mut at_once) = (Vec::new(), ROWS_AT_ONCE);
+        'rows: loop {
             let is_over = tokio::time::timeout(GATHERING, self.clustered.cancelled()).await.is_ok();
-            while events.len() < ROWS_AT_ONCE
+            while events.len() < at_once
                 && let Ok(row) = self.rows.try_recv()
             {
                 events.push(event(row, &mut progress)?);
             }
             if is_over && self.rows.is_empty() {
-                if !events.is_empty() {
-                    log.leave(events, progress);
-                }
+                *log.lock() = (!events.is_empty()).then_some((events, progress));
                 return Ok(());
             }
             if events.is_empty() {
@@ -84,11 +70,8 @@ impl Inbox {
                 }
                 // on a full disk the end of the job stores them
                 if error.kind == Kind::InsufficientStorage && self.clustered.is_cancelled() {
-                    while let Ok(row) = self.rows.try_recv() {
-                        events.push(event(row, &mut progress)?);
-                    }
-                    log.leave(events, progress);
-                    return Ok(());
+                    at_once = usize::MAX;
+                    continue 'rows;
                 }
                 tokio::time::sleep(AGAIN).await;
             }
@@ -112,9 +95,5 @@ fn event(row: Row, progress: &mut Progress) -> Result<What> {
             serde_json::to_string(&row).map(What::Round)
         }
     }
-    .map_err(not_json)
-}
-
-fn not_json(error: serde_json::Error) -> Error {
-    Error::new(Kind::Internal, format_args!("a report cannot be written as JSON: {error}"))
+    .map_err(|error| Error::new(Kind::Internal, format_args!("a report cannot be written as JSON: {error}")))
 }

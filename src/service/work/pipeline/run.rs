@@ -226,7 +226,7 @@ impl Pipeline {
                 keeps_upload = store::keeps_upload(problem);
                 self.metrics.ended(job, state, started.elapsed(), problem.map(|problem| problem.kind));
                 may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
-                ending.rest = log.rest();
+                ending.rest = log.lock().clone();
                 loop {
                     match self.store.end(ticket, ending.clone()).await {
                         Err(error) if self.may_try_again(&error, abort).await => {

@@ -25,22 +25,17 @@ pub(super) const SMALL_BYTES: u64 = 1 << 20;
 /// Pools of threads that work on a mesh each.
 #[derive(Debug, Clone)]
 pub(crate) struct SmallMeshes {
-    threads: Arc<Threads>,
-    places: Arc<Semaphore>,
-}
-
-#[derive(Debug)]
-struct Threads {
-    pools: Vec<ThreadPool>,
     /// Those without work.
-    idle: Mutex<Vec<usize>>,
+    idle: Arc<Mutex<Vec<Arc<ThreadPool>>>>,
+    /// As many as are idle.
+    places: Arc<Semaphore>,
 }
 
 /// A pool, taken until this is dropped or what it runs has ended.
 #[derive(Debug)]
 pub(crate) struct Thread {
-    threads: Arc<Threads>,
-    index: usize,
+    idle: Arc<Mutex<Vec<Arc<ThreadPool>>>>,
+    pool: Arc<ThreadPool>,
     _place: OwnedSemaphorePermit,
 }
 
@@ -58,17 +53,16 @@ impl SmallMeshes {
     }
 
     fn pools(count: usize, threads: usize, name: &'static str) -> Result<Self> {
-        let pool = |index| pool(threads, move |thread| format!("{name}-{index}-{thread}"));
-        let pools = (0..count).map(pool).collect::<Result<_>>()?;
-        let threads = Threads { pools, idle: Mutex::new((0..count).collect()) };
-        Ok(Self { threads: Arc::new(threads), places: Arc::new(Semaphore::new(count)) })
+        let pool = |index| pool(threads, move |thread| format!("{name}-{index}-{thread}")).map(Arc::new);
+        let idle = (0..count).map(pool).collect::<Result<_>>()?;
+        Ok(Self { idle: Arc::new(Mutex::new(idle)), places: Arc::new(Semaphore::new(count)) })
     }
 
     /// A thread without work, once there is one.
     pub async fn thread(&self) -> Result<Thread> {
         let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| gone())?;
-        let index = self.threads.idle.lock().pop().ok_or_else(gone)?;
-        Ok(Thread { threads: Arc::clone(&self.threads), index, _place: place })
+        let pool = self.idle.lock().pop().ok_or_else(gone)?;
+        Ok(Thread { idle: Arc::clone(&self.idle), pool, _place: place })
     }
 }
 
@@ -76,8 +70,8 @@ impl Thread {
     /// Runs `work`. A panic becomes an error. Goes on when the future is dropped.
     pub async fn run<T: Send + 'static>(self, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
         let (reply, outcome) = oneshot::channel();
-        let threads = Arc::clone(&self.threads);
-        threads.pools[self.index].spawn(move || {
+        let pool = Arc::clone(&self.pool);
+        pool.spawn(move || {
             let outcome = caught(work);
             drop(self);
             // the receiver may be gone
@@ -94,7 +88,7 @@ fn gone() -> Error {
 impl Drop for Thread {
     fn drop(&mut self) {
         // before the place is freed, which lets the next mesh take a thread
-        self.threads.idle.lock().push(self.index);
+        self.idle.lock().push(Arc::clone(&self.pool));
     }
 }
 
@@ -105,7 +99,7 @@ mod tests {
     #[tokio::test]
     async fn meshes_run_at_once_on_a_thread_each_and_a_panic_leaves_them_to_others() {
         let small = SmallMeshes::start().expect("threads");
-        let count = small.threads.pools.len();
+        let count = small.idle.lock().len();
         let together = Arc::new(std::sync::Barrier::new(count));
         for _ in 0..3 {
             let all = (0..count).map(async |_| {
@@ -127,6 +121,6 @@ mod tests {
                 assert_eq!(failed.kind, Kind::Internal);
             }
         }
-        assert_eq!(small.threads.idle.lock().len(), count);
+        assert_eq!(small.idle.lock().len(), count);
     }
 }

@@ -46,11 +46,6 @@ impl Task {
         Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
     }
 
-    /// The same on a device of its own.
-    pub fn run_on(self, mut device: Box<dyn Device>, metrics: &Metrics) -> Result<Done> {
-        self.run(|task| task.cluster(device.as_mut(), metrics))
-    }
-
     /// What a device has to do with it.
     pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();

@@ -3,37 +3,30 @@
 
 use std::sync::Arc;
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::sync::{Mutex, OwnedMutexGuard, watch};
 
 /// A mesh is short beside another one of at least this multiple of its cost.
 const SHORT: u64 = 4;
 
 /// A queue before the device, in which one mesh at a time has its turn.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Line {
-    turn: Arc<Semaphore>,
+    turn: Arc<Mutex<()>>,
     /// Cost of the mesh that has its turn; 0 without one.
     cost: Arc<watch::Sender<u64>>,
-}
-
-impl Default for Line {
-    fn default() -> Self {
-        Self { turn: Arc::new(Semaphore::new(1)), cost: Arc::default() }
-    }
 }
 
 /// The turn of a mesh, until it is dropped.
 #[derive(Debug)]
 pub(super) struct Turn {
     cost: Arc<watch::Sender<u64>>,
-    _turn: Option<OwnedSemaphorePermit>,
+    _turn: OwnedMutexGuard<()>,
 }
 
 impl Line {
     /// Waits for the turn of a mesh of that cost.
     pub async fn turn(&self, cost: u64) -> Turn {
-        // it is never closed
-        let turn = Arc::clone(&self.turn).acquire_owned().await.ok();
+        let turn = Arc::clone(&self.turn).lock_owned().await;
         self.cost.send_replace(cost);
         Turn { cost: Arc::clone(&self.cost), _turn: turn }
     }

@@ -18,7 +18,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use hmac::{Hmac, KeyInit as _, Mac as _};
 use reqwest::{StatusCode, Url};
-use serde::Serialize;
+use serde_json::json;
 use sha2::Sha256;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::task::{AbortHandle, JoinSet};
@@ -29,7 +29,7 @@ use crate::guard::problem::Problem;
 use crate::metrics::Metrics;
 use crate::ops::timestamp::rfc3339;
 use crate::settings::WebhookSettings;
-use crate::store::{JobId, Notice, State, Store};
+use crate::store::{JobId, Notice, Store};
 use crate::work::urls;
 
 const PATIENCE: Duration = Duration::from_secs(15);
@@ -56,23 +56,6 @@ pub(crate) struct Webhooks {
 struct Sender {
     client: reqwest::Client,
     key: Vec<u8>,
-}
-
-#[derive(Debug, Serialize)]
-struct Message<'a> {
-    #[serde(rename = "type")]
-    kind: &'static str,
-    timestamp: String,
-    data: Data<'a>,
-}
-
-#[derive(Debug, Serialize)]
-struct Data<'a> {
-    id: JobId,
-    state: State,
-    problem: Option<Problem>,
-    /// Path of the job on this service, valid until the job is deleted.
-    url: &'a str,
 }
 
 impl Webhooks {
@@ -126,16 +109,12 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
 }
 
 pub(crate) struct Teller {
-    store: Arc<Store>,
-    webhooks: Arc<Webhooks>,
-    metrics: Arc<Metrics>,
+    pub store: Arc<Store>,
+    pub webhooks: Arc<Webhooks>,
+    pub metrics: Arc<Metrics>,
 }
 
 impl Teller {
-    pub fn new(store: Arc<Store>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
-        Self { store, webhooks, metrics }
-    }
-
     /// Delivers ends until `stop`: a task for each that is not settled.
     pub async fn run(self, stop: CancellationToken) {
         let this = Arc::new(self);
@@ -238,23 +217,13 @@ fn webhook_id(notice: &Notice) -> String {
 impl Sender {
     async fn send(&self, url: Url, notice: &Notice) -> Result<StatusCode> {
         let path = urls::path(notice.job);
-        let message = Message {
-            kind: "job.ended",
-            timestamp: rfc3339(notice.ended_at),
-            data: Data {
-                id: notice.job,
-                state: notice.state,
-                problem: notice.problem.as_ref().map(|error| Problem::new(error, &path)),
-                url: &path,
-            },
-        };
-        let internal = |error: &dyn std::fmt::Display| {
-            Error::new(Kind::Internal, format_args!("a webhook cannot be written: {error}"))
-        };
-        let body = serde_json::to_string(&message).map_err(|error| internal(&error))?;
+        let problem = notice.problem.as_ref().map(|error| Problem::new(error, &path));
+        let data = json!({ "id": notice.job, "state": notice.state, "problem": problem, "url": path });
+        let body = json!({ "type": "job.ended", "timestamp": rfc3339(notice.ended_at), "data": data }).to_string();
         let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         let id = webhook_id(notice);
-        let signature = sign(&self.key, &id, timestamp, &body).ok_or_else(|| internal(&"no key"))?;
+        let no_key = || Error::new(Kind::Internal, "a webhook cannot be signed: no key");
+        let signature = sign(&self.key, &id, timestamp, &body).ok_or_else(no_key)?;
         let mut request = self
             .client
             .post(url)
@@ -293,6 +262,7 @@ pub(crate) fn for_fuzzing(text: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::State;
 
     /// The example of the standard's own libraries.
     #[test]
