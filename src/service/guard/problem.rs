@@ -80,7 +80,6 @@ impl Problem {
 /// An error on its way to the client. `instance` is the path of the request unless it is set.
 #[derive(Debug, Clone)]
 pub(crate) struct Failure {
-    /// What went wrong.
     pub error: Error,
     /// Path of the resource it happened to, when that is not the request's.
     pub instance: Option<String>,

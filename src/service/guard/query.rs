@@ -60,7 +60,6 @@ pub(crate) fn take(query: &str, name: &str) -> (Option<String>, String) {
     (value, rest.join("&"))
 }
 
-/// A name or value as it was meant.
 fn decoded(text: &str) -> String {
     percent_decode_str(&text.replace('+', " ")).decode_utf8_lossy().into_owned()
 }

@@ -71,7 +71,6 @@ impl Rules {
 pub(crate) struct Content {
     /// The bytes as meant. An error comes where they pass a limit of length, inflation or time.
     pub bytes: BoxStream<'static, Result<Bytes>>,
-    /// What the bytes spend.
     pub allowance: Allowance,
 }
 
@@ -127,28 +126,23 @@ pub(crate) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rule
         let bytes = data.len() as u64;
         meant += bytes;
         rules.check(meant)?;
-        check_inflation(meant, sent.load(Ordering::Relaxed))?;
+        let sent = sent.load(Ordering::Relaxed);
+        if meant > ANY_INFLATION.saturating_add(sent.saturating_mul(MAX_INFLATION)) {
+            return Err(Error::too_large(format_args!(
+                "the compressed upload becomes more than {MAX_INFLATION} times as large: send it without compression, \
+                 or less compressed; it was at {meant} bytes after {sent}"
+            )));
+        }
         spent.spend(bytes)
     };
     Ok(Content { bytes: checked(bytes, check).boxed(), allowance })
 }
 
-/// A stream whose bytes are checked.
 fn checked(
     bytes: impl Stream<Item = Result<Bytes>> + Send,
     mut check: impl FnMut(&Bytes) -> Result<()> + Send,
 ) -> impl Stream<Item = Result<Bytes>> + Send {
     bytes.map(move |item| item.and_then(|data| check(&data).map(|()| data)))
-}
-
-fn check_inflation(meant: u64, sent: u64) -> Result<()> {
-    if meant <= ANY_INFLATION.saturating_add(sent.saturating_mul(MAX_INFLATION)) {
-        return Ok(());
-    }
-    Err(Error::too_large(format_args!(
-        "the compressed upload becomes more than {MAX_INFLATION} times as large: send it without compression, or less \
-         compressed; it was at {meant} bytes after {sent}"
-    )))
 }
 
 /// The bytes of a body as they are sent, which `sent` counts.

@@ -111,7 +111,6 @@ impl Wanted {
         Ok(())
     }
 
-    /// Takes a parameter of the job.
     fn set(&mut self, name: &str, value: &Value) -> Result<()> {
         let must_be = |what: &str| Error::parameter(format_args!("{name} must be {what}, not {value}"));
         match name {

@@ -36,7 +36,6 @@ pub(crate) struct Upload {
     pub digests: Vec<[u8; 32]>,
 }
 
-/// What kind of body a request has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum BodyKind {
     /// The mesh or the points, of this format if the media type says so.
@@ -82,7 +81,6 @@ fn kept_name(name: &str) -> String {
     name.chars().take(MAX_NAME).collect()
 }
 
-/// How the body is compressed, if it is.
 fn coding(headers: &HeaderMap) -> Result<Option<Coding>> {
     let Some(encoding) = headers.get(header::CONTENT_ENCODING) else {
         return Ok(None);
@@ -143,7 +141,6 @@ fn spec_of(wanted: Wanted, format: InputFormat, bytes: u64, parts: Beside) -> Re
     })
 }
 
-/// What the headers say about the body.
 fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
     let unsupported = |message: String| Err(Error::new(Kind::UnsupportedMediaType, message));
     let Some(content_type) = headers.get(header::CONTENT_TYPE) else {
@@ -178,7 +175,6 @@ fn agreed(by_type: Option<InputFormat>, by_query: Option<InputFormat>) -> Result
     }
 }
 
-/// The declared length of the body.
 pub(crate) fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }

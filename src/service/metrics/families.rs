@@ -71,27 +71,17 @@ macro_rules! labels {
 }
 
 labels! {
-    /// A state of jobs.
     ByState { state: &'static str }
-    /// An algorithm and how its job ended.
     ByEnd { algorithm: &'static str, state: &'static str }
-    /// An algorithm and a stage of its work.
     ByStage { algorithm: &'static str, stage: &'static str }
     ByAlgorithm { algorithm: &'static str }
-    /// A request: its method, the template of its route, the status of its answer.
     ByAnswer { method: &'static str, route: Cow<'static, str>, status: u16 }
     ByRoute { route: Cow<'static, str> }
-    /// A method of the store.
     ByOperation { operation: &'static str }
-    /// Why a request was refused.
     ByReason { reason: &'static str }
-    /// A part of the service and how bad it is.
     ByPart { part: &'static str, severity: &'static str }
-    /// What came of telling the end of a job.
     ByOutcome { outcome: &'static str }
-    /// The device.
     DeviceLabels { kind: &'static str, name: String, backend: String }
-    /// The release.
     BuildLabels { version: &'static str }
 }
 

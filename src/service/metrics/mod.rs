@@ -9,7 +9,7 @@ mod process;
 
 use std::borrow::Cow;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use parking_lot::Mutex;
 use prometheus_client::encoding::text::{encode_eof, encode_registry};
@@ -36,15 +36,6 @@ pub(crate) struct Metrics {
     pub families: Families,
     process: Process,
     memory_meter: Mutex<Option<MemoryMeter>>,
-}
-
-/// A job that the device works on.
-pub(crate) struct Working<'m>(&'m Metrics, Instant);
-
-impl Drop for Working<'_> {
-    fn drop(&mut self) {
-        self.0.families.device_busy.inc_by(self.1.elapsed().as_secs_f64());
-    }
 }
 
 impl Metrics {
@@ -75,7 +66,6 @@ impl Metrics {
         Self { registry, families, process: Process::new(), memory_meter: Mutex::default() }
     }
 
-    /// A job was given up after its last attempt failed.
     pub fn poisoned(&self, kind: Kind) {
         self.families.poison.get_or_create(&ByReason { reason: kind.slug() }).inc();
     }
@@ -95,13 +85,10 @@ impl Metrics {
     }
 
     /// A job ended in `state`, so long after its claim.
-    pub fn ended(&self, job: &Job, state: State, elapsed: Duration, error: Option<Kind>) {
+    pub fn ended(&self, job: &Job, state: State, elapsed: Duration) {
         let algorithm = job.spec.parameters.algorithm.name();
         let seconds = elapsed.as_secs_f64();
         self.families.job_seconds.get_or_create(&ByEnd { algorithm, state: state.name() }).observe(seconds);
-        if error == Some(Kind::DeviceLost) {
-            self.families.device_lost.inc();
-        }
     }
 
     pub fn written(&self, job: &Job, elapsed: Duration) {
@@ -130,14 +117,8 @@ impl Metrics {
         self.families.faces.get_or_create(&label).inc_by(report.input.items());
     }
 
-    /// A device was opened; `memory` reads how much it has allocated.
     pub fn device_opened(&self, memory: MemoryMeter) {
         *self.memory_meter.lock() = Some(memory);
-    }
-
-    /// The device works on a job until what this gives is dropped.
-    pub fn device_works(&self) -> Working<'_> {
-        Working(self, Instant::now())
     }
 
     pub fn answered(&self, method: &axum::http::Method, route: &str, status: u16, elapsed: Duration) {

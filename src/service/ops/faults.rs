@@ -78,7 +78,6 @@ impl Faults {
         }
     }
 
-    /// Waits while this point is held.
     pub(crate) fn pass(&self, at: FaultPoint) {
         if !cfg!(debug_assertions) {
             return;

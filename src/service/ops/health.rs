@@ -27,7 +27,6 @@ pub(crate) enum Part {
 }
 
 impl Part {
-    /// Every part.
     pub const ALL: [Part; 5] = [Part::Process, Part::Store, Part::Disk, Part::Device, Part::Tokens];
 
     /// As it is written in JSON and in metrics.
@@ -103,12 +102,10 @@ impl Health {
         self.wrong.lock().values().cloned().collect()
     }
 
-    /// How bad `part` is; none when nothing is wrong with it.
     pub fn severity(&self, part: Part) -> Option<Severity> {
         self.wrong.lock().get(&part).map(|condition| condition.severity)
     }
 
-    /// Why no jobs can be taken, for people; none when they can.
     pub fn why_not_ready(&self) -> Option<String> {
         why_not_ready(&self.conditions())
     }

@@ -61,7 +61,21 @@ impl TokenFile {
 impl Tokens {
     /// Reads the file at `path`. One that every local user can write to is refused: each could make itself a token.
     pub fn read(path: &Path) -> Result<Self> {
-        check_permissions(path)?;
+        let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
+        let mode = std::fs::metadata(path).map_err(cannot)?.permissions().mode();
+        if mode & 0o002 != 0 {
+            return Err(Error::parameter(format_args!(
+                "every user of this machine can write to the file of tokens, and so make a token: run `chmod 600` on {}",
+                path.display()
+            )));
+        }
+        if mode & 0o024 != 0 {
+            tracing::warn!(
+                path = %path.display(),
+                mode = format!("{:o}", mode & 0o777),
+                "other users of this machine can read the file of tokens, or its group can write to it; `chmod 600` it"
+            );
+        }
         Self::of(&TokenFile::read(path)?)
     }
 }
@@ -71,26 +85,6 @@ pub(super) type Stamp = Option<(Option<SystemTime>, u64)>;
 
 pub(super) fn stamp(path: &Path) -> Stamp {
     std::fs::metadata(path).ok().map(|metadata| (metadata.modified().ok(), metadata.len()))
-}
-
-/// Checks which users may write and read the file.
-fn check_permissions(path: &Path) -> Result<()> {
-    let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
-    let mode = std::fs::metadata(path).map_err(cannot)?.permissions().mode();
-    if mode & 0o002 != 0 {
-        return Err(Error::parameter(format_args!(
-            "every user of this machine can write to the file of tokens, and so make a token: run `chmod 600` on {}",
-            path.display()
-        )));
-    }
-    if mode & 0o024 != 0 {
-        tracing::warn!(
-            path = %path.display(),
-            mode = format!("{:o}", mode & 0o777),
-            "other users of this machine can read the file of tokens, or its group can write to it; `chmod 600` it"
-        );
-    }
-    Ok(())
 }
 
 #[cfg(test)]

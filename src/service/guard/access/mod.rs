@@ -80,7 +80,6 @@ impl Caller {
         self.token.as_ref().map(|token| &*token.id)
     }
 
-    /// The tenant whose jobs it may see.
     pub fn tenant(&self) -> Result<&Tenant> {
         self.tenant.as_ref().ok_or_else(missing)
     }
@@ -91,7 +90,6 @@ fn missing() -> Error {
     Error::new(Kind::Internal, "it is not known who asks")
 }
 
-/// Finds the callers of requests.
 #[derive(Debug)]
 pub(crate) struct Access {
     /// The file of tokens, and what it was when it was read first; none without tokens.

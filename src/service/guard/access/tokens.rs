@@ -193,7 +193,6 @@ impl TokenEntry {
     }
 }
 
-/// The tokens of a file, ready for look-ups.
 #[derive(Debug, Default)]
 pub(crate) struct Tokens {
     by_digest: HashMap<[u8; 32], Known>,

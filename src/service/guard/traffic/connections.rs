@@ -60,11 +60,11 @@ pub(crate) fn serve(
     let listener = listener.into_std()?;
     let runtime = Builder::new_current_thread().enable_all().build()?;
     let (ended, has_ended) = oneshot::channel();
-    let requests = Handle::current();
+    let serving = Arc::new(Serving { router, settings, metrics, close, requests: Handle::current() });
     thread::Builder::new().name("accept".to_owned()).spawn(move || {
         runtime.block_on(async {
             match TcpListener::from_std(listener) {
-                Ok(listener) => accept(listener, router, settings, metrics, close, requests).await,
+                Ok(listener) => accept(listener, serving).await,
                 Err(error) => tracing::error!(%error, "connections cannot be accepted"),
             }
         });
@@ -73,16 +73,18 @@ pub(crate) fn serve(
     Ok(has_ended)
 }
 
-/// The accepting thread; `requests` is the runtime of the threads that answer requests.
-async fn accept(
-    listener: TcpListener,
+struct Serving {
     router: Router,
     settings: TrafficSettings,
     metrics: Arc<Metrics>,
     close: CancellationToken,
+    /// The runtime of the threads that answer requests.
     requests: Handle,
-) {
-    let settings = Arc::new(settings);
+}
+
+/// The accepting thread.
+async fn accept(listener: TcpListener, serving: Arc<Serving>) {
+    let Serving { settings, metrics, close, .. } = &*serving;
     let tasks = TaskTracker::new();
     let places = Arc::new(Semaphore::new(settings.constants.connections as usize));
     let beginnings = Arc::new(Semaphore::new(BEGINNINGS));
@@ -113,27 +115,26 @@ async fn accept(
             continue;
         };
         let _ = stream.set_nodelay(true);
-        let (settings, metrics) = (Arc::clone(&settings), Arc::clone(&metrics));
-        let (router, requests, close) = (router.clone(), requests.clone(), close.clone());
-        let (others, places) = (tasks.clone(), Arc::clone(&places));
+        let (serving, others, places) = (Arc::clone(&serving), tasks.clone(), Arc::clone(&places));
         tasks.spawn(async move {
-            let is_probe = close.run_until_cancelled(is_probe(&stream)).await.unwrap_or(false);
+            let is_probe = serving.close.run_until_cancelled(is_probe(&stream)).await.unwrap_or(false);
             let place = match is_probe {
                 true => None,
                 false => match timeout(BEGINNING, places.acquire_owned()).await {
                     Ok(place) => place.ok(),
                     Err(_) => {
-                        metrics.families.connections_refused.inc();
+                        serving.metrics.families.connections_refused.inc();
                         return;
                     }
                 },
             };
             drop(beginning);
             let Ok(stream) = stream.into_std() else { return };
+            let requests = serving.requests.clone();
             let serve = async move {
-                metrics.families.connections.inc();
-                connection(stream, address, router, &settings, is_probe, close).await;
-                metrics.families.connections.dec();
+                serving.metrics.families.connections.inc();
+                connection(stream, address, is_probe, &serving).await;
+                serving.metrics.families.connections.dec();
                 drop((place, counted));
             };
             match is_probe {
@@ -155,15 +156,9 @@ async fn is_probe(stream: &TcpStream) -> bool {
 }
 
 /// Serves one connection; a probe's for one request.
-async fn connection(
-    stream: std::net::TcpStream,
-    address: SocketAddr,
-    router: Router,
-    settings: &TrafficSettings,
-    is_probe: bool,
-    close: CancellationToken,
-) {
-    let service = router.map_request(move |mut request: Request<hyper::body::Incoming>| {
+async fn connection(stream: std::net::TcpStream, address: SocketAddr, is_probe: bool, serving: &Serving) {
+    let Serving { settings, close, .. } = serving;
+    let service = serving.router.clone().map_request(move |mut request: Request<hyper::body::Incoming>| {
         request.extensions_mut().insert(ConnectInfo(address));
         request.map(axum::body::Body::new)
     });

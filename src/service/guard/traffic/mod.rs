@@ -39,7 +39,6 @@ use crate::store::LOCAL_TENANT;
 /// Paths of probes, which get an answer even when their address is over its limits.
 const PROBES: [&str; 2] = ["/healthz", "/readyz"];
 
-/// The limits, and what is in use of them.
 #[derive(Debug)]
 pub(crate) struct Traffic {
     access: Arc<Access>,
@@ -116,7 +115,6 @@ pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
 /// The permits of a request: its client's, and one of all streams.
 type Holding = (Counted<Client>, Option<OwnedSemaphorePermit>);
 
-/// The caller of a request, and its permits.
 fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Failure> {
     let path = request.uri().path();
     let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");

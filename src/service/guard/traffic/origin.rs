@@ -12,12 +12,10 @@ use ipnet::IpNet;
 
 const FORWARDED: &str = "x-forwarded-for";
 
-/// Whether an address is that of a proxy.
 pub(crate) fn is_proxy(address: IpAddr, proxies: &[IpNet]) -> bool {
     proxies.iter().any(|network| network.contains(&address))
 }
 
-/// Address of the client that sent a request.
 pub(crate) fn client(request: &Request, proxies: &[IpNet]) -> IpAddr {
     let info = request.extensions().get::<ConnectInfo<SocketAddr>>();
     let peer = info.map_or(IpAddr::from([0, 0, 0, 0]), |ConnectInfo(address)| address.ip());

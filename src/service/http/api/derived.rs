@@ -48,7 +48,6 @@ enum Colours {
     None,
 }
 
-/// Serves an output in the form that `format` or `Accept` chooses.
 pub(crate) async fn derived(
     artifact: &'static Artifact,
     Extract(shared): App,

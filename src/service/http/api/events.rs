@@ -161,7 +161,6 @@ async fn is_beyond(shared: &Shared, id: JobId, number: u64) -> Result<bool> {
 /// Time between the comments that keep a quiet stream open: proxies close one after a minute, the shortest after 20 s.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// One reader of a job's log.
 struct Reader {
     shared: Arc<Shared>,
     id: JobId,
@@ -230,7 +229,6 @@ impl Reader {
         self.shared.access.still_knows(&self.caller)
     }
 
-    /// An event as it is sent.
     fn sent(&self, event: Event) -> Option<Sent> {
         let sent = Sent::default().id(event.seq.to_string());
         let sent = match event.what {
@@ -262,7 +260,6 @@ fn labels_sent(labels: &LabelsEvent) -> Option<Sent> {
     Sent::default().event("labels").json_data(labels).ok()
 }
 
-/// The number of the last event that the client knows.
 fn last_event_id(headers: &HeaderMap) -> Result<u64> {
     let Some(value) = headers.get("last-event-id") else {
         return Ok(0);

@@ -16,7 +16,6 @@ use crate::store::{ListQuery, State};
 
 /// Jobs on a page when the request does not say.
 const PAGE: usize = 50;
-/// Largest number of jobs on a page.
 const MAX_PAGE: usize = 1000;
 
 /// A page of jobs.

@@ -11,7 +11,6 @@ use crate::http::negotiate;
 use crate::http::results::stored::{Of, attachment, stored, succeeded};
 use crate::http::state::App;
 
-/// Serves the stored forms of an output.
 pub(crate) async fn output(
     artifact: &'static Artifact,
     Extract(shared): App,

@@ -46,7 +46,6 @@ pub(crate) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
     Ok(answer(&shared, StatusCode::ACCEPTED, job))
 }
 
-/// The error of a retry of a job without its upload.
 fn upload_is_gone() -> Error {
     Error::new(
         Kind::Conflict,

@@ -41,13 +41,8 @@ struct Check {
     files: Arc<Files>,
 }
 
-/// Number of bytes of a blob of the result of a job, without a look at it. [`Kind::NotFound`] if the job has none of
-/// this name.
-pub(crate) fn length(job: &Job, name: &str) -> Result<u64> {
-    expected(job, name).map(|expected| expected.bytes)
-}
-
-fn expected<'j>(job: &'j Job, name: &str) -> Result<&'j Contents> {
+/// What a blob of the result of a job holds, without a look at it. [`Kind::NotFound`] if the job has none of this name.
+pub(crate) fn expected<'j>(job: &'j Job, name: &str) -> Result<&'j Contents> {
     let found = job.summary.as_ref().and_then(|summary| summary.blobs.get(name));
     found.ok_or_else(|| Error::new(Kind::NotFound, "the job has no such result"))
 }
@@ -62,7 +57,7 @@ pub(crate) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Check
         return Ok(Checked { blob, check });
     }
     let bytes = blob.bytes().await?;
-    check.add(&bytes);
+    check.sha256.update(&bytes);
     check.digest()?;
     Ok(Checked { blob: Blob::held(&bytes, None)?, check })
 }
@@ -80,7 +75,6 @@ pub(crate) async fn whole(shared: &Shared, job: &Job, name: &str, from: u64) -> 
     }
 }
 
-/// Opens a part of a blob of the result of a job.
 pub(crate) async fn part(shared: &Shared, job: &Job, name: &str, range: GetRange) -> Result<Blob> {
     let check = Check::of(shared, job, name)?;
     if check.expected.bytes <= HELD as u64 {
@@ -99,7 +93,7 @@ impl Checked {
 
     pub async fn bytes(mut self) -> Result<Bytes> {
         let bytes = self.blob.bytes().await?;
-        self.check.add(&bytes);
+        self.check.sha256.update(&bytes);
         self.check.digest()?;
         Ok(bytes)
     }
@@ -134,7 +128,7 @@ impl CheckedReader {
 impl Read for CheckedReader {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let count = self.from.read(into)?;
-        self.check.add(&into[..count]);
+        self.check.sha256.update(&into[..count]);
         Ok(count)
     }
 }
@@ -164,10 +158,6 @@ impl Check {
                 Err(self.files.damaged(self.job, &self.name, format_args!("it has {found} bytes, not {expected}")))
             }
         }
-    }
-
-    fn add(&mut self, bytes: &[u8]) {
-        self.sha256.update(bytes);
     }
 
     /// Compares the digest of all bytes that were added since it did so last.

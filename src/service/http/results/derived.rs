@@ -112,7 +112,6 @@ pub(crate) async fn made(
     Ok(encoded(shared, Some(turn), form.media_type, write).await?.0)
 }
 
-/// The pixels of a kept image.
 fn of_image<'a>(
     bytes: &'a [u8],
     format: PointsFormat,
@@ -122,7 +121,6 @@ fn of_image<'a>(
     PointsRequest { bytes, format, limits, parameters, graph: None, seeds: None, weights: None, outputs: &[] }
 }
 
-/// The error of an output that is not stored and cannot be made.
 pub(crate) fn not_made(job: &Job, form: &Form) -> Error {
     let (format, is_whole) = (job.spec.format, LABELS.lacks(&job.spec.parameters) == Some(Need::Labels));
     if format.is_of_points() {

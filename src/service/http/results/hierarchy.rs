@@ -56,14 +56,12 @@ fn of_stored(files: &Files, job: JobId, error: Error) -> Error {
     }
 }
 
-/// A stored hierarchy and its length.
 async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Input + Send>, u64)> {
     let blob = checked::open(shared, job, HIERARCHY_TSR.file).await?;
     let length = blob.length();
     Ok((blob.into_hierarchy(), length))
 }
 
-/// A hierarchy in a form that is made of the stored one.
 pub(crate) async fn made(shared: &Shared, job: &Job, form: &'static Form, limits: Limits) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
     let (stored, length) = open(shared, job).await?;

@@ -76,7 +76,7 @@ pub(crate) async fn stored(
 ) -> Result<Response> {
     let whole = match of {
         Of::Upload => job_blobs::upload(&shared.files, shared.store.as_ref(), job, name, None).await?.length(),
-        Of::Result => checked::length(job, name)?,
+        Of::Result => checked::expected(job, name)?.bytes,
     };
     let length = whole.saturating_sub(from);
     let (shared, job, name) = (Arc::clone(shared), job.clone(), name.to_owned());

@@ -26,7 +26,6 @@ const SENT_PER_BYTE: u64 = 2;
 /// §3.1.1.1.2).
 const ZSTD_WINDOW_LOG: u32 = 23;
 
-/// What decompresses a body.
 type Decoder<R> = Either<GzipDecoder<R>, ZstdDecoder<R>>;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

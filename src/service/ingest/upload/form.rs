@@ -212,7 +212,6 @@ fn content(field: Field<'_>) -> impl Stream<Item = Result<axum::body::Bytes>> + 
     field.map_err(unreadable)
 }
 
-/// The content of a small part.
 async fn small(field: Field<'_>) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut content = content(field);

@@ -25,20 +25,15 @@ pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) 
 
 /// What `work` comes to, unless that takes longer than `limit`.
 pub(super) async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
-    match limit {
-        Some(limit) => tokio::time::timeout(limit, work).await.unwrap_or_else(|_| Err(too_slow(limit))),
-        None => work.await,
-    }
-}
-
-/// The error of a job that takes too long.
-fn too_slow(limit: Duration) -> Error {
-    Error::new(
-        Kind::TimeLimit,
-        format_args!(
-            "the job took longer, on the device and for its results, than a job may, {} s (the service's \
-             --max-job-seconds); try a smaller mesh, or fewer iterations (max_iterations)",
-            limit.as_secs()
-        ),
-    )
+    let Some(limit) = limit else { return work.await };
+    tokio::time::timeout(limit, work).await.unwrap_or_else(|_| {
+        Err(Error::new(
+            Kind::TimeLimit,
+            format_args!(
+                "the job took longer, on the device and for its results, than a job may, {} s (the service's \
+                 --max-job-seconds); try a smaller mesh, or fewer iterations (max_iterations)",
+                limit.as_secs()
+            ),
+        ))
+    })
 }

@@ -41,7 +41,7 @@ pub(super) fn open(
     let outputs = &outputs[..];
     match spec.format {
         InputFormat::Mesh(format) => {
-            let resources = &Parts::new(&spec.buffers, buffers.iter().cloned());
+            let resources = &Parts(spec.buffers.iter().cloned().zip(buffers.iter().cloned()).collect());
             let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
             let needed = |opened: &job::Opened<'_>| Needed::of_faces(opened.faces(), Some(&opened.spec().clustering));
             let build = |opened: job::Opened<'_>| match admits(needed(&opened))? {
@@ -62,12 +62,13 @@ pub(super) fn open(
     }
 }
 
-/// Reads a mesh, on all threads once it has its memory. Without a `wait`, it gives back what reads the mesh, and its
-/// memory, if that is not small: what a thread for small meshes waits for may itself wait for such a thread.
+/// Reads a mesh, on all threads once it has its memory, for which a blocking thread waits until the job is `broken_off`.
+/// A thread for small meshes, which gives none, does not wait, as others may wait for it: it gives back what reads the
+/// mesh, and its memory, if that is not small.
 pub(super) fn open_with<F>(
     open: F,
     memory: Reading,
-    wait: Option<&Waiting>,
+    broken_off: Option<&CancellationToken>,
     slot: &Slot,
 ) -> Result<(F, Option<Reading>, Option<Prepared>)>
 where
@@ -76,9 +77,12 @@ where
     let mut left = Some(memory);
     let prepared = open(&mut |need| {
         let Some(memory) = left.take() else { return Ok(true) };
-        match (memory.build_small(need), wait) {
+        match (memory.build_small(need), broken_off) {
             (Ok(held), _) => slot.holds(held),
-            (Err(memory), Some(wait)) => slot.holds(wait.until(memory.build(need))?),
+            (Err(memory), Some(broken_off)) => {
+                let built = Handle::current().block_on(broken_off.run_until_cancelled(memory.build(need)));
+                slot.holds(built.unwrap_or_else(|| Err(Error::cancelled()))?);
+            }
             (Err(memory), None) => left = Some(memory),
         }
         Ok(left.is_none())
@@ -86,37 +90,12 @@ where
     Ok((open, left, prepared))
 }
 
-/// How a blocking thread waits: for a future, or until the job is broken off.
-pub(super) struct Waiting {
-    pub runtime: Handle,
-    pub broken_off: CancellationToken,
-}
-
-impl Waiting {
-    fn until<T>(&self, future: impl Future<Output = Result<T>>) -> Result<T> {
-        self.runtime.block_on(async {
-            tokio::select! {
-                done = future => done,
-                () = self.broken_off.cancelled() => Err(Error::cancelled()),
-            }
-        })
-    }
-}
-
 /// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.
-struct Parts {
-    contents: HashMap<String, Bytes>,
-}
-
-impl Parts {
-    fn new(names: &[String], contents: impl Iterator<Item = Bytes>) -> Self {
-        Self { contents: names.iter().cloned().zip(contents).collect() }
-    }
-}
+struct Parts(HashMap<String, Bytes>);
 
 impl Resources for Parts {
     fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
-        let content = self.contents.get(uri).ok_or_else(|| {
+        let content = self.0.get(uri).ok_or_else(|| {
             Error::mesh(format_args!(
                 "the mesh refers to a buffer that did not come with it (send it as a part named buffer with this file \
                  name): {uri:?}"
@@ -140,8 +119,8 @@ mod tests {
 
     #[test]
     fn a_mesh_gets_at_the_parts_by_their_names_and_at_nothing_else() {
-        let contents = ["first", "second"].map(|content| Bytes::from_static(content.as_bytes()));
-        let parts = Parts::new(&["a/b c.bin".into(), "../x".into()], contents.into_iter());
+        let contents = [("a/b c.bin", "first"), ("../x", "second")];
+        let parts = Parts(contents.map(|(name, content)| (name.to_owned(), Bytes::from(content))).into());
         assert_eq!(parts.load("a/b c.bin", 5).as_deref(), Ok(&b"first"[..]));
         // a name is a name, whatever it looks like
         assert_eq!(parts.load("../x", 9).as_deref(), Ok(&b"second"[..]));

@@ -19,7 +19,6 @@ use super::memory::Slot;
 use super::parts::Pipeline;
 use super::patience::Patience;
 use super::rows::Log;
-use super::stages::Written;
 use crate::ops::trace::TraceParent;
 use crate::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
 
@@ -34,7 +33,6 @@ enum Verdict {
     Lost,
 }
 
-/// A job that was claimed, and its slot.
 type Claimed = (OwnedSemaphorePermit, Ticket, Job);
 
 impl Pipeline {
@@ -182,7 +180,7 @@ impl Pipeline {
         let mut broken_off = pin!(broken_off);
         loop {
             let error = match self.write(&slot, job, &outcome, started).await {
-                Ok(Written { summary, small }) => {
+                Ok((summary, small)) => {
                     return Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small });
                 }
                 Err(error) => error,
@@ -224,7 +222,7 @@ impl Pipeline {
                 log_end(&ending.end, milliseconds);
                 let (state, problem, _) = ending.end.parts();
                 keeps_upload = store::keeps_upload(problem);
-                self.metrics.ended(job, state, started.elapsed(), problem.map(|problem| problem.kind));
+                self.metrics.ended(job, state, started.elapsed());
                 may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
                 ending.rest = log.lock().clone();
                 loop {
@@ -312,7 +310,6 @@ impl Pipeline {
     }
 }
 
-/// The outcome of an attempt that ended with an error.
 fn judge(error: Error) -> Verdict {
     match error.kind {
         Kind::Cancelled => Verdict::Ended(End::Cancelled.into()),

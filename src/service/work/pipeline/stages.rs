@@ -10,13 +10,12 @@ use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::{Clustering, Outcome, Prepared, milliseconds};
 use tesserae_mesh::report::Input;
-use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::bounds::{AGAIN, caught};
 use super::memory::{Reading, Slot};
-use super::opening::{Admits, Contents, Waiting, open, open_with};
+use super::opening::{Admits, Contents, open, open_with};
 use super::parts::Pipeline;
 use super::patience::Patience;
 use super::rows::{Inbox, Log};
@@ -70,14 +69,15 @@ impl Pipeline {
         Ok(outcome)
     }
 
-    /// From labels to files. Must not be dropped in the middle: it would go on, and leave files of no job.
+    /// From labels to files, or where the result is small to blobs for the end of the job, without which nothing counts.
+    /// Must not be dropped in the middle: it would go on, and leave files of no job.
     pub(super) async fn write(
         &self,
         slot: &Slot,
         job: &Job,
         outcome: &Arc<Mutex<Outcome>>,
         started: Instant,
-    ) -> Result<Written> {
+    ) -> Result<(Summary, Vec<SmallBlob>)> {
         let image = match job.spec.kept.mesh && job.spec.format.is_image() {
             true => Some(self.open_file(job, files::MESH).await?.bytes().await?),
             false => None,
@@ -92,11 +92,12 @@ impl Pipeline {
         .await??;
         let small = settle(blobs).await?;
         summary.is_small = !small.is_empty();
-        Ok(Written { summary, small })
+        Ok((summary, small))
     }
 
-    /// Reads the files of an upload, when there is memory for them. The wait for memory is no failure.
-    async fn read(&self, ticket: Ticket, job: &Job) -> Result<Upload> {
+    /// Reads the files of an upload, when there is memory for them; gives the time in milliseconds, too. The wait for
+    /// memory is no failure.
+    async fn read(&self, ticket: Ticket, job: &Job) -> Result<(Reading, Contents, f64)> {
         let spec = &job.spec;
         let mut patience = Patience::new(&self.files, self.patience);
         let uploads = loop {
@@ -129,7 +130,7 @@ impl Pipeline {
                 Err(error) => patience.wait(error).await?,
             }
         };
-        Ok(Upload { memory, contents, milliseconds: milliseconds(reading.elapsed()) })
+        Ok((memory, contents, milliseconds(reading.elapsed())))
     }
 
     /// Reads the mesh and its buffers, opened again where they were not, then what came beside them.
@@ -151,7 +152,6 @@ impl Pipeline {
         Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, job.spec.has_graph).await? })
     }
 
-    /// Opens the mesh of an upload and its buffers.
     async fn open(&self, job: &Job) -> Result<Vec<Blob>> {
         let mut uploads = Vec::new();
         for name in iter::once(files::MESH.to_owned()).chain((0..job.spec.buffers.len()).map(files::buffer)) {
@@ -167,9 +167,8 @@ impl Pipeline {
     /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
     /// A file that is small and has too many faces is opened twice.
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
-        let upload = self.read(ticket, job).await?;
-        let (spec, Upload { memory, contents, milliseconds }) = (job.spec.clone(), upload);
-        let limits = self.limits;
+        let (memory, contents, milliseconds) = self.read(ticket, job).await?;
+        let (spec, limits) = (job.spec.clone(), self.limits);
         let span = tracing::info_span!("read");
         let open = move |admits: &mut Admits<'_>| span.in_scope(|| open(&spec, &contents, limits, admits));
         let (open, memory, prepared) = match memory.may_be_small() {
@@ -182,8 +181,7 @@ impl Pipeline {
         };
         let mut prepared = match (prepared, memory) {
             (None, Some(memory)) => {
-                let wait = Waiting { runtime: Handle::current(), broken_off };
-                blocking(move || caught(|| open_with(open, memory, Some(&wait), &slot))).await??.2
+                blocking(move || caught(|| open_with(open, memory, Some(&broken_off), &slot))).await??.2
             }
             (prepared, _) => prepared,
         }
@@ -191,12 +189,6 @@ impl Pipeline {
         prepared.timings.read = milliseconds;
         Ok(prepared)
     }
-}
-
-struct Upload {
-    memory: Reading,
-    contents: Contents,
-    milliseconds: f64,
 }
 
 /// About how much work a job is, to tell short ones from long ones: faces, times what hierarchies and sequential
@@ -216,13 +208,6 @@ fn upload_is_gone(error: Error) -> Error {
         Kind::NotFound => Error::new(Kind::Io, "the upload of the job is gone from the data folder"),
         _ => error,
     }
-}
-
-/// A result that was written. It means nothing until the job has ended with it.
-pub(super) struct Written {
-    pub summary: Summary,
-    /// All of it, where it is small.
-    pub small: Vec<SmallBlob>,
 }
 
 /// Writes the result of a job to blobs, which are still to be settled.

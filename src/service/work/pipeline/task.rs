@@ -1,6 +1,7 @@
 //! A mesh on its way through the device, and the results after it.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use tesserae_mesh::device::{Cancel, Device};
 use tesserae_mesh::error::{Error, Result};
@@ -48,8 +49,10 @@ impl Task {
 
     /// What a device has to do with it.
     pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
-        let _working = metrics.device_works();
-        job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row)
+        let started = Instant::now();
+        let clustered = job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row);
+        metrics.families.device_busy.inc_by(started.elapsed().as_secs_f64());
+        clustered
     }
 }
 

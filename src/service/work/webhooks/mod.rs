@@ -46,7 +46,6 @@ const BREATHER: Duration = Duration::from_secs(5);
 
 const SECRET_PREFIX: &str = "whsec_";
 
-/// What is allowed, and how deliveries are signed.
 pub(crate) struct Webhooks {
     targets: Targets,
     /// None where no webhooks are allowed.
@@ -93,7 +92,6 @@ impl Webhooks {
     }
 }
 
-/// Reads the secret that deliveries are signed with.
 fn read_secret(path: &Path) -> Result<Vec<u8>> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| Error::io(format_args!("the secret of webhooks cannot be read: {}", path.display()), error))?;
@@ -150,7 +148,6 @@ impl Teller {
         }
     }
 
-    /// Delivers the end of a job until it is settled.
     async fn deliver(&self, id: JobId) {
         let mut pause = PAUSE;
         // boxed: most tasks wait

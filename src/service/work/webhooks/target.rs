@@ -53,7 +53,6 @@ impl Targets {
         }
     }
 
-    /// Whether a name may lead to that address.
     fn may_reach(&self, address: IpAddr) -> bool {
         is_public(address) || self.addresses.contains(&address.to_canonical())
     }
