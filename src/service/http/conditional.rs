@@ -119,8 +119,8 @@ fn known(asked: &HeaderMap, tag: &str) -> bool {
     values.any(|known| known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag)
 }
 
-/// The bytes of a `Range` header, an empty range where there are none. None for what may be ignored: other units, several
-/// ranges, and nonsense.
+/// The bytes of a `Range` header, an empty range where there are none. None for what may be ignored: other units,
+/// several ranges, and nonsense.
 fn parse(range: &HeaderValue, length: u64) -> Option<Range<u64>> {
     let range = range.to_str().ok()?.strip_prefix("bytes=")?.trim();
     let (first, last) = range.split_once('-')?;

@@ -66,8 +66,8 @@ fn complete(document: &mut openapi::OpenApi) -> serde_json::Result<()> {
     let token = json!({
         "type": "http",
         "scheme": "bearer",
-        "description": "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, \
-                        /readyz, /v1/version and /openapi.yaml",
+        "description": "A token of the operator's; needed where the service runs with tokens, everywhere but at \
+                        /healthz, /readyz, /v1/version and /openapi.yaml",
     });
     components.add_security_scheme("token", serde_json::from_value::<SecurityScheme>(token)?);
     // either without or with one: which of the two is the operator's choice

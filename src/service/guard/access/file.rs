@@ -65,7 +65,8 @@ impl Tokens {
         let mode = std::fs::metadata(path).map_err(cannot)?.permissions().mode();
         if mode & 0o002 != 0 {
             return Err(Error::parameter(format_args!(
-                "every user of this machine can write to the file of tokens, and so make a token: run `chmod 600` on {}",
+                "every user of this machine can write to the file of tokens, and so make a token: run `chmod 600` on \
+                 {}",
                 path.display()
             )));
         }

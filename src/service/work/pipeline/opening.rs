@@ -62,9 +62,9 @@ pub(super) fn open(
     }
 }
 
-/// Reads a mesh, on all threads once it has its memory, for which a blocking thread waits until the job is `broken_off`.
-/// A thread for small meshes, which gives none, does not wait, as others may wait for it: it gives back what reads the
-/// mesh, and its memory, if that is not small.
+/// Reads a mesh, on all threads once it has its memory, for which a blocking thread waits until the job is
+/// `broken_off`. Without that, it gives back what reads the mesh, and its memory, if that is not small: what a thread
+/// for small meshes waits for may itself wait for such a thread.
 pub(super) fn open_with<F>(
     open: F,
     memory: Reading,

@@ -69,8 +69,8 @@ impl Pipeline {
         Ok(outcome)
     }
 
-    /// From labels to files, or where the result is small to blobs for the end of the job, without which nothing counts.
-    /// Must not be dropped in the middle: it would go on, and leave files of no job.
+    /// From labels to files, or to blobs where all of the result is small. They mean nothing until the job has ended
+    /// with them. Must not be dropped in the middle: it would go on, and leave files of no job.
     pub(super) async fn write(
         &self,
         slot: &Slot,
