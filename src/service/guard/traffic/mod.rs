@@ -23,14 +23,13 @@ use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
 use http_body_util::BodyExt as _;
 use tesserae_mesh::error::{Error, Kind};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use self::counts::{Counted, Counts};
 use crate::guard::access::{Access, Caller};
-use crate::guard::problem::Failure;
+use crate::guard::problem::{Answer, Failure};
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::trace::Origin;
 use crate::settings::{Settings, TrafficSettings};
@@ -85,31 +84,27 @@ impl Traffic {
 
 /// Finds the caller, and lets the request through when neither that client nor the service is over a limit. The permits
 /// of a request are held until its answer was sent.
-pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Request, next: Next) -> Response {
+pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Request, next: Next) -> Answer {
     if PROBES.contains(&request.uri().path()) {
         request.extensions_mut().insert(Caller::anybody());
-        return next.run(request).await;
+        return Ok(next.run(request).await);
     }
     traffic.faults.pass(FaultPoint::Request);
-    match check(&traffic, &request) {
-        Ok((caller, held)) => {
-            if let Some(tenant) = &caller.tenant {
-                tracing::Span::current().record("tenant", &tenant.name);
-            }
-            request.extensions_mut().insert(caller.clone());
-            // the closure owns what is held, which so ends with the body
-            let mut response = next.run(request).await.map(|body| {
-                Body::new(body.map_err(move |error| {
-                    let _held_with_the_body = &held;
-                    error
-                }))
-            });
-            // for the layers further out, which count and log the request
-            response.extensions_mut().insert(caller);
-            response
-        }
-        Err(failure) => failure.into_response(),
+    let (caller, held) = check(&traffic, &request)?;
+    if let Some(tenant) = &caller.tenant {
+        tracing::Span::current().record("tenant", &tenant.name);
     }
+    request.extensions_mut().insert(caller.clone());
+    // the closure owns what is held, which so ends with the body
+    let mut response = next.run(request).await.map(|body| {
+        Body::new(body.map_err(move |error| {
+            let _held_with_the_body = &held;
+            error
+        }))
+    });
+    // for the layers further out, which count and log the request
+    response.extensions_mut().insert(caller);
+    Ok(response)
 }
 
 /// The permits of a request: its client's, and one of all streams.

@@ -20,14 +20,12 @@ use axum::response::{IntoResponse, Response};
 use tesserae_mesh::error::{Error, Kind, Quoted, Result};
 use tower_http::csrf::ProtectionError;
 
-use crate::guard::problem::Failure;
+use crate::guard::problem::{Answer, Failure};
 
 /// Answers requests with a name in `Host`.
-pub(crate) async fn check(request: Request, next: Next) -> Response {
-    match check_hosts(&request) {
-        Ok(()) => next.run(request).await,
-        Err(error) => Failure::from(error).into_response(),
-    }
+pub(crate) async fn check(request: Request, next: Next) -> Answer {
+    check_hosts(&request)?;
+    Ok(next.run(request).await)
 }
 
 /// The answer to a request that changes something, of a page of another origin.

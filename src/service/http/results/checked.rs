@@ -52,7 +52,6 @@ pub(crate) async fn open(shared: &Shared, job: &Job, name: &str) -> Result<Check
     let mut check = Check::of(shared, job, name)?;
     let blob =
         check.found(shared, job_blobs::result(&shared.files, shared.store.as_ref(), job, name, None).await).await?;
-    check.length(&blob)?;
     if check.expected.bytes > HELD as u64 {
         return Ok(Checked { blob, check });
     }
@@ -81,9 +80,7 @@ pub(crate) async fn part(shared: &Shared, job: &Job, name: &str, range: GetRange
         return Blob::held(&open(shared, job, name).await?.blob.bytes().await?, Some(range));
     }
     let found = job_blobs::result(&shared.files, shared.store.as_ref(), job, name, Some(range)).await;
-    let blob = check.found(shared, found).await?;
-    check.length(&blob)?;
-    Ok(blob)
+    check.found(shared, found).await
 }
 
 impl Checked {
@@ -140,20 +137,17 @@ impl Check {
         Ok(Self { job: job.id, name, expected, sha256: Sha256::new(), files })
     }
 
-    /// A blob that is not there although its job is, is damaged.
+    /// A blob of the right length. One that is not there although its job is, is damaged.
     async fn found(&self, shared: &Shared, found: Result<Blob>) -> Result<Blob> {
-        match found {
+        let blob = match found {
             Err(error) if error.kind == Kind::NotFound && shared.store.get(self.job).await?.is_some() => {
-                Err(self.files.damaged(self.job, &self.name, "it is not there"))
+                return Err(self.files.damaged(self.job, &self.name, "it is not there"));
             }
-            found => found,
-        }
-    }
-
-    fn length(&self, blob: &Blob) -> Result<()> {
+            found => found?,
+        };
         let (found, expected) = (blob.whole_length(), self.expected.bytes);
         match found == expected {
-            true => Ok(()),
+            true => Ok(blob),
             false => {
                 Err(self.files.damaged(self.job, &self.name, format_args!("it has {found} bytes, not {expected}")))
             }
