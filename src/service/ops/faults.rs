@@ -32,8 +32,9 @@ const ABORT_AT: &str = "TEST_ABORT_AT_FILE";
 #[derive(Debug, Clone, Default)]
 pub struct Faults {
     armed: Arc<Mutex<Vec<Armed>>>,
-    /// Points that are held, with the number of threads that wait there, and what wakes these.
-    held: Arc<(Mutex<Vec<(FaultPoint, usize)>>, Condvar)>,
+    /// Points that are held, with the number of threads that wait there.
+    held: Arc<Mutex<Vec<(FaultPoint, usize)>>>,
+    released: Arc<Condvar>,
 }
 
 #[derive(Debug)]
@@ -54,19 +55,19 @@ impl Faults {
     /// From now on, every thread that reaches `point` waits there. [`FaultPoint::Request`] is on threads of
     /// the runtime: to hold it, a test needs threads of its own.
     pub fn hold(&self, point: FaultPoint) {
-        self.held.0.lock().push((point, 0));
+        self.held.lock().push((point, 0));
     }
 
     /// Number of threads that wait at a point.
     pub fn waiting(&self, at: FaultPoint) -> usize {
-        self.held.0.lock().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
+        self.held.lock().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
     }
 
     /// Ends all faults and all waits.
     pub fn disarm(&self) {
         self.armed.lock().clear();
-        self.held.0.lock().clear();
-        self.held.1.notify_all();
+        self.held.lock().clear();
+        self.released.notify_all();
     }
 
     /// Aborts the process when [`ABORT_AT`] names this file, as a mesh would that takes all memory.
@@ -82,13 +83,12 @@ impl Faults {
         if !cfg!(debug_assertions) {
             return;
         }
-        let (points, changed) = &*self.held;
-        let mut points = points.lock();
-        if let Some((_, waiting)) = points.iter_mut().find(|(point, _)| *point == at) {
+        let mut held = self.held.lock();
+        if let Some((_, waiting)) = held.iter_mut().find(|(point, _)| *point == at) {
             *waiting += 1;
         }
-        while points.iter().any(|(point, _)| *point == at) {
-            changed.wait(&mut points);
+        while held.iter().any(|(point, _)| *point == at) {
+            self.released.wait(&mut held);
         }
     }
 
