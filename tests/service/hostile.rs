@@ -62,6 +62,22 @@ async fn a_client_that_waits_for_leave_is_refused_before_it_sends() {
     assert!(!answer.contains("100 Continue"), "{answer}");
 }
 
+/// A client that sends its next request on a connection that ends finds no answer, and does not know whether to send
+/// it again.
+#[tokio::test]
+async fn the_answer_to_a_refused_request_with_a_body_says_that_its_connection_ends() {
+    let service = small().await;
+    let closes = async |request: reqwest::RequestBuilder| {
+        let response = request.send().await.expect("answered");
+        (response.status().as_u16(), response.headers().get("connection").is_some_and(|value| value == "close"))
+    };
+    let post = |query: &str| service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
+    assert_eq!(closes(post("clusters=1").body(b"# x\n".repeat(100_000))).await, (413, true));
+    assert!(!closes(post("clusters=1")).await.1);
+    assert!(!closes(service.get("/v1/jobs/none")).await.1);
+    assert_eq!(closes(post("clusters=1").body("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")).await, (202, false));
+}
+
 #[tokio::test]
 async fn a_client_that_hangs_up_leaves_nothing() {
     let service = Service::start().await;

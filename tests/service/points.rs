@@ -121,6 +121,7 @@ async fn what_points_or_meshes_do_not_have_is_refused_before_there_is_a_job() {
         ("clusters=4&graph=knn:6", &[("points", &flat), ("graph", &flat)], "scipy.sparse.save_npz"),
         ("clusters=4&graph=g.npz", &[("points", &flat)], "with a part named graph"),
         ("clusters=4&graph=knn:6", &[("points", &image)], "goes with arrays, not with images"),
+        ("clusters=4&compactness=nan", &[("points", &image)], "compactness must be from 0.001 to 1000000"),
         ("clusters=4", &[("points", &image), ("weights", &flat)], "goes with arrays, not with images"),
         ("algorithm=pml", &[("points", &image)], "clusters is missing"),
         ("clusters=4&outputs=means.png", &[("points", &flat)], "means.png is made of an image"),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use axum::Router;
+use axum::body::HttpBody as _;
 use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
@@ -73,15 +74,19 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
 }
 
 /// Counts answers, and adds the headers that every answer has: browsers must not guess types, show answers as pages, or
-/// cache the data of a tenant. A route may set its own content security policy and caching.
+/// cache the data of a tenant. A route may set its own content security policy and caching. The connection of a refused
+/// request with a body ends after the answer, since the rest of the body may not have been read.
 async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
     let started = Instant::now();
-    let method = request.method().clone();
+    let (method, has_body) = (request.method().clone(), !request.body().is_end_stream());
     let mut response = next.run(request).await;
     let route = response.extensions().get().map_or("none", MatchedPath::as_str);
     let status = response.status().as_u16();
     metrics.answered(&method, route, status, started.elapsed());
     let headers = response.headers_mut();
+    if has_body && status >= 400 {
+        headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
     for (name, value) in [
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::X_FRAME_OPTIONS, "DENY"),
