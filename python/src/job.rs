@@ -8,7 +8,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use serde_json::{Map, Value};
 use tesserae_mesh::artifacts::{Artifact, MESH};
-use tesserae_mesh::data::image::{self, Image, USUAL_COMPACTNESS};
+use tesserae_mesh::data::image::{self, Image};
 use tesserae_mesh::data::{Csr, Graph, PointSet, USUAL_NEIGHBOURS};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::device::select::DeviceChoice;
@@ -139,7 +139,7 @@ impl Job {
         reporter: &Reporter,
     ) -> Result<Outcome> {
         let clusters = self.parameters.clusters.unwrap_or(0);
-        let compactness = self.parameters.compactness.unwrap_or(USUAL_COMPACTNESS);
+        let compactness = image::compactness(self.parameters.compactness);
         self.cluster_points(image::superpixels(image, mask, clusters, compactness)?, begin, cancel, reporter)
     }
 

@@ -9,7 +9,8 @@ use crate::union_find::root;
 pub(super) fn check_range(faces: u32, roots: u32, clusters: u64) -> Result<()> {
     if clusters > u64::from(faces) || clusters < u64::from(roots) {
         return Err(Error::parameter(format_args!(
-            "{} must be between the {roots} that the hierarchy ends with and the {faces} that it begins with: {clusters}",
+            "{} must be between the {roots} that the hierarchy ends with and the {faces} that it begins with: \
+             {clusters}",
             Name::CLUSTERS
         )));
     }

@@ -43,7 +43,7 @@ fn meshes_are_read_in_proportion_to_their_bytes() {
 fn meshes_are_prepared_in_proportion_to_their_bytes() {
     let _others = with_others();
     // a strip has a face a byte, and a face takes 1 µs
-    let (sizes, bound) = (SIZES.map(|bytes| bytes / 8), Bound { for_each_mib: Duration::from_millis(1200) });
+    let (sizes, bound) = (SIZES.map(|bytes| bytes / 8), Bound { for_each_mib: Duration::from_millis(2400) });
     let costs = MESHES.iter().map(|&(name, format, make)| {
         let cost = Cost::of(sizes, bound, make, |bytes| on_one_thread(|| prepare(bytes, format, None, None)));
         (format!("{}: {name}", format.name()), cost)

@@ -27,8 +27,8 @@ pub struct Bound {
     pub for_each_mib: Duration,
 }
 
-/// What every input may take.
-pub const BOUND: Bound = Bound { for_each_mib: Duration::from_millis(100) };
+/// What every input may take: about twice what the slowest takes on a slow machine.
+pub const BOUND: Bound = Bound { for_each_mib: Duration::from_millis(200) };
 
 /// Processor time of two inputs.
 #[derive(Debug, Clone, Copy)]

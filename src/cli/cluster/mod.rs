@@ -59,7 +59,7 @@ pub struct Arguments {
 
     /// Number of clusters; of several, K1,K2,…, each gives a result
     ///
-    /// It may be left out when seeds are listed, and for hierarchies, which then go to the top.
+    /// It may be left out when seeds of a mesh or an array are listed, and for hierarchies, which then go to the top.
     #[arg(long, short = 'k', value_name = "K", value_delimiter = ',', allow_negative_numbers = true,
           help_heading = heading::CLUSTERS)]
     clusters: Vec<u64>,
