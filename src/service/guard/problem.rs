@@ -31,7 +31,7 @@ pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(crate) const ENCODINGS: &str = "gzip, zstd, identity";
 
-/// Seconds after which a client may repeat a request that failed for now.
+/// `Retry-After` of errors that pass, in seconds.
 const RETRY_AFTER: u32 = 5;
 
 /// Longest path of a request that is logged or sent back, in bytes.

@@ -160,10 +160,15 @@ fn operation_of(artifact: &Artifact) -> Value {
         ["format", "clusters"].contains(&name) || artifact.choices.iter().any(|choice| choice.name() == name)
     };
     let parameters = DerivedQuery::into_params(|| Some(ParameterIn::Query)).into_iter();
-    let parameters: Vec<Parameter> = parameters.filter(|parameter| applies(&parameter.name)).collect();
-    let formats: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
-    operation["parameters"] = json!(parameters);
-    operation["parameters"][0]["schema"] = json!({ "type": "string", "enum": formats });
+    let parameters = parameters.filter(|parameter| applies(&parameter.name)).map(|parameter: Parameter| {
+        let mut parameter = json!(parameter);
+        if parameter["name"] == "format" {
+            let formats: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
+            parameter["schema"] = json!({ "type": "string", "enum": formats });
+        }
+        parameter
+    });
+    operation["parameters"] = parameters.collect();
     operation
 }
 

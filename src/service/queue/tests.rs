@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 
-use self::history::{RULES, Step, histories, play};
+use self::history::{New, RULES, Step, Stored, histories, play, state};
 use self::model::{Altered, Model, claiming};
 use super::{Change, Picks, Refused, Standing, State, Suspect, Tenant, Turn, View, Waiting, claim, crashed};
 
@@ -145,4 +145,36 @@ fn a_job_is_claimed_once_blamed_alone_and_begins_anew_with_a_retry() {
     let (again, _) = apply(failed, Change::Retry).expect("it failed");
     assert_eq!((again.uncounted, again.suspicion, again.not_before), (again.attempt, 1, Some(now())));
     assert!(!again.cancel_requested && !again.has_begun);
+}
+
+/// On a worker that is never idle: jobs take 40 seconds, and one is claimed every 20.
+#[test]
+fn a_late_killer_among_many_jobs_is_given_up_and_they_are_not() {
+    let busy = async {
+        let mut model = Model::new(1, Altered::Nothing);
+        let mut running = Vec::new();
+        let new = |tenant| New { tenant, priority: 0, is_small: true, kills_after: None };
+        model.create(new("a")).await;
+        for round in 0..1000 {
+            model.create(new("b")).await;
+            let claimed = model.claim(0, 1, 0).await;
+            running.extend(claimed.into_iter().map(|(job, attempt)| (job, attempt, round)));
+            model.wait(20).await;
+            if running.iter().any(|(job, _, start)| *job == 0 && start + 5 == round) {
+                running.clear();
+                model.crash(0).await;
+            }
+            for (job, attempt, _) in running.extract_if(.., |(job, _, start)| *job > 0 && *start < round) {
+                assert!(model.change(job, Change::End { attempt, state: State::Succeeded, problem: None }).await);
+            }
+        }
+        let mut states = Vec::new();
+        for job in 0..600 {
+            states.push(state(&model.events(job).await));
+        }
+        states
+    };
+    let states = busy.now_or_never().expect("the model does not wait");
+    assert_eq!(states[0], State::Failed);
+    assert!(states[1..].iter().all(|state| *state == State::Succeeded), "{states:?}");
 }

@@ -76,7 +76,7 @@ pub fn standing(row: &Row) -> Result<Standing> {
 
 const FIND: &str = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
 
-/// All but what a claim changes.
+/// Without what claims alone change: the attempt, its start and its worker's name.
 const SAVE: &str = "UPDATE jobs SET state = $2, uncounted = $3, begun = $4, suspicion = $5, not_before = $6, \
     lease_until = $7, cancel_requested = $8, worker_id = $9, last_seq = $10, ends = $11, problem = $12, \
     summary = $13, ended_at = $14, progress = coalesce($15, progress) WHERE number = $1";

@@ -8,6 +8,7 @@ use axum::http::header;
 use axum::response::Response;
 use futures_util::future::BoxFuture;
 use object_store::GetRange;
+use parking_lot::Mutex;
 use tesserae_mesh::artifacts::{HIERARCHY, LABELS, Need};
 use tesserae_mesh::error::{Error, Kind, Result};
 
@@ -74,17 +75,25 @@ pub(crate) async fn stored(
     from: u64,
     media_type: &'static str,
 ) -> Result<Response> {
-    let whole = match of {
-        Of::Upload => job_blobs::upload(&shared.files, shared.store.as_ref(), job, name, None).await?.length(),
-        Of::Result => checked::expected(job, name)?.bytes,
+    let (whole, upload) = match of {
+        Of::Upload => {
+            let blob = job_blobs::upload(&shared.files, shared.store.as_ref(), job, name, None).await?;
+            (blob.length(), Some(blob))
+        }
+        Of::Result => (checked::expected(job, name)?.bytes, None),
     };
+    let upload = Mutex::new(upload);
     let length = whole.saturating_sub(from);
     let (shared, job, name) = (Arc::clone(shared), job.clone(), name.to_owned());
     let open = move |range: Option<Range<u64>>| -> BoxFuture<'static, Result<Body>> {
         let (shared, job, name) = (Arc::clone(&shared), job.clone(), name.clone());
         let range = range.filter(|range| *range != (0..length));
         let range = range.map(|range| GetRange::Bounded(from + range.start..from + range.end));
+        let opened = upload.lock().take().filter(|_| range.is_none());
         Box::pin(async move {
+            if let Some(upload) = opened {
+                return Ok(upload.into_body());
+            }
             let blob = match (of, range) {
                 (Of::Upload, range) => {
                     job_blobs::upload(&shared.files, shared.store.as_ref(), &job, &name, range).await

@@ -270,7 +270,7 @@ impl<S: Stored> Play<'_, S> {
 }
 
 /// The state that the events of a job give.
-fn state(events: &[Event]) -> State {
+pub fn state(events: &[Event]) -> State {
     let (mut state, mut attempts) = (None, 0);
     for event in events {
         state = Some(match (state, event) {

@@ -14,6 +14,20 @@ pub(super) async fn a_new_job_is_as_it_was_created(store: &Store) {
     assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::State(State::Queued) }]);
 }
 
+pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
+    let first = create(store).await;
+    let second = create(store).await;
+    let (ticket, job) = claim(store).await;
+    assert_eq!((ticket.job, job.id), (first.id, first.id));
+    assert_eq!((job.state, job.queue_position), (State::Running, None));
+    assert!(job.started_at.is_some());
+    assert_eq!((&first.worker, job.worker.as_deref()), (&None, Some("test")));
+    assert_eq!(get(store, second.id).await.queue_position, Some(1));
+    assert_eq!(claim(store).await.0.job, second.id);
+    assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
+    assert_eq!(store.counts().await.expect("counted"), [0, 2, 0, 0, 0]);
+}
+
 pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &Store) {
     let mut ids = Vec::new();
     for (tenant, priority) in [("a", -100), ("a", 0), ("a", 0), ("a", 100), ("b", 50)] {
@@ -108,6 +122,17 @@ pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &Store) {
         assert_eq!(finished.expect_err("stale").kind, Kind::Conflict);
         assert_eq!((get(store, id).await, events(store, id, 0, 99).await), before);
     }
+}
+
+pub(super) async fn a_queued_job_is_cancelled_at_once(store: &Store) {
+    let first = create(store).await.id;
+    let second = create(store).await.id;
+    let cancelled = store.cancel(first).await.expect("asked").expect("a job");
+    assert_eq!(cancelled.state, State::Cancelled);
+    assert_eq!(get(store, first).await, cancelled);
+    assert_eq!(get(store, second).await.queue_position, Some(1));
+    assert_eq!(claim(store).await.0.job, second);
+    assert_eq!(events(store, first, 1, 9).await[0].what, What::End(State::Cancelled, None));
 }
 
 pub(super) async fn a_running_job_is_asked_to_end(store: &Store) {

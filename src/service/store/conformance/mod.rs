@@ -42,11 +42,13 @@ pub(crate) trait Subject {
 pub(crate) async fn run(subject: &impl Subject) {
     let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
     life::a_new_job_is_as_it_was_created(&make(9).await).await;
+    life::jobs_are_claimed_in_order_and_once(&make(9).await).await;
     life::a_full_queue_refuses_until_a_job_starts(&make(2).await).await;
     life::a_tenant_has_no_more_waiting_jobs_than_it_may(&make(9).await).await;
     life::events_are_numbered_and_read_from_anywhere(&make(9).await).await;
     life::every_end_is_told(&make(9).await).await;
     life::a_ticket_that_is_over_writes_nothing(&make(9).await).await;
+    life::a_queued_job_is_cancelled_at_once(&make(9).await).await;
     life::a_running_job_is_asked_to_end(&make(9).await).await;
     life::an_ended_job_cannot_be_cancelled_and_can_be_deleted(&make(9).await).await;
     life::small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(&make(9).await).await;

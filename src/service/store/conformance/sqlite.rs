@@ -84,6 +84,30 @@ async fn a_failed_commit_is_told_loses_nothing_and_passes() {
     assert_eq!(store.statistics().failures, 3);
 }
 
+#[tokio::test]
+async fn the_disk_gets_the_pages_of_deleted_jobs_back() {
+    let (_folder, path) = in_a_folder();
+    let store = open(&path).await;
+    let mut jobs = Vec::new();
+    for _ in 0..10 {
+        let mut job = new_job();
+        job.spec.buffers = vec!["x".repeat(1 << 20)];
+        jobs.push(job.id);
+        store.create(job).await.expect("created");
+    }
+    for id in jobs {
+        store.cancel(id).await.expect("cancelled");
+        assert_eq!(store.delete(id).await, Ok(Deletion::Deleted));
+    }
+    let bytes = || path.metadata().expect("there").len();
+    assert!(bytes() > 8 << 20, "{} bytes", bytes());
+    for _ in 0..5 {
+        store.give_back().await.expect("given back");
+    }
+    assert!(bytes() < 1 << 20, "{} bytes", bytes());
+    store.close().await;
+}
+
 /// The database itself says that there is no room, as on a full disk.
 #[tokio::test]
 async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
