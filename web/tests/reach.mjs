@@ -6,7 +6,7 @@ import { accessible, alone, drawn, idOf, picture, sample, submit, succeeded, tex
 import { slowness } from "./yardstick.mjs";
 
 /** Most time of processors from the address of a job of 1,070,000 faces to its first frame; see yardstick.mjs. */
-const LARGE_MS = 4500;
+const LARGE_MS = 3000;
 
 /** Presses Tab until an element has the focus. */
 async function tabTo(page, selector, key = "Tab") {
