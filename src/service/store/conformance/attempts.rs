@@ -8,12 +8,15 @@ pub(super) async fn a_released_job_runs_again_in_its_place(store: &Store) {
     let mut arrivals = store.arrivals();
     let (ticket, _) = claim(store).await;
     let row = vec![What::Iteration("{}".to_owned())];
-    store.append(ticket, row, Progress::default()).await.expect("appended");
+    store.append(ticket, row.clone(), Progress::default()).await.expect("appended");
     arrivals.borrow_and_update();
     assert_eq!(store.release(ticket, Release::Free).await, Ok(State::Queued));
     assert!(arrivals.has_changed().expect("still there"), "a worker is told");
     assert_eq!(get(store, first).await.queue_position, Some(1));
     assert_eq!(get(store, second).await.queue_position, Some(2));
+    for stale in [store.finish(ticket, End::Cancelled).await, store.append(ticket, row, Progress::default()).await] {
+        assert_eq!(stale.expect_err("released").kind, Kind::Conflict);
+    }
     assert_eq!(store.release(ticket, Release::Free).await.expect_err("released").kind, Kind::Conflict);
 
     let claimed = store.claim(9, LEASE).await.expect("claimable");
