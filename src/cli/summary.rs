@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Display};
 
+use tesserae_mesh::data::Format;
 use tesserae_mesh::remesh::Summary;
 use tesserae_mesh::report::{Input, Report};
 
@@ -65,6 +66,8 @@ pub struct SummaryRow {
     pub faces: u64,
     /// Whether these are items of points.
     pub are_items: bool,
+    /// Whether they are of an image.
+    pub are_pixels: bool,
     /// Clusters; none of a whole hierarchy.
     pub clusters: Option<u64>,
     /// The largest cluster.
@@ -90,6 +93,10 @@ impl SummaryRow {
             name,
             faces: report.input.items(),
             are_items: matches!(report.input, Input::Points(_)),
+            are_pixels: match &report.input {
+                Input::Points(points) => points.format.is_some_and(Format::is_image),
+                Input::Mesh(_) => false,
+            },
             clusters: labels.map(|_| report.clusters),
             balance: labels.and_then(|labels| Balance::of(labels, report.clusters)),
             energy: report.energy.final_.filter(|_| labels.is_some()),

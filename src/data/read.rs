@@ -2,6 +2,7 @@
 
 use super::npy::{self, Array};
 use super::{Csr, Graph, PointSet, Values, npz};
+use crate::error::names::Name;
 use crate::error::{Error, Result};
 
 /// Element types of coordinates.
@@ -74,7 +75,9 @@ impl<'a> Arrays<'a> {
         let Some((&dimensions, shape)) = self.x.shape.split_last().filter(|(_, shape)| is_grid || shape.len() == 1)
         else {
             return Err(Error::parameter(format_args!(
-                "points must be an array of items × columns, as X.reshape(-1, d) makes it, not of the shape: {:?}",
+                "points must be an array of items × columns, as X.reshape(-1, d) makes it, or a grid of 2 or 3 \
+                 dimensions × columns ({} grid), not of the shape: {:?}",
+                Name::GRAPH,
                 self.x.shape
             )));
         };

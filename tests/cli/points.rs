@@ -97,6 +97,19 @@ fn edges_of_a_sparse_matrix_are_those_of_the_nearest_neighbours_that_it_lists() 
 }
 
 #[test]
+fn a_run_that_writes_nothing_advises_what_points_and_images_have() {
+    let folder = Folder::new();
+    folder.write("x.npy", npy("(12, 20, 3)", &values(12, 20)));
+    let points = run(&folder, "cluster x.npy -k 6 --graph grid");
+    assert!(points.ends_with("nothing was written: add -o x.npy (labels)\n"), "{points}");
+    run(&folder, "cluster x.npy -k 6 --graph grid -o i.png");
+    let image = run(&folder, "cluster i.png -k 6");
+    let advice = "nothing was written: add -o i-labels.png (labels) or --means i-means.png (to look at)\n";
+    assert!(image.ends_with(advice), "{image}");
+    run(&folder, "cluster i.png -k 6 -o i-labels.png --means i-means.png");
+}
+
+#[test]
 fn what_points_do_not_have_is_refused() {
     let folder = Folder::new();
     folder.sample("quads", 400, "q.obj");
@@ -105,7 +118,7 @@ fn what_points_do_not_have_is_refused() {
     for (command, words) in [
         ("cluster x.npy -k 4 --graph grid --mesh m.glb", "--mesh is made of a mesh, and these are points"),
         ("cluster x.npy -k 4 --graph grid --remesh m.ply", "--remesh is made of a mesh"),
-        ("cluster x.npy -k 4 -o l.npy", "items × columns"),
+        ("cluster x.npy -k 4 -o l.npy", "items × columns, as X.reshape(-1, d) makes it, or a grid"),
         ("cluster flat.npy -k 4 --graph grid -o l.npy", "2 or 3 dimensions"),
         ("cluster flat.npy -k 4 --graph knn:0 -o l.npy", "from 1 to 64"),
         ("cluster flat.npy -k 4 --graph q.obj -o l.npy", "--graph must be knn, knn:Q, grid, grid:full or FILE.npz"),

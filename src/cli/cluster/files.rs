@@ -12,6 +12,7 @@ use crate::files::Target;
 use crate::inputs::MeshFile;
 use crate::patterns::{CLUSTERS, NAME};
 use crate::results::OutputFile;
+use crate::summary::SummaryRow;
 
 /// The files of a mesh.
 pub struct Files {
@@ -107,7 +108,7 @@ pub fn check_patterns(arguments: &Arguments, meshes: usize) -> Result<(), String
 }
 
 /// How to write something, where nothing was.
-pub fn advice(arguments: &Arguments) -> String {
+pub fn advice(arguments: &Arguments, rows: &[SummaryRow]) -> String {
     let meshes = arguments.meshes.files();
     let name = match &meshes[..] {
         [mesh] => mesh.stem().to_string_lossy().into_owned(),
@@ -118,6 +119,10 @@ pub fn advice(arguments: &Arguments) -> String {
     let examples = match LABELS.lacks(&first) {
         Some(Need::Labels) => format!("-o {name}.tsr (the hierarchy)"),
         Some(_) => format!("--remesh {name}.ply"),
+        None if rows.iter().any(|row| row.are_pixels) => {
+            format!("-o {name}-labels.png (labels) or --means {name}-means.png (to look at)")
+        }
+        None if rows.iter().any(|row| row.are_items) => format!("-o {name}.npy (labels)"),
         None => format!("-o {name}.npy (labels) or -o {name}.glb (to look at)"),
     };
     format!("nothing was written: add {examples}")

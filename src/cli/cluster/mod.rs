@@ -158,7 +158,7 @@ fn summarise(arguments: &Arguments, rows: &[SummaryRow]) -> Result<(), Failure> 
         rows => table(rows),
     };
     if arguments.outputs.are_none() {
-        lines.push(files::advice(arguments));
+        lines.push(files::advice(arguments, rows));
     }
     match arguments.outputs.use_stdout() {
         true => lines.iter().for_each(|line| say(line)),
