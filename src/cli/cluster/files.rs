@@ -119,10 +119,10 @@ pub fn advice(arguments: &Arguments, rows: &[SummaryRow]) -> String {
     let examples = match LABELS.lacks(&first) {
         Some(Need::Labels) => format!("-o {name}.tsr (the hierarchy)"),
         Some(_) => format!("--remesh {name}.ply"),
-        None if rows.iter().any(|row| row.are_pixels) => {
-            format!("-o {name}-labels.png (labels) or --means {name}-means.png (to look at)")
-        }
-        None if rows.iter().any(|row| row.are_items) => format!("-o {name}.npy (labels)"),
+        None if rows.iter().any(|row| row.are_items) => match rows.iter().all(|row| row.are_pixels) {
+            true => format!("-o {name}-labels.png (labels) or --means {name}-means.png (to look at)"),
+            false => format!("-o {name}.npy (labels)"),
+        },
         None => format!("-o {name}.npy (labels) or -o {name}.glb (to look at)"),
     };
     format!("nothing was written: add {examples}")
