@@ -174,9 +174,9 @@ pub struct Energy {
     /// faces; null where that difference leaves less than half of the tiling's energy, and where `weighted_by` is not
     /// empty, and of `l21`.
     pub hexagon_ratio: Option<f64>,
-    /// L2,1 of the final labels, whatever the functional: the sum over faces of area × squared distance between the
-    /// unit normal and the direction of its cluster's mean normal, over the squared diagonal of the bounding box
-    /// (Cohen-Steiner et al. 2004). Null for points.
+    /// L2,1 of the final labels: the sum over faces of area × squared distance between the unit normal and the
+    /// direction of its cluster's mean normal, over the squared diagonal of the bounding box (Cohen-Steiner et al.
+    /// 2004). Null for cvd.
     pub l21: Option<f64>,
 }
 

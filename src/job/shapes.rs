@@ -147,6 +147,7 @@ impl Shaped {
     /// Refuses numbers of clusters that the mesh cannot have.
     pub(super) fn new(surface: Surface, mesh: MeshView<'_>, clustering: &Clustering) -> Result<Self> {
         let corners = surface.corners(mesh);
+        let surface = rayon::scope(|_| surface.with_normals(mesh));
         let samples = rayon::scope(|_| surface.samples(&corners));
         let mut shaped = Self { surface, samples, corners, target: None };
         shaped.replan(clustering)?;

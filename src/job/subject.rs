@@ -103,7 +103,7 @@ impl Subject {
             return Ok(Self::Shapes(Box::new(shaped.map_err(Refusal::of(InputFile::Mesh))?)));
         }
         if spec.energy.is_of_normals() {
-            let surface = surface.seen_by(spec.moves());
+            let surface = surface.with_normals(mesh).seen_by(spec.moves());
             let plan = plan(&surface.items, &spec.clustering)?;
             return Ok(Self::Normals(Box::new(surface), plan));
         }

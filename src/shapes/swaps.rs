@@ -177,7 +177,7 @@ mod tests {
     #[test]
     fn two_patches_in_one_cluster_and_one_in_two_change_places() {
         let (mesh, truth) = generate_part(1500, 0.0).expect("a part");
-        let surface = Surface::build(&mesh).expect("a surface");
+        let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
         let samples = surface.samples(&surface.corners((&mesh).into()));
         let faces = Faces { graph: &surface.graph, samples: &samples };
         let prices = Prices::of(faces.graph, 13, surface.on_lattice(|_| 3e-4));

@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Surface;
-use super::lattice::{COORDINATE_BITS, FaceGeometry, PIECE};
+use super::lattice::{COORDINATE_BITS, PIECE};
 use super::of_faces::OfFaces;
 
 /// Figures of a clustering.
@@ -18,7 +19,7 @@ pub struct Figures {
     /// where such a tiling is no measure: with a density, of points, and of energies by normals.
     pub hexagon_ratio: Option<f64>,
     /// L2,1 (Cohen-Steiner et al. 2004), Σ area·|n − N|² with N the direction of the mean normal of the cluster, where
-    /// the diagonal of the bounding box has length 1. None of points.
+    /// the diagonal of the bounding box has length 1. None where the energy is of places.
     pub l21: Option<f64>,
 }
 
@@ -49,9 +50,9 @@ impl<E: OfFaces> Surface<E> {
 
     /// The figures of labels.
     pub fn figures(&self, labels: &[u32], clusters: usize) -> Figures {
-        let (energy, l21) = rayon::join(|| self.lattice_energy(labels, clusters), || self.l21(labels, clusters));
+        let energy = self.lattice_energy(labels, clusters);
         let hexagon_ratio = self.tiling(clusters).map(|tiling| energy / tiling);
-        Figures { energy: self.in_source_units(energy), hexagon_ratio, l21 }
+        Figures { energy: self.in_source_units(energy), hexagon_ratio, l21: self.l21(labels, clusters) }
     }
 
     /// A sum of weight × squared lattice length, in units of the finest component, in source units.
@@ -74,21 +75,19 @@ impl<E: OfFaces> Surface<E> {
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
     fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         let proxies = by_cluster(clusters, |range| {
-            let faces = self.faces_in(labels, range.clone());
-            E::source_proxies(faces.map(|(face, label)| (E::position(face), face.area, label)), range.len())
+            let faces = faces_in(labels, range.clone());
+            let point = |(face, label)| (self.position(face), self.geometry[face].area, label);
+            E::source_proxies(faces.map(point), range.len())
         });
-        let term = |(face, &label): (&FaceGeometry, &u32)| {
-            E::source_term(E::position(face), face.area, proxies[label as usize])
+        let term = |(face, &label): (usize, &u32)| {
+            E::source_term(self.position(face), self.geometry[face].area, proxies[label as usize])
         };
-        let pieces = self.geometry.par_chunks(PIECE).zip(labels.par_chunks(PIECE));
-        in_order(pieces.map(|(faces, labels)| faces.iter().zip(labels).map(term).sum()))
+        let pieces = labels.par_chunks(PIECE).enumerate();
+        in_order(pieces.map(|(piece, labels)| (piece * PIECE..).zip(labels).map(term).sum()))
     }
 
-    /// The faces of a range of clusters, and their labels counted from its first.
-    fn faces_in(&self, labels: &[u32], range: Range<u32>) -> impl Iterator<Item = (&FaceGeometry, u32)> + Clone {
-        let first = range.start;
-        let faces = self.geometry.iter().zip(labels);
-        faces.filter(move |(_, label)| range.contains(label)).map(move |(face, &label)| (face, label - first))
+    fn position(&self, face: usize) -> E::Position {
+        E::position(&self.geometry[face], self.normal(face))
     }
 
     /// The energy of a flat tiling that faces of this size can have, lattice units.
@@ -102,19 +101,29 @@ impl<E: OfFaces> Surface<E> {
 
     /// Σ 2·(M − |S|), M the area of a cluster and S its vector area.
     pub fn l21(&self, labels: &[u32], clusters: usize) -> Option<f64> {
-        self.moment_inside_faces?;
+        if self.normals.is_empty() {
+            return None;
+        }
         let figures = by_cluster(clusters, |range| {
-            let mut sums = vec![FaceGeometry::default(); range.len()];
-            for (face, label) in self.faces_in(labels, range) {
-                let sum = &mut sums[label as usize];
-                sum.area += face.area;
-                sum.normal += face.normal;
+            let mut sums = vec![(0.0, DVec3::ZERO); range.len()];
+            for (face, label) in faces_in(labels, range) {
+                let area = self.geometry[face].area;
+                let (sum, vector) = &mut sums[label as usize];
+                *sum += area;
+                *vector += self.normals[face] * area;
             }
-            sums.iter().map(|sum| 2.0 * (sum.area - sum.normal.length()).max(0.0)).collect()
+            sums.iter().map(|(sum, vector)| 2.0 * (sum - vector.length()).max(0.0)).collect()
         });
         let lattice: f64 = figures.into_iter().sum();
         Some(lattice / (self.frame.diagonal * self.frame.diagonal) * self.units.density)
     }
+}
+
+/// The faces of a range of clusters, and their labels counted from its first.
+fn faces_in(labels: &[u32], range: Range<u32>) -> impl Iterator<Item = (usize, u32)> + Clone {
+    let first = range.start;
+    let faces = labels.iter().enumerate().filter(move |(_, label)| range.contains(label));
+    faces.map(move |(face, label)| (face, label - first))
 }
 
 /// The sum of numbers in their order.

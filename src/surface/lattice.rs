@@ -32,21 +32,6 @@ pub struct FaceGeometry {
     pub centroid: DVec3,
     /// Sum of the areas of the fan's triangles; on a surface with density, times the relative density.
     pub area: f64,
-    /// Along the mean normal of the fan's triangles, as long as the area is large; 0 of a point.
-    pub normal: DVec3,
-}
-
-impl FaceGeometry {
-    /// A point of this area.
-    pub fn new(centroid: DVec3, area: f64) -> Self {
-        Self { centroid, area, normal: DVec3::ZERO }
-    }
-
-    /// Multiplies the area by a relative density.
-    pub fn weigh(&mut self, density: f64) {
-        self.area *= density;
-        self.normal *= density;
-    }
 }
 
 impl Frame {
@@ -58,14 +43,13 @@ impl Frame {
         let triangle = |corners: [usize; 3]| Triangle { corners: corners.map(|corner| position(corner).to_array()) };
         if let [_, _, _] = corners {
             let triangle = triangle([0, 1, 2]);
-            let (area, normal) = triangle.area();
-            let geometry = FaceGeometry { centroid: triangle.centroid().into(), area, normal: normal.into() };
-            return (geometry, triangle.moment(area));
+            let area = triangle.area();
+            return (FaceGeometry { centroid: triangle.centroid().into(), area }, triangle.moment(area));
         }
         let fan = (1..corners.len().saturating_sub(1)).map(|corner| triangle([0, corner, corner + 1]));
         let (mut weighted, mut area) = (DVec3::ZERO, 0.0);
         for triangle in fan.clone() {
-            let (of_triangle, _) = triangle.area();
+            let of_triangle = triangle.area();
             weighted += of_triangle * DVec3::from(triangle.centroid());
             area += of_triangle;
         }
@@ -74,11 +58,10 @@ impl Frame {
             false => (0..corners.len()).map(position).sum::<DVec3>() / corners.len() as f64,
         };
         let inside = fan.map(|triangle| {
-            let (area, _) = triangle.area();
+            let area = triangle.area();
             triangle.moment(area) + area * DVec3::from(triangle.centroid()).distance_squared(centroid)
         });
-        let normal = self.vector_area(mesh, face).normalize_or_zero() * area;
-        (FaceGeometry { centroid, area, normal }, inside.sum())
+        (FaceGeometry { centroid, area }, inside.sum())
     }
 
     /// Calls `visit` with each index in `faces` and the centroid of the face there.
@@ -96,12 +79,11 @@ impl Frame {
     pub fn each_face(&self, mesh: MeshView<'_>, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
-            let (area, normal) = triangles.area();
+            let area = triangles.area();
             let moment = triangles.moment(area);
             (0..4).for_each(|lane| {
                 let centroid = DVec3::new(x.0[lane], y.0[lane], z.0[lane]);
-                let normal = DVec3::from(normal.map(|axis| axis.0[lane]));
-                visit(at + lane, FaceGeometry { centroid, area: area.0[lane], normal }, moment.0[lane]);
+                visit(at + lane, FaceGeometry { centroid, area: area.0[lane] }, moment.0[lane]);
             });
         });
         for at in four..faces.len() {
@@ -147,10 +129,15 @@ impl Frame {
     pub fn faces(&self, mesh: MeshView<'_>, density: impl Fn(usize) -> Option<f64>) -> Vec<FaceGeometry> {
         let geometry = |face: usize| {
             let (mut geometry, _) = self.face(mesh, face);
-            geometry.weigh(density(face).unwrap_or(1.0));
+            geometry.area *= density(face).unwrap_or(1.0);
             geometry
         };
         (0..mesh.faces.len()).map(geometry).collect()
+    }
+
+    /// The unit normal of a face; of one that is not flat, the mean normal of its fan; 0 without area.
+    pub fn unit_normal(&self, mesh: MeshView<'_>, face: usize) -> DVec3 {
+        self.vector_area(mesh, face).normalize_or_zero()
     }
 
     /// The vector area of a face: of a flat one, its area along its normal.
@@ -175,13 +162,12 @@ impl<T: Real> Triangle<T> {
         std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / T::from(3.0))
     }
 
-    /// The area, and the normal of that length.
     #[inline]
-    fn area(&self) -> (T, [T; 3]) {
+    fn area(&self) -> T {
         let [a, b, c] = self.corners;
         let (u, v) = (sub(b, a), sub(c, a));
         let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        (square(normal).sqrt() / T::from(2.0), normal.map(|axis| axis / T::from(2.0)))
+        square(normal).sqrt() / T::from(2.0)
     }
 
     /// Second moment of area about the centroid, of a triangle of this area.

@@ -56,6 +56,7 @@ pub use rows::Rows;
 
 use std::ops::{Deref, Range};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::energy::{Energy, Functional};
@@ -78,6 +79,8 @@ pub struct Surface<E: Functional = Energy> {
     pub counts: Counts,
     /// Centroids and areas in f64, internal order: for energies in source units, never for labels.
     geometry: Vec<FaceGeometry>,
+    /// Unit normals, 0 without area, internal order; none where the energy is of places.
+    normals: Vec<DVec3>,
     frame: Frame,
     /// What lies inside the faces and no energy of faces can see, lattice units: Σ area·(|ab|²+|bc|²+|ca|²)/36 over
     /// triangles, and area·|triangle centroid − face centroid|². None of points.
@@ -222,6 +225,7 @@ impl Surface {
             items,
             counts,
             geometry,
+            normals: Vec::new(),
             frame,
             moment_inside_faces,
             has_density: density_unit.is_some(),
@@ -258,9 +262,9 @@ impl Gathered {
                     inside += inside_face;
                     without_area += u64::from(of_face.area <= 0.0);
                     if let Some(density) = density(faces[at] as usize) {
-                        of_face.weigh(density);
+                        of_face.area *= density;
                     }
-                    points[at] = Energy::point(&of_face);
+                    points[at] = lattice::round_centroid(of_face.centroid);
                     geometry[at] = of_face;
                 });
                 (inside, without_area)

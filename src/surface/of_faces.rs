@@ -1,5 +1,7 @@
 //! What energies see of the faces of a mesh.
 
+use glam::DVec3;
+
 use super::items::Units;
 use super::lattice::{FaceGeometry, round_centroid};
 use crate::energy::{Energy, Functional, Normals};
@@ -10,11 +12,11 @@ pub trait OfFaces: Functional {
     /// Whether a flat tiling by hexagons is a measure of it.
     const HAS_TILING: bool;
 
-    /// The point of a face, in units of 2^-`exponent`, before it is rounded.
-    fn position(face: &FaceGeometry) -> Self::Position;
+    /// The point of a face with this unit normal, in units of 2^-`exponent`, before it is rounded.
+    fn position(face: &FaceGeometry, normal: DVec3) -> Self::Position;
 
     /// The same on the lattice.
-    fn point(face: &FaceGeometry) -> Self::Point;
+    fn point(face: &FaceGeometry, normal: DVec3) -> Self::Point;
 
     /// From the lattice to the source.
     fn units(frame: &Frame, weight_exponent: i32, density: f64) -> Units<Self>;
@@ -23,11 +25,11 @@ pub trait OfFaces: Functional {
 impl OfFaces for Energy {
     const HAS_TILING: bool = true;
 
-    fn position(face: &FaceGeometry) -> [f64; 3] {
+    fn position(face: &FaceGeometry, _: DVec3) -> [f64; 3] {
         face.centroid.to_array()
     }
 
-    fn point(face: &FaceGeometry) -> [i32; 3] {
+    fn point(face: &FaceGeometry, _: DVec3) -> [i32; 3] {
         round_centroid(face.centroid)
     }
 
@@ -48,15 +50,14 @@ impl OfFaces for Normals {
     const HAS_TILING: bool = false;
 
     /// The unit normal, 0 without area, and the centroid.
-    fn position(face: &FaceGeometry) -> [f64; 8] {
-        let scale = if face.area > 0.0 { f64::from(1 << NORMAL_BITS) / face.area } else { 0.0 };
-        let ([a, b, c], [x, y, z]) =
-            ((face.normal * scale).into(), (face.centroid / f64::from(1 << CENTROID_BITS)).into());
+    fn position(face: &FaceGeometry, normal: DVec3) -> [f64; 8] {
+        let [a, b, c] = (normal * f64::from(1 << NORMAL_BITS)).into();
+        let [x, y, z] = (face.centroid / f64::from(1 << CENTROID_BITS)).into();
         [a, b, c, x, y, z, 0.0, 0.0]
     }
 
-    fn point(face: &FaceGeometry) -> [i32; 8] {
-        Self::position(face).map(|axis| (axis + 0.5).floor() as i32)
+    fn point(face: &FaceGeometry, normal: DVec3) -> [i32; 8] {
+        Self::position(face, normal).map(|axis| (axis + 0.5).floor() as i32)
     }
 
     fn units(_: &Frame, weight_exponent: i32, density: f64) -> Units<Self> {

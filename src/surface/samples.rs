@@ -71,7 +71,7 @@ impl Samples {
 }
 
 impl Surface {
-    /// Samples of faces with these corners.
+    /// Samples of faces with these corners, on a surface with normals.
     pub fn samples(&self, corners: &Corners) -> Samples {
         let of_face = |face: u32| {
             let vertices = corners.of(face);
@@ -90,17 +90,17 @@ impl Surface {
             std::iter::once(0).chain(ends).collect::<Vec<u32>>()
         });
         let points = (0..corners.faces()).into_par_iter().flat_map_iter(of_face).collect();
-        let normals = self.geometry.par_iter().map(|face| {
-            let scale = if face.area > 0.0 { f64::from(1 << NORMAL_BITS) / face.area } else { 0.0 };
-            (face.normal * scale).to_array().map(|axis| (axis + 0.5).floor() as i16)
-        });
+        let normals = self
+            .normals
+            .par_iter()
+            .map(|&normal| (normal * f64::from(1 << NORMAL_BITS)).to_array().map(|axis| (axis + 0.5).floor() as i16));
         Samples { offsets, points, normals: normals.collect() }
     }
 
     /// The area of a face, its normal, which is as long as the area is large, and its mean place; lattice units.
     pub fn area_normal_and_place(&self, face: u32) -> (f64, DVec3, DVec3) {
         let geometry = &self.geometry[face as usize];
-        (geometry.area, geometry.normal, geometry.centroid)
+        (geometry.area, self.normal(face as usize) * geometry.area, geometry.centroid)
     }
 
     /// The frame of the lattice.

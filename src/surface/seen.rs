@@ -1,20 +1,37 @@
-//! The faces of a mesh as another energy sees them.
+//! The faces of a mesh as energies of normals and of shapes see them.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::of_faces::OfFaces;
 use super::{DualGraph, Items, Moves, Surface};
+use crate::mesh::MeshView;
 
 impl Surface {
+    /// The same faces with their normals; the mesh is the one that it was built from.
+    pub fn with_normals(mut self, mesh: MeshView<'_>) -> Self {
+        let normal = |&face: &u32| self.frame.unit_normal(mesh, face as usize);
+        self.normals = self.items.upload_face.par_iter().map(normal).collect();
+        self
+    }
+
     /// The same faces as another energy sees them; `moves` is how they move.
     pub fn seen_by<E: OfFaces>(self, moves: Moves) -> Surface<E> {
-        let Self { items, counts, geometry, frame, moment_inside_faces, has_density, features } = self;
+        let points = (0..self.geometry.len()).into_par_iter();
+        let points = points.map(|face| E::point(&self.geometry[face], self.normal(face))).collect();
+        let Self { items, counts, geometry, normals, frame, moment_inside_faces, has_density, features } = self;
         let Items { graph, upload_face, loose, units, noun, has_features, .. } = items;
         let DualGraph { weights, neighbour_offsets, neighbours, components, .. } = graph;
-        let points = geometry.par_iter().map(E::point).collect();
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
         let units = E::units(&frame, units.weight_exponent, units.density);
         let items = Items { loose, noun, has_features, ..Items::new(graph, upload_face, units) };
-        Surface { items, counts, geometry, frame, moment_inside_faces, has_density, features }
+        Surface { items, counts, geometry, normals, frame, moment_inside_faces, has_density, features }
+    }
+}
+
+impl<E: OfFaces> Surface<E> {
+    /// The unit normal of a face; 0 without area, and where there are no normals.
+    pub(super) fn normal(&self, face: usize) -> DVec3 {
+        self.normals.get(face).copied().unwrap_or_default()
     }
 }

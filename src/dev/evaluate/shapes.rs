@@ -89,7 +89,7 @@ fn ours(mesh: &PolygonMesh, energy: energy::Kind, clusters: u64, cancel: &Cancel
 }
 
 fn measured(mesh: &PolygonMesh, given: Given) -> Result<Row> {
-    let surface = Surface::build(mesh)?;
+    let surface = Surface::build(mesh)?.with_normals(mesh.into());
     let samples = surface.samples(&surface.corners(mesh.into()));
     let faces = Faces { graph: &surface.graph, samples: &samples };
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| given.labels[face as usize]).collect();

@@ -7,7 +7,7 @@ use crate::surface::Surface;
 #[test]
 fn the_energy_that_is_kept_is_that_of_the_labels_and_a_shape_must_be_better_by_one_unit() {
     let (mesh, _) = generate_part(1500, 0.3).expect("a part");
-    let surface = Surface::build(&mesh).expect("a surface");
+    let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
     let samples = surface.samples(&surface.corners((&mesh).into()));
     let faces = Faces { graph: &surface.graph, samples: &samples };
     let prices = Prices::of(faces.graph, 13, 1e5);
@@ -40,7 +40,7 @@ fn the_energy_that_is_kept_is_that_of_the_labels_and_a_shape_must_be_better_by_o
 #[test]
 fn a_pass_with_proposals_is_one_without_and_wrong_ones_are_noticed() {
     let mesh = generate(Sample::Knot, 2000).expect("a sample");
-    let surface = Surface::build(&mesh).expect("a surface");
+    let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
     let samples = surface.samples(&surface.corners((&mesh).into()));
     let faces = Faces { graph: &surface.graph, samples: &samples };
     let prices = Prices::of(faces.graph, 100, 0.0);

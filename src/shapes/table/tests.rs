@@ -6,7 +6,7 @@ use crate::shapes::run::as_given;
 /// The true patches of a part, and the shapes that are reported of them from a start that is somewhat off.
 fn reported(noise: f64) -> Vec<ClusterShape> {
     let (mesh, truth) = generate_part(3000, noise).expect("a part");
-    let surface = Surface::build(&mesh).expect("a surface");
+    let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
     let corners = surface.corners((&mesh).into());
     let labels: Vec<u32> = surface.items.upload_face.iter().map(|&face| truth[face as usize]).collect();
     let frame = surface.frame();
@@ -106,7 +106,7 @@ fn bend_of_a_roof(right: [u32; 4], thin: Option<[u32; 3]>) -> f64 {
     let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
     let (warnings, adjusted) = (Vec::new(), Adjusted::default());
     let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted };
-    let surface = Surface::build(&mesh).expect("a surface");
+    let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
     let labels: Vec<u32> = surface.items.upload_face.iter().map(|&face| u32::from(face == 1)).collect();
     let plane = Shape::Plane { point: DVec3::ZERO, normal: DVec3::X };
     let rows = table(&surface, &surface.corners((&mesh).into()), &labels, &[plane, plane], None);
@@ -149,7 +149,7 @@ fn slice(turn: f64, noise: f64, kinds: &[Kind], profile: impl Fn(f64) -> [f64; 2
     let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
     let (warnings, adjusted) = (Vec::new(), Adjusted::default());
     let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted };
-    let surface = Surface::build(&mesh).expect("a surface");
+    let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
     let corners = surface.corners((&mesh).into());
     let samples = surface.samples(&corners);
     let faces = crate::shapes::faces::Faces { graph: &surface.items.graph, samples: &samples };
