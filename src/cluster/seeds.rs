@@ -316,11 +316,12 @@ fn from_list<E: Functional>(items: &Items<E>, listed: &[u32]) -> Result<SeedFace
         chosen.face_of_cluster.push(face);
         chosen.component_of_cluster.push(component);
     }
-    if let Some(component) = has_seed.iter().position(|&has| !has) {
-        let upload = items.components[component].range().map(|face| items.upload_face[face]).min();
+    let with_seed = has_seed.iter().filter(|&&has| has).count();
+    if with_seed < has_seed.len() {
         return Err(Error::parameter(format_args!(
-            "no seed lies in the connected component of face {}; every component needs one",
-            upload.unwrap_or_default()
+            "seeds lie in {with_seed} of the {} connected components; every component needs one ({} joins them)",
+            has_seed.len(),
+            Name::BRIDGE_COMPONENTS
         )));
     }
     Ok(chosen)

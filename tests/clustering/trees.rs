@@ -80,7 +80,7 @@ fn energies_of_rounds_are_those_of_their_cuts_from_scratch() {
     let (part, _) = generate_part(600, 0.3).expect("a part");
     let kinds = [Shape::Plane, Shape::Sphere];
     for mesh in [part, generate(Sample::Cube, 300).expect("quads"), generate(Sample::Knot, 500).expect("a sample")] {
-        let surface = Surface::build(&mesh).expect("a surface");
+        let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
         let samples = surface.samples(&surface.corners((&mesh).into()));
         let faces = Faces { graph: &surface.graph, samples: &samples };
         for (energy, kinds) in [(Kind::Planes, &kinds[..1]), (Kind::Shapes, &kinds[..])] {
