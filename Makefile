@@ -36,8 +36,8 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 # What the suites need is built first; then three of them run at a time, since most of them wait for much of their time.
 # Those that measure run alone. One that hangs fails when its time has passed, with what it printed.
-SUITES := unit farm python end-to-end fuzz bucket outputs memory crash deploy
-ALONE := page costs
+SUITES := unit page farm python end-to-end fuzz bucket outputs memory crash deploy
+ALONE := page-times costs
 .PHONY: test
 test: lint debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
 	cargo test --locked $(FEATURES) --no-run
@@ -48,7 +48,7 @@ test: lint debug-binary $(VENV)/ready  ## install what is missing and check ever
 
 bounded-%:
 	@TIMEFORMAT="$*: %0R s, of processors %0U s"; \
-		time timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary $*
+		time timeout --foreground --verbose --kill-after 1m 40m $(MAKE) --no-print-directory --old-file debug-binary $*
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -178,6 +178,10 @@ $(TARGET)/node/ready: tests/scripts/gltf/package.json | install-test
 .PHONY: page
 page: debug-binary  ## the page in Chromium, against the service; pictures of it go to target/pictures
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures $(TARGET)/pictures $(TESSERAE_TEST_MESHES)
+
+.PHONY: page-times
+page-times: debug-binary  ## what the page takes: until the first pictures, and for a frame of the slider
+	node web/tests/page.mjs $(TARGET)/debug/tesserae --times
 
 .PHONY: memory
 memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=1000)

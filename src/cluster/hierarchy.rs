@@ -15,6 +15,8 @@
 //!   parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then pieces that were
 //!   cut off are given to their neighbours. Parallel rounds are optimised when clusters have 4 faces on average
 //!   ([`Options::optimised_from`]), stops always. Both numbers are those of the default [`super::quality::Quality`].
+//!   Where moves are connected, an optimisation looks at all items, so sequential rounds are optimised when one cluster
+//!   in [`DUE_OF`] has merged since the last one.
 //!
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters
 //! start with the internal number of their face.
@@ -53,6 +55,9 @@ use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
 use crate::surface::{Items, Moves};
 use crate::union_find;
+
+/// Part of the clusters whose merges make an optimisation of sequential rounds due, where moves are connected.
+const DUE_OF: u64 = 100;
 
 /// What to build.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,6 +140,7 @@ pub fn hierarchical<E: Functional>(
         left: faces,
         iteration: 0,
         paired_rounds: 0,
+        merged: 0,
         hubs: Hubs::new(items),
         bounded_at: None,
         builder,
@@ -167,6 +173,8 @@ struct Rounds<'a, E: Functional> {
     iteration: u32,
     /// Parallel rounds since the last stop.
     paired_rounds: u32,
+    /// Merges since the last optimisation.
+    merged: u64,
     hubs: Hubs,
     /// The number of clusters at which sequential rounds reached their bound.
     bounded_at: Option<u64>,
@@ -201,6 +209,7 @@ impl<E: Functional> Rounds<'_, E> {
             self.merge_parallel(steps, (left - stop) as usize)?
         };
         self.left -= merges;
+        self.merged += merges;
         if self.bounded_at.is_none() && self.left > self.target && self.hubs.are_bounded() {
             self.bounded_at = Some(self.left);
         }
@@ -208,7 +217,9 @@ impl<E: Functional> Rounds<'_, E> {
         let mut moves = Vec::new();
         let mut relocated = None;
         let mut energy = None;
-        if self.options.optimise && (is_level || is_sequential || self.are_large()) {
+        let is_due = if is_sequential { self.is_due() } else { self.are_large() };
+        if self.options.optimise && (is_level || is_due) {
+            self.merged = 0;
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { &mut self.on_row };
             let mut run = Run { round: Some(round), iteration: self.iteration, ..Run::new(steps, self.cancel, on_row) };
             optimise(&mut run, self.builder.items, self.options, is_level, is_sequential)?;
@@ -276,6 +287,11 @@ impl<E: Functional> Rounds<'_, E> {
         self.builder.merge(&ordered, sums.as_chunks().0);
         ordered.iter().for_each(|&(from, into)| self.hubs.merged(from, into));
         Ok(ordered)
+    }
+
+    /// Whether enough clusters have merged to be optimised.
+    fn is_due(&self) -> bool {
+        self.builder.items.moves == Moves::Free || self.merged * DUE_OF >= self.left
     }
 
     /// Whether clusters have enough faces to be optimised; one that is all of its component does not count.

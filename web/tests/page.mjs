@@ -1,5 +1,6 @@
 // The page in Chromium against a real service:
 //   node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [--only REGEXP] [MESHES]
+//   node web/tests/page.mjs BINARY --times, what it takes at most
 import assert from "node:assert/strict";
 import { Browser } from "./browser.mjs";
 import { cuts } from "./cuts.mjs";
@@ -11,9 +12,9 @@ import { design } from "./design.mjs";
 import { ends } from "./ends.mjs";
 import { sending } from "./sending.mjs";
 import { Service, awaited, until, within } from "./service.mjs";
-import { slider } from "./slider.mjs";
 import { states } from "./states.mjs";
 import { binary, values } from "./steps.mjs";
+import { times } from "./times.mjs";
 import { words } from "./words.mjs";
 
 /** Most time of a test, which is longer than that of every wait in it. */
@@ -30,7 +31,6 @@ const tests = {
   ...ends,
   ...deletions,
   ...words,
-  ...slider,
 
   async "what a page must not do is noticed"({ service, browser }) {
     const page = await browser.open(service.url);
@@ -52,7 +52,7 @@ process.on("unhandledRejection", (error) => {
   failures += 1;
   console.error(`FAILED beside a test\n${error.stack}`);
 });
-for (const [name, test] of Object.entries(tests)) {
+for (const [name, test] of Object.entries(values.times ? times : tests)) {
   if (values.only && !new RegExp(values.only).test(name)) continue;
   const started = Date.now();
   try {

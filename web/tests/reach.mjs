@@ -1,12 +1,7 @@
 // For whom the page works: keyboards alone, narrow screens, readers that want no motion; and meshes that are large.
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
 import { until } from "./service.mjs";
 import { accessible, alone, drawn, idOf, picture, sample, submit, succeeded, text } from "./steps.mjs";
-import { slowness } from "./yardstick.mjs";
-
-/** Most time of processors from the address of a job of 1,070,000 faces to its first frame; see yardstick.mjs. */
-const LARGE_MS = 3000;
 
 /** Presses Tab until an element has the focus. */
 async function tabTo(page, selector, key = "Tab") {
@@ -138,26 +133,6 @@ export const reach = {
     await drawn(page, 5);
     assert.equal(meshes, 1);
     await page.close();
-  },
-
-  async "the first picture of 1,070,000 faces takes as little as before"({ browser }) {
-    await alone(browser, { reducedMotion: "reduce" }, async (page, service) => {
-      const body = readFileSync(sample(service, "knot", 1_070_000, "glb"));
-      const query = "format=glb&clusters=1000&quality=fast&keep_mesh=true";
-      const { id } = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
-      const job = `${service.url}/v1/jobs/${id}`;
-      await until("it is made", async () => (await (await fetch(job)).json()).state === "succeeded");
-      await page.reload();
-      await page.waitForSelector("#knot canvas[data-settled=true]");
-      const spent = await browser.spent();
-      await page.evaluate((id) => (location.hash = `#/jobs/${id}`), id);
-      await drawn(page, 1000);
-      const took = (await browser.spent()) - spent;
-      const allowed = LARGE_MS * (await slowness(browser));
-      const measured = `${took.toFixed(0)} ms of processors, at most ${allowed.toFixed(0)}`;
-      console.log(`  it takes ${measured}`);
-      assert.ok(took < allowed, measured);
-    });
   },
 
   async "a mesh of 1,000,000 triangles turns at once, and a click finds its triangle"({ service, browser }) {

@@ -9,7 +9,12 @@ import { Service, until } from "./service.mjs";
 
 export const { positionals, values } = parseArgs({
   allowPositionals: true,
-  options: { pictures: { type: "string" }, files: { type: "string" }, only: { type: "string" } },
+  options: {
+    pictures: { type: "string" },
+    files: { type: "string" },
+    only: { type: "string" },
+    times: { type: "boolean" },
+  },
 });
 export const [binary, meshes] = positionals;
 const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");

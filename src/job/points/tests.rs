@@ -159,3 +159,18 @@ fn one_item_far_away_leaves_the_energies_and_means_of_the_others_as_they_are() {
         assert!(outcome.report.energy.final_.is_some_and(|found| (found / expected - 1.0).abs() < 1e-9), "{far}");
     }
 }
+
+#[test]
+fn sequential_rounds_are_optimised_when_a_hundredth_of_the_clusters_has_merged() {
+    let parameters = Parameters { algorithm: Algorithm::Ml, clusters: Some(10), ..Parameters::default() };
+    let report = clustered(&set([40, 40], 3, None), &parameters, None).expect("clusters").report;
+    let (mut merged, mut optimised) = (0, 0);
+    for round in report.levels {
+        merged += round.merges;
+        if round.moves > 0 {
+            assert!(merged * 100 >= round.clusters, "{round:?} after {merged} merges");
+            (merged, optimised) = (0, optimised + 1);
+        }
+    }
+    assert!(optimised > 100, "{optimised}");
+}

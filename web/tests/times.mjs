@@ -1,8 +1,17 @@
-// The slider over the mesh of the first visit and over one of 200,000 faces, as a hand drags it.
+// What the page may take at most: until the first pictures, and for a frame of the slider as a hand drags it. Nothing
+// else may run meanwhile.
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { noteFirstFrame } from "./browser.mjs";
 import { until } from "./service.mjs";
 import { alone, drawn, sample, submit, succeeded } from "./steps.mjs";
 import { slowness } from "./yardstick.mjs";
+
+/** Most time from the first byte until clusters are seen, of three visits the best; see yardstick.mjs. */
+const FIRST_PICTURE_MS = 1500;
+
+/** Most time of processors from the address of a job of 1,070,000 faces to its first frame. */
+const FIRST_OF_LARGE_MS = 3000;
 
 /** Most milliseconds of processors for a frame: two of them draw 60 a second of the first visit, 30 of 200,000 faces. */
 const [FIRST_MS, LARGE_MS] = [33, 66];
@@ -45,7 +54,54 @@ async function drag(browser, page, low, high, most) {
   return drags[0];
 }
 
-export const slider = {
+export const times = {
+  async "clusters are seen soon after the first byte"({ service, browser }) {
+    // the service makes it when it starts
+    for (const name of ["knot.glb", "knot.tsr"]) await fetch(`${service.url}/${name}`);
+    const allowed = FIRST_PICTURE_MS * (await slowness(browser));
+    let page = null;
+    const [times, processors] = [[], []];
+    for (let load = 0; load < 3; load++) {
+      await page?.close();
+      let spent = 0;
+      page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } }, async (page) => {
+        await page.addInitScript(noteFirstFrame, "#knot");
+        // the window is there before
+        await page.goto("about:blank");
+        await page.screenshot();
+        spent = await browser.spent();
+      });
+      const there = await until("the first picture is there", () => page.evaluate(() => window.firstFrame));
+      processors.push(Math.round((await browser.spent()) - spent));
+      const begin = await page.evaluate(() => performance.getEntriesByType("navigation")[0].responseStart);
+      times.push(Math.round(there - begin));
+    }
+    const measured = `${times.join(", ")} ms after the first byte, at most ${allowed.toFixed(0)}`;
+    console.log(`  the first picture takes ${measured}, and ${processors.join(", ")} ms of processors`);
+    assert.ok(Math.min(...times) < allowed, measured);
+    await page.close();
+  },
+
+  async "the first picture of 1,070,000 faces takes as little as before"({ browser }) {
+    await alone(browser, { reducedMotion: "reduce" }, async (page, service) => {
+      const body = readFileSync(sample(service, "knot", 1_070_000, "glb"));
+      const query = "format=glb&clusters=1000&quality=fast&keep_mesh=true";
+      const { id } = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
+      const job = `${service.url}/v1/jobs/${id}`;
+      await until("it is made", async () => (await (await fetch(job)).json()).state === "succeeded");
+      await page.reload();
+      await page.waitForSelector("#knot canvas[data-settled=true]");
+      const spent = await browser.spent();
+      await page.evaluate((id) => (location.hash = `#/jobs/${id}`), id);
+      await drawn(page, 1000);
+      const took = (await browser.spent()) - spent;
+      const allowed = FIRST_OF_LARGE_MS * (await slowness(browser));
+      const measured = `${took.toFixed(0)} ms of processors, at most ${allowed.toFixed(0)}`;
+      console.log(`  it takes ${measured}`);
+      assert.ok(took < allowed, measured);
+    });
+  },
+
   async "every frame of the first visit's slider has another cut, in time"({ browser }) {
     await alone(browser, {}, async (page) => {
       await page.waitForSelector("#knot canvas[data-frames]");
