@@ -36,8 +36,8 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 # What the suites need is built first; then three of them run at a time, since most of them wait for much of their time.
 # Those that measure run alone. One that hangs fails when its time has passed, with what it printed.
-SUITES := unit page farm python end-to-end fuzz bucket outputs memory crash deploy
-ALONE := page-times costs
+SUITES := unit farm python end-to-end fuzz bucket outputs memory crash deploy
+ALONE := page page-times costs
 .PHONY: test
 test: lint debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
 	cargo test --locked $(FEATURES) --no-run
@@ -48,7 +48,7 @@ test: lint debug-binary $(VENV)/ready  ## install what is missing and check ever
 
 bounded-%:
 	@TIMEFORMAT="$*: %0R s, of processors %0U s"; \
-		time timeout --foreground --verbose --kill-after 1m 40m $(MAKE) --no-print-directory --old-file debug-binary $*
+		time timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary $*
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied

@@ -66,7 +66,7 @@ export const cuts = {
 
     // as a hand drags it: every frame has another cut, and none of them takes a request
     const asked = [];
-    page.on("request", (request) => /\/labels\?/.test(request.url()) && asked.push(request.url()));
+    page.on("request", (request) => request.url().includes(`${id}/labels?`) && asked.push(request.url()));
     await until("cuts are made here", async () => {
       await cutAt(page, 25);
       await cutAt(page, 24);

@@ -20,18 +20,8 @@ import { words } from "./words.mjs";
 /** Most time of a test, which is longer than that of every wait in it. */
 const DEADLINE_MS = 6 * 60_000;
 
-const tests = {
-  ...results,
-  ...images,
-  ...cuts,
-  ...design,
-  ...reach,
-  ...sending,
-  ...states,
-  ...ends,
-  ...deletions,
-  ...words,
-
+/** What a page must not do. */
+const forbidden = {
   async "what a page must not do is noticed"({ service, browser }) {
     const page = await browser.open(service.url);
     await page.evaluate(() => {
@@ -45,6 +35,11 @@ const tests = {
   },
 };
 
+/** Tests of a group may go on with jobs of those before; the next group begins without jobs. */
+const groups = values.times
+  ? [times]
+  : [{ ...results, ...reach }, images, cuts, design, sending, states, ends, deletions, words, forbidden];
+
 const browser = await new Browser(values.files).launch();
 const service = await new Service(binary).start();
 let failures = 0;
@@ -52,8 +47,8 @@ process.on("unhandledRejection", (error) => {
   failures += 1;
   console.error(`FAILED beside a test\n${error.stack}`);
 });
-for (const [name, test] of Object.entries(values.times ? times : tests)) {
-  if (values.only && !new RegExp(values.only).test(name)) continue;
+
+async function run(name, test) {
   const started = Date.now();
   try {
     await within("the test ends", DEADLINE_MS, test({ service, browser }));
@@ -72,6 +67,12 @@ for (const [name, test] of Object.entries(values.times ? times : tests)) {
     awaited.clear();
     browser.complaints.length = 0;
   }
+}
+
+for (const group of groups) {
+  for (const [name, test] of Object.entries(group))
+    if (!values.only || new RegExp(values.only).test(name)) await run(name, test);
+  await service.empty();
 }
 await browser.close();
 await service.stop();

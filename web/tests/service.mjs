@@ -81,6 +81,12 @@ export class Service {
     return this;
   }
 
+  /** Deletes all jobs: of each, every page that is opened later would make a small picture. */
+  async empty() {
+    const { jobs } = await (await fetch(`${this.url}/v1/jobs?limit=1000`)).json();
+    for (const { id } of jobs) await fetch(`${this.url}/v1/jobs/${id}`, { method: "DELETE" });
+  }
+
   async again() {
     return await this.start(...this.options);
   }

@@ -115,10 +115,11 @@ export const times = {
       await succeeded(page);
       await drawn(page, 100);
       const { width } = await drag(browser, page, 200, 800, LARGE_MS);
-      await until("at rest the picture is sharp", async () => {
+      const sharp = await until("at rest the picture is sharp", async () => {
         const now = await page.evaluate(() => document.querySelector("#view canvas").width);
-        return now > width;
+        return now > width && now;
       });
+      assert.equal(width, Math.floor(sharp / 3), "a pixel for nine while the slider moves");
     });
   },
 };
