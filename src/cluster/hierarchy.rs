@@ -16,7 +16,7 @@
 //!   cut off are given to their neighbours. Parallel rounds are optimised when clusters have 4 faces on average
 //!   ([`Options::optimised_from`]), stops always. Both numbers are those of the default [`super::quality::Quality`].
 //!   Where moves are connected, an optimisation looks at all items, so sequential rounds are optimised when one cluster
-//!   in [`DUE_OF`] has merged since the last one.
+//!   in [`ONE_MERGED_IN`] has merged since the last one.
 //!
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters
 //! start with the internal number of their face.
@@ -56,8 +56,8 @@ use crate::hierarchy::Tree;
 use crate::surface::{Items, Moves};
 use crate::union_find;
 
-/// Part of the clusters whose merges make an optimisation of sequential rounds due, where moves are connected.
-const DUE_OF: u64 = 100;
+/// Where moves are connected, sequential rounds are optimised when one cluster in so many has merged.
+const ONE_MERGED_IN: u64 = 100;
 
 /// What to build.
 #[derive(Debug, Clone, PartialEq)]
@@ -291,7 +291,7 @@ impl<E: Functional> Rounds<'_, E> {
 
     /// Whether enough clusters have merged to be optimised.
     fn is_due(&self) -> bool {
-        self.builder.items.moves == Moves::Free || self.merged * DUE_OF >= self.left
+        self.builder.items.moves == Moves::Free || self.merged * ONE_MERGED_IN >= self.left
     }
 
     /// Whether clusters have enough faces to be optimised; one that is all of its component does not count.

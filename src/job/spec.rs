@@ -178,7 +178,7 @@ impl JobSpec {
 
     /// How items move whose neighbours may be far from each other as the energy sees them.
     pub(super) fn moves(&self) -> Moves {
-        // a settled round looks at all items, which a round of one merge cannot afford
+        // connected moves by normals would look at all items after every merge
         let has_short_rounds =
             matches!(&self.clustering, Clustering::Hierarchy(options) if options.optimise && options.sequential_at > 0);
         let is_free = self.reported.allow_disconnected || has_short_rounds && self.energy.is_of_normals();

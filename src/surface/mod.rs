@@ -14,8 +14,7 @@
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!
 //! Welding, adjacency and components on one side and the order on the other are computed at the same time; then rows,
-//! centroids and weights are gathered in that order, in chunks. The arrays add up to 155 bytes a face at the peak,
-//! 24 of them the mesh itself. `benches/results/` has times.
+//! centroids and weights are gathered in that order, in chunks. `benches/results/` has times.
 
 mod adjacency;
 mod ascending;

@@ -203,7 +203,7 @@ impl Mesh {
     fn format(&self) -> Result<InputFormat> {
         let Saved { bytes, head, .. } = &self.saved;
         if *bytes == 0 {
-            return Err(Error::mesh("the file is empty: it has no bytes"));
+            return Err(Error::mesh("the file is empty"));
         }
         let recognise = || InputFormat::recognise(self.file_name.as_deref(), head, Some(*bytes));
         let format = self.format.map_or_else(recognise, Ok)?;
