@@ -5,7 +5,9 @@ import { basename, join } from "node:path";
 import { until } from "./service.mjs";
 import { accessible, drawn, fact, idOf, labels, meshes, run, sample, submit, succeeded, text } from "./steps.mjs";
 
-const colourOf = (locator) => locator.evaluate((element) => getComputedStyle(element).backgroundColor);
+/** The colour that an element has; one that was replaced meanwhile has none. */
+const colourOf = (locator) =>
+  until("it has a colour", () => locator.evaluate((element) => getComputedStyle(element).backgroundColor));
 
 /** Edges of an OBJ file at which two triangles bend by more than some degrees. */
 function sharpEdges(obj, angle) {
