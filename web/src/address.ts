@@ -69,6 +69,9 @@ export function amend(change: Partial<Address>): void {
   const { job, ...rest } = { ...read(), ...change };
   const given = Object.entries(rest).filter(([, value]) => value !== null);
   const search = new URLSearchParams(given.map(([key, value]) => [key, String(value)]));
-  history.replaceState(null, "", `${job === null ? "#/" : ofJob(job)}${search.size > 0 ? `?${search}` : ""}`);
+  const hash = `${job === null ? "#/" : ofJob(job)}${search.size > 0 ? `?${search}` : ""}`;
+  // even the same address would undo one that is just being entered
+  if (hash === shown) return;
+  history.replaceState(null, "", hash);
   arrive();
 }

@@ -217,8 +217,6 @@ export class Result {
 
   /** Selects a cluster, and of the job beside it the given one, or that which has most of its faces. */
   private select(cluster: number | null, beside: number | null = null): void {
-    // the address is that of the next page
-    if (this.abort.signal.aborted) return;
     const { mine } = this.picture;
     const has = cluster !== null && cluster < mine.clusters.faces.length;
     this.selected = has ? cluster : null;

@@ -238,8 +238,7 @@ export class Superpixels {
 
   private select(cluster: number | null): void {
     const { pixels } = this;
-    // once closed, the address is that of the next page
-    if (!pixels || this.abort.signal.aborted) return;
+    if (!pixels) return;
     this.selected = cluster !== null && cluster < pixels.clusters ? cluster : null;
     this.plane?.select(this.selected);
     this.table.select(this.selected);
