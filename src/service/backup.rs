@@ -262,7 +262,7 @@ mod tests {
     #[tokio::test]
     async fn jobs_of_meshes_in_a_bucket_are_in_a_backup_with_what_came_with_them() {
         let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let store = Store::open(&from.path().join(STORE), RULES, Default::default()).await.expect("opened");
+        let store = Store::open(&from.path().join(STORE), false, RULES, Default::default()).await.expect("opened");
         let create = async |listed_seeds| {
             let referred = Some(Referred { url: "s3://bucket/x.obj".to_owned(), tag: None });
             let new = new_job();

@@ -97,13 +97,15 @@ impl Server {
         };
         let shared = open_shared(&settings, rules).await?;
         let access = Arc::new(Access::open(&settings.access).await?);
-        let store = match (shared, &settings.data_dir) {
-            (Some(store), _) => store,
-            (None, Some(_)) => {
-                files.check_store()?;
-                Store::open(&files.database(), rules, faults).await?
+        let mut store = match shared {
+            Some(store) => store,
+            None => {
+                let is_temporary = settings.data_dir.is_none();
+                if !is_temporary {
+                    files.check_store()?;
+                }
+                Store::open(&files.database(), is_temporary, rules, faults).await?
             }
-            (None, None) => Store::temporary(&files.database(), rules, faults).await?,
         };
         let check = async {
             files.probe_elsewhere().await?;

@@ -114,7 +114,7 @@ mod tests {
         let files = Files::open(Some(folder.path()), None, total - 1, Faults::default()).expect("it opens");
         let (files, health) = (Arc::new(files), Arc::<Health>::default());
         let path = files.database();
-        let store = Arc::new(Store::open(&path, RULES, Faults::default()).await.expect("a store"));
+        let store = Arc::new(Store::open(&path, false, RULES, Faults::default()).await.expect("a store"));
         let storage = Storage::new(files, Arc::clone(&store), Arc::clone(&health));
         let mut job = new_job();
         job.spec.buffers = vec!["x".repeat(10 << 20)];

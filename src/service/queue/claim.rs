@@ -1,6 +1,6 @@
 //! Claims: which jobs a worker gets.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -20,6 +20,12 @@ pub(crate) struct Share {
 impl Default for Share {
     fn default() -> Self {
         Self { weight: 1, max_running: None }
+    }
+}
+
+impl Share {
+    fn weight(self) -> f64 {
+        f64::from(self.weight.max(1))
     }
 }
 
@@ -57,88 +63,68 @@ pub(crate) struct Turn {
 /// The jobs that a worker gets now: a suspect alone, or others by [start-time fair queueing](Fair).
 pub(crate) fn claim(view: View, claiming: &Claiming, rules: &Rules, now: SystemTime) -> Picks {
     let Claiming { limit, newcomers, shares, .. } = claiming;
-    let mut fair = Fair::new(view.clock, &view.tenants, shares);
-    let again = match allowed(&view, *limit, |index| fair.is_below_limit(index), rules, now) {
-        Allowed::Nothing(until) => return Picks { again: Some(until), ..Picks::default() },
-        Allowed::Suspect(index) => {
-            let suspect = view.tenants[index].suspect.map(|suspect| suspect.number);
-            fair.serve(index);
-            return Picks { numbers: suspect.into_iter().collect(), turns: fair.turns(), again: None };
-        }
-        Allowed::Others(again) => again,
-    };
+    let mut fair = Fair { view, shares, turns: BTreeMap::new() };
     let mut numbers = Vec::new();
-    while numbers.len() < limit + newcomers {
-        let Some((index, number)) = fair.next(numbers.len() >= *limit) else { break };
-        fair.serve(index);
-        fair.tenants[index].taken += 1;
-        numbers.push(number);
-    }
-    Picks { numbers, turns: fair.turns(), again }
+    let again = match allowed(&fair.view, *limit, |tenant| fair.is_below_limit(tenant), rules, now) {
+        Allowed::Nothing(until) => Some(until),
+        Allowed::Suspect(index) => {
+            numbers.extend(fair.view.tenants[index].suspect.map(|suspect| suspect.number));
+            fair.serve(index);
+            None
+        }
+        Allowed::Others(again) => {
+            while numbers.len() < limit + newcomers
+                && let Some(index) = fair.next(numbers.len() >= *limit)
+            {
+                fair.serve(index);
+                numbers.push(fair.view.tenants[index].waiting.remove(0).number);
+            }
+            again
+        }
+    };
+    Picks { numbers, turns: fair.turns.into_values().collect(), again }
 }
 
 /// Start-time fair queueing over tenants (Goyal et al. 1996). A tenant has a virtual time, which each claimed job
 /// advances by 1 / weight. A tenant that comes back after a pause starts at the clock: it neither waits for what it did
 /// not use, nor gets credit for it.
-struct Fair<'v> {
-    clock: f64,
-    tenants: Vec<Served<'v>>,
+struct Fair<'s> {
+    view: View,
+    shares: &'s Shares,
+    /// By the index of the tenant.
+    turns: BTreeMap<usize, Turn>,
 }
 
-struct Served<'v> {
-    tenant: &'v Tenant,
-    share: Share,
-    running: u64,
-    /// Of its waiting jobs.
-    taken: usize,
-    next: f64,
-    turn: Option<f64>,
-}
-
-impl<'v> Fair<'v> {
-    fn new(clock: f64, tenants: &'v [Tenant], shares: &Shares) -> Self {
-        let served = |tenant: &'v Tenant| {
-            let share = shares.get(&tenant.name).copied().unwrap_or_default();
-            Served { tenant, share, running: tenant.running, taken: 0, next: tenant.next, turn: None }
-        };
-        Self { clock, tenants: tenants.iter().map(served).collect() }
+impl Fair<'_> {
+    fn share(&self, tenant: &Tenant) -> Share {
+        self.shares.get(&tenant.name).copied().unwrap_or_default()
     }
 
-    fn is_below_limit(&self, index: usize) -> bool {
-        let Served { share, running, .. } = &self.tenants[index];
-        share.max_running.is_none_or(|most| *running < most)
+    fn is_below_limit(&self, tenant: &Tenant) -> bool {
+        self.share(tenant).max_running.is_none_or(|most| tenant.running < most)
     }
 
-    fn next(&self, is_for_newcomer: bool) -> Option<(usize, i64)> {
-        let entitled = (0..self.tenants.len()).filter(|index| self.is_below_limit(*index));
-        let candidates = entitled.filter_map(|index| {
-            let Served { tenant, share, running, taken, next, .. } = &self.tenants[index];
-            let job = tenant.waiting.get(*taken).filter(|_| !is_for_newcomer || *running == 0)?;
-            let place = *running as f64 / weight(*share);
-            Some((place, next.max(self.clock), job, index))
+    /// The tenant that is next.
+    fn next(&self, is_for_newcomer: bool) -> Option<usize> {
+        let candidates = self.view.tenants.iter().enumerate().filter_map(|(index, tenant)| {
+            let is_entitled = self.is_below_limit(tenant) && (!is_for_newcomer || tenant.running == 0);
+            let job = tenant.waiting.first().filter(|_| is_entitled)?;
+            let place = tenant.running as f64 / self.share(tenant).weight();
+            Some((place, tenant.next.max(self.view.clock), job, index))
         });
         let first = candidates.min_by(|(place, start, job, _), (other_place, other_start, other_job, _)| {
             place.total_cmp(other_place).then(start.total_cmp(other_start)).then(job.cmp(other_job))
         });
-        first.map(|(_, _, job, index)| (index, job.number))
+        first.map(|(.., index)| index)
     }
 
     fn serve(&mut self, index: usize) {
-        let tenant = &mut self.tenants[index];
-        self.clock = tenant.next.max(self.clock);
+        let weight = self.share(&self.view.tenants[index]).weight();
+        let tenant = &mut self.view.tenants[index];
+        self.view.clock = tenant.next.max(self.view.clock);
         tenant.running += 1;
-        tenant.turn = Some(self.clock);
-        tenant.next = self.clock + 1.0 / weight(tenant.share);
+        tenant.next = self.view.clock + 1.0 / weight;
+        let turn = Turn { tenant: tenant.name.clone(), served: self.view.clock, next: tenant.next };
+        self.turns.insert(index, turn);
     }
-
-    fn turns(self) -> Vec<Turn> {
-        let turn = |Served { tenant, next, turn, .. }: Served<'_>| {
-            turn.map(|served| Turn { tenant: tenant.name.clone(), served, next })
-        };
-        self.tenants.into_iter().filter_map(turn).collect()
-    }
-}
-
-fn weight(share: Share) -> f64 {
-    f64::from(share.weight.max(1))
 }

@@ -4,7 +4,7 @@ use std::time::{Duration, SystemTime};
 
 use super::job::{Change, Standing};
 use super::rules::Rules;
-use super::view::View;
+use super::view::{Tenant, View};
 
 /// Time alone after the first crash.
 const ALONE: Duration = Duration::from_secs(30);
@@ -22,7 +22,7 @@ pub(super) fn alone(crashes: u32) -> Duration {
 /// single job that had begun.
 pub(crate) fn crashed(jobs: &[Standing]) -> Vec<Change> {
     let begun = jobs.iter().filter(|job| job.has_begun).count();
-    jobs.iter().map(|job| Change::Crashed { counts: job.has_begun && begun == 1 }).collect()
+    jobs.iter().map(|job| Change::Crashed(job.has_begun && begun == 1)).collect()
 }
 
 /// What suspects let a worker claim.
@@ -41,7 +41,7 @@ pub(super) enum Allowed {
 pub(super) fn allowed(
     view: &View,
     limit: usize,
-    is_entitled: impl Fn(usize) -> bool,
+    is_entitled: impl Fn(&Tenant) -> bool,
     rules: &Rules,
     now: SystemTime,
 ) -> Allowed {
@@ -51,7 +51,7 @@ pub(super) fn allowed(
     if let Some(until) = until.filter(|until| *until > now) {
         return Allowed::Nothing(until);
     }
-    let waiting = view.tenants.iter().enumerate().filter(|(index, _)| is_entitled(*index));
+    let waiting = view.tenants.iter().enumerate().filter(|(_, tenant)| is_entitled(tenant));
     let waiting = waiting.filter_map(|(index, tenant)| {
         let suspect = tenant.suspect.as_ref()?;
         let is_in_reach = suspect.not_before <= now + rules.crash_pause;

@@ -10,10 +10,11 @@ use utoipa::ToSchema;
 use super::rules::{Rules, given_up, lease_is_over};
 
 /// Where a job is in its life.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum State {
     /// Accepted; waits for its turn.
+    #[default]
     Queued,
     /// Being read, clustered or written.
     Running,
@@ -48,8 +49,8 @@ impl State {
     }
 }
 
-/// What the rules know of a job: columns of its row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What the rules know of a job: columns of its row. The default is a new one.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Standing {
     pub state: State,
     /// Whether its upload is small: an attempt then begins with its claim.
@@ -69,60 +70,41 @@ pub(crate) struct Standing {
     pub cancel_requested: bool,
 }
 
-/// Why a running job is given back.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Release {
-    /// The attempt failed, and another one may not. It counts if it had begun.
-    Failed(Error),
-    /// The attempt was broken off without fault; it does not count.
-    Free,
-}
-
-/// What happens to a job. A worker names its attempt.
+/// What happens to a job. Of a worker, the first number is that of its attempt.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Change {
-    /// A worker claims it.
-    Claim {
-        worker: Arc<str>,
-        lease: Duration,
-    },
+    /// A worker claims it, for that long.
+    Claim(Arc<str>, Duration),
     /// The worker begins to read the mesh: from now on the attempt counts. Nothing happens when it has begun already.
-    Begin {
-        attempt: u32,
-    },
+    Begin(u32),
     /// The worker is alive: its lease ends this long after now.
-    Heartbeat {
-        attempt: u32,
-        lease: Duration,
-    },
-    Release {
-        attempt: u32,
-        release: Release,
-    },
+    Heartbeat(u32, Duration),
+    /// The worker gives it back. With an error, the attempt failed, and another one may not; it counts if it had begun.
+    /// Without, it was broken off without fault, and does not count.
+    Release(u32, Option<Error>),
     /// The worker ends it in that state, with the problem of a failed job.
-    End {
-        attempt: u32,
-        state: State,
-        problem: Option<Error>,
-    },
+    End(u32, State, Option<Error>),
     /// Its lease is over, but the worker is alive: it stood still.
     LeaseOver,
-    /// The worker crashed: see [`crashed`](super::crashed).
-    Crashed {
-        counts: bool,
-    },
+    /// The worker crashed, and whether that counts: see [`crashed`](super::crashed).
+    Crashed(bool),
     /// A client requests its end: a waiting job ends at once, a running one when its worker stops, an ended one stays.
     Cancel,
     Retry,
 }
 
-/// A change of the state, which the store appends to the events of the job.
+/// What an event of a job says. Every change of the state is one.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Event {
+pub(crate) enum What {
     Queued,
-    /// It runs: the number of the attempt, and the worker.
-    Started(u32, Arc<str>),
-    /// It ended: the state, and the problem of a failed job.
+    /// It runs: the number of the attempt, and the worker. Iterations and rounds up to the next state are of this
+    /// attempt.
+    Started(u32, String),
+    /// An iteration was made: the report's row, as JSON text in one line.
+    Iteration(String),
+    /// A round of a hierarchy was made: the report's row, as JSON text in one line.
+    Round(String),
+    /// It ended, with the problem of a failed job; no event follows, unless it is run again.
     End(State, Option<Error>),
 }
 
@@ -131,35 +113,17 @@ pub(crate) enum Event {
 pub(crate) struct Refused(pub State);
 
 impl Standing {
-    /// A new job, and its first event.
-    pub fn created(is_small: bool) -> (Self, Event) {
-        let standing = Self {
-            state: State::Queued,
-            is_small,
-            attempt: 0,
-            uncounted: 0,
-            has_begun: false,
-            suspicion: 0,
-            not_before: None,
-            started_at: None,
-            lease_until: None,
-            cancel_requested: false,
-        };
-        (standing, Event::Queued)
-    }
-
     /// The job after a change, and the event if the state changed.
-    pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<Event>), Refused> {
+    pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<What>), Refused> {
         self.check(&change)?;
         let after = match change {
-            Change::Claim { worker, lease } => return Ok(self.claimed(worker, lease, now)),
-            Change::Begin { .. } => (Self { has_begun: true, ..self }, None),
-            Change::Heartbeat { lease, .. } => (Self { lease_until: Some(now + lease), ..self }, None),
-            Change::Release { release: Release::Failed(error), .. } => self.given_back(Some(error), rules, now),
-            Change::Release { release: Release::Free, .. } => self.given_back(None, rules, now),
-            Change::End { state, problem, .. } => self.ended(state, problem),
+            Change::Claim(worker, lease) => return Ok(self.claimed(&worker, lease, now)),
+            Change::Begin(_) => (Self { has_begun: true, ..self }, None),
+            Change::Heartbeat(_, lease) => (Self { lease_until: Some(now + lease), ..self }, None),
+            Change::Release(_, fault) => self.given_back(fault, rules, now),
+            Change::End(_, state, problem) => self.ended(state, problem),
             Change::LeaseOver => self.given_back(Some(lease_is_over()), rules, now),
-            Change::Crashed { counts } => {
+            Change::Crashed(counts) => {
                 let suspicion = self.suspicion.saturating_add(self.has_begun.into());
                 let fault = counts.then(lease_is_over);
                 Self { suspicion, ..self }.given_back(fault, rules, now + rules.crash_pause)
@@ -177,19 +141,19 @@ impl Standing {
     /// Refuses a change that the state does not allow, or that an earlier attempt names.
     fn check(&self, change: &Change) -> Result<(), Refused> {
         let is_allowed = match change {
-            Change::Claim { .. } => self.state == State::Queued,
-            Change::Begin { attempt }
-            | Change::Heartbeat { attempt, .. }
-            | Change::Release { attempt, .. }
-            | Change::End { attempt, .. } => self.state == State::Running && self.attempt == *attempt,
-            Change::LeaseOver | Change::Crashed { .. } => self.state == State::Running,
+            Change::Claim(..) => self.state == State::Queued,
+            Change::Begin(attempt)
+            | Change::Heartbeat(attempt, _)
+            | Change::Release(attempt, _)
+            | Change::End(attempt, ..) => self.state == State::Running && self.attempt == *attempt,
+            Change::LeaseOver | Change::Crashed(_) => self.state == State::Running,
             Change::Cancel => true,
             Change::Retry => self.state == State::Failed,
         };
         is_allowed.then_some(()).ok_or(Refused(self.state))
     }
 
-    fn claimed(self, worker: Arc<str>, lease: Duration, now: SystemTime) -> (Self, Option<Event>) {
+    fn claimed(self, worker: &str, lease: Duration, now: SystemTime) -> (Self, Option<What>) {
         let attempt = self.attempt + 1;
         let claimed = Self {
             state: State::Running,
@@ -200,12 +164,12 @@ impl Standing {
             lease_until: Some(now + lease),
             ..self
         };
-        (claimed, Some(Event::Started(attempt, worker)))
+        (claimed, Some(What::Started(attempt, worker.to_string())))
     }
 
     /// Puts the job back to its place in the queue, or ends it where that was requested, or where as many attempts
     /// failed as may. A fault counts if the attempt had begun: before that, the mesh cannot be its cause.
-    fn given_back(mut self, fault: Option<Error>, rules: &Rules, not_before: SystemTime) -> (Self, Option<Event>) {
+    fn given_back(mut self, fault: Option<Error>, rules: &Rules, not_before: SystemTime) -> (Self, Option<What>) {
         let fault = fault.filter(|_| self.has_begun);
         if fault.is_none() {
             self.uncounted += 1;
@@ -219,17 +183,17 @@ impl Standing {
     }
 
     /// Lets a failed job wait again, with no attempt counted. A suspect still starts alone, as after one crash.
-    fn retried(self, now: SystemTime) -> (Self, Option<Event>) {
+    fn retried(self, now: SystemTime) -> (Self, Option<What>) {
         let suspicion = self.suspicion.min(1);
         Self { uncounted: self.attempt, suspicion, cancel_requested: false, ..self }.queued(now)
     }
 
-    fn queued(self, not_before: SystemTime) -> (Self, Option<Event>) {
+    fn queued(self, not_before: SystemTime) -> (Self, Option<What>) {
         let not_before = (self.suspicion > 0).then_some(not_before);
-        (Self { state: State::Queued, has_begun: false, not_before, lease_until: None, ..self }, Some(Event::Queued))
+        (Self { state: State::Queued, has_begun: false, not_before, lease_until: None, ..self }, Some(What::Queued))
     }
 
-    fn ended(self, state: State, problem: Option<Error>) -> (Self, Option<Event>) {
-        (Self { state, not_before: None, lease_until: None, ..self }, Some(Event::End(state, problem)))
+    fn ended(self, state: State, problem: Option<Error>) -> (Self, Option<What>) {
+        (Self { state, not_before: None, lease_until: None, ..self }, Some(What::End(state, problem)))
     }
 }

@@ -13,7 +13,7 @@
 //!            └───────── cancel ─────────────────────────────────────────┘
 //! ```
 //!
-//! [`Standing::apply`] has one arm for each change. Every change of state is an [`Event`], which the store numbers from
+//! [`Standing::apply`] has one arm for each change. Every change of state is an [`What`], which the store numbers from
 //! 1 without gaps and appends in the same transaction: all events together give the state.
 //!
 //! A claim is a lease: a worker prolongs it by heartbeats, and a job whose lease is over waits again at its old place.
@@ -62,6 +62,6 @@ mod view;
 
 pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
 pub(crate) use self::crash::crashed;
-pub(crate) use self::job::{Change, Event, Refused, Release, Standing, State};
+pub(crate) use self::job::{Change, Refused, Standing, State, What};
 pub(crate) use self::rules::{Rules, not_yours};
 pub(crate) use self::view::{Suspect, Tenant, View, Waiting};

@@ -100,8 +100,7 @@ fn a_suspect_starts_alone_and_waits_for_that_in_bounded_time() {
     let due = now();
     let suspect = Suspect { number: 9, crashes: 2, not_before: due };
     let tenants = || vec![Tenant { suspect: Some(suspect), ..tenant("a", 0, 0.0, 0..2) }];
-    let (running, _) = Standing::created(false);
-    let running = Standing { state: State::Running, started_at: Some(due), ..running };
+    let running = Standing { state: State::Running, started_at: Some(due), ..Standing::default() };
     let picks = |mine: &[Standing], at, limit, is_least_busy| {
         let view = View { mine: mine.to_vec(), is_least_busy, ..view(tenants()) };
         let Picks { numbers, again, .. } = claim(view, &claiming(0, limit, 1, 1), &RULES, at);
@@ -132,11 +131,11 @@ fn a_suspect_starts_alone_and_waits_for_that_in_bounded_time() {
 #[test]
 fn a_job_is_claimed_once_blamed_alone_and_begins_anew_with_a_retry() {
     let apply = |job: Standing, change| job.apply(change, &RULES, now());
-    let claim = Change::Claim { worker: "w".into(), lease: Duration::ZERO };
-    let (running, _) = apply(Standing::created(true).0, claim.clone()).expect("it waits");
+    let claim = Change::Claim("w".into(), Duration::ZERO);
+    let (running, _) = apply(Standing { is_small: true, ..Standing::default() }, claim.clone()).expect("it waits");
     assert_eq!(apply(running, claim), Err(Refused(State::Running)));
     let claimed = Standing { has_begun: false, ..running };
-    let blamed = |counts: [bool; 2]| counts.map(|counts| Change::Crashed { counts });
+    let blamed = |counts: [bool; 2]| counts.map(Change::Crashed);
     assert_eq!(crashed(&[claimed, running]), blamed([false, true]));
     assert_eq!(crashed(&[running, running]), blamed([false, false]), "either may have caused it");
     let ended = Standing { state: State::Succeeded, ..running };
@@ -165,7 +164,7 @@ fn a_late_killer_among_many_jobs_is_given_up_and_they_are_not() {
                 model.crash(0).await;
             }
             for (job, attempt, _) in running.extract_if(.., |(job, _, start)| *job > 0 && *start < round) {
-                assert!(model.change(job, Change::End { attempt, state: State::Succeeded, problem: None }).await);
+                assert!(model.change(job, Change::End(attempt, State::Succeeded, None)).await);
             }
         }
         let mut states = Vec::new();

@@ -7,11 +7,11 @@ use std::time::SystemTime;
 use tesserae_mesh::error::{Error, Result};
 use uuid::Uuid;
 
-use super::database::rows::{Abort, Row, Rows, json, values};
-use super::job::{Job, JobId, Progress, Spec, Ticket, keeps_upload, no_such_job};
+use super::database::{Abort, Row, Rows, Value, json, read, values};
+use super::job::{Job, JobId, SmallBlob, Spec, Ticket, keeps_upload};
 use super::listeners::Effects;
-use super::terms::{Ending, Pulse, What};
-use crate::queue::{Change, Event, Refused, Rules, Standing, State, not_yours};
+use super::terms::{Ending, Pulse};
+use crate::queue::{Change, Refused, Rules, Standing, State, What, not_yours};
 
 pub struct Transaction<'t> {
     pub rows: &'t mut dyn Rows,
@@ -42,55 +42,40 @@ pub fn job(row: &Row) -> Result<Job> {
 
 /// A job without its place in the queue.
 pub fn unplaced(row: &Row) -> Result<Job> {
-    Ok(Job {
-        id: row.get("id")?,
-        state: row.get("state")?,
-        spec: row.json("spec")?,
+    Ok(read!(row, Job {
+        id, state, attempt, worker, cancel_requested, created_at, started_at, ended_at;
         queue_position: None,
-        attempt: row.get("attempt")?,
-        worker: row.get("worker")?,
+        spec: row.json("spec")?,
         progress: row.json("progress")?,
-        cancel_requested: row.get("cancel_requested")?,
-        problem: row.optional_json("problem")?,
-        summary: row.optional_json("summary")?,
-        created_at: row.get("created_at")?,
-        started_at: row.get("started_at")?,
-        ended_at: row.get("ended_at")?,
-    })
+        problem: row.json("problem")?,
+        summary: row.json("summary")?,
+    }))
 }
 
 pub fn standing(row: &Row) -> Result<Standing> {
-    Ok(Standing {
-        state: row.get("state")?,
-        is_small: row.get("is_small")?,
-        attempt: row.get("attempt")?,
-        uncounted: row.get("uncounted")?,
+    Ok(read!(row, Standing {
+        state, is_small, attempt, uncounted, suspicion, not_before, started_at, lease_until, cancel_requested;
         has_begun: row.get("begun")?,
-        suspicion: row.get("suspicion")?,
-        not_before: row.get("not_before")?,
-        started_at: row.get("started_at")?,
-        lease_until: row.get("lease_until")?,
-        cancel_requested: row.get("cancel_requested")?,
-    })
+    }))
 }
 
 const FIND: &str = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
 
-/// Without what claims alone change: the attempt, its start and its worker's name.
-const SAVE: &str = "UPDATE jobs SET state = $2, uncounted = $3, begun = $4, suspicion = $5, not_before = $6, \
-    lease_until = $7, cancel_requested = $8, worker_id = $9, last_seq = $10, ends = $11, problem = $12, \
-    summary = $13, ended_at = $14, progress = coalesce($15, progress) WHERE number = $1";
+const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, begun = $5, suspicion = $6, \
+    not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker = $11, worker_id = $12, \
+    last_seq = $13, ends = $14, problem = $15, summary = $16, ended_at = $17, progress = coalesce($18, progress) \
+    WHERE number = $1";
 
 const NOTICE: &str = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
     VALUES ($1, $2, $3, $4, $5, $6, $7)";
 
-#[derive(Debug)]
 pub struct Live {
     pub id: JobId,
     pub number: i64,
     pub tenant: String,
     pub standing: Standing,
     pub last_seq: u64,
+    pub worker: Option<String>,
     pub worker_id: Option<Uuid>,
     /// The URL that its end is sent to, and the `traceparent` for that.
     pub webhook: Option<(String, Option<String>)>,
@@ -100,16 +85,11 @@ pub struct Live {
 impl Live {
     pub fn of(row: &Row) -> Result<Self> {
         let webhook = |webhook| Ok((webhook, row.json::<Spec>("spec")?.trace_parent));
-        Ok(Self {
-            id: row.get("id")?,
-            number: row.get("number")?,
-            tenant: row.get("tenant")?,
+        Ok(read!(row, Self {
+            id, number, tenant, last_seq, worker, worker_id, ends;
             standing: standing(row)?,
-            last_seq: row.get("last_seq")?,
-            worker_id: row.get("worker_id")?,
             webhook: row.get::<Option<String>>("webhook")?.map(webhook).transpose()?,
-            ends: row.get("ends")?,
-        })
+        }))
     }
 
     pub fn ticket(&self) -> Ticket {
@@ -132,148 +112,103 @@ impl Transaction<'_> {
         Ok(self.rows.first(FIND, values![id])?.as_ref().map(Live::of).transpose()?)
     }
 
-    /// The job of a ticket, which the rules check.
-    pub fn of_ticket(&mut self, ticket: Ticket) -> Result<Live, Abort> {
-        self.find(ticket.job)?.ok_or_else(|| no_such_job(ticket.job).into())
-    }
-
-    /// A job of a worker after a change, or [`Kind::Conflict`](tesserae_mesh::Kind::Conflict).
-    pub fn worked(&mut self, live: Live, change: Change, ending: Option<&Ending>) -> Result<Live, Abort> {
-        let id = live.id;
-        self.apply(live, change, ending)?.map_err(|Refused(_)| not_yours(id).into())
-    }
-
-    /// The job after a change that the rules allow.
-    pub fn apply(
-        &mut self,
-        mut live: Live,
-        change: Change,
-        ending: Option<&Ending>,
-    ) -> Result<Result<Live, Refused>, Abort> {
+    /// The job after a change, or [`Kind::Conflict`](tesserae_mesh::Kind::Conflict) where the rules do not allow it.
+    pub fn apply(&mut self, mut live: Live, change: Change, ending: Option<&Ending>) -> Result<Live, Abort> {
         let now = self.now()?;
-        let (before, rules) = (live.standing, self.rules);
+        let before = live.standing;
         let is_fault = match change {
             Change::LeaseOver => before.has_begun,
-            Change::Crashed { counts } => counts,
+            Change::Crashed(counts) => counts,
             _ => false,
         };
-        let (standing, event) = match before.apply(change, &rules, now) {
-            Ok(after) => after,
-            Err(refused) => return Ok(Err(refused)),
-        };
-        live.standing = standing;
-        if standing.state == State::Queued {
-            live.worker_id = None;
-        }
+        let after = before.apply(change, &self.rules, now);
+        let (standing, event) = after.map_err(|Refused(_)| not_yours(live.id))?;
         if standing == before && event.is_none() {
-            return Ok(Ok(live));
+            return Ok(live);
         }
+        live.standing = standing;
         if is_fault {
             self.effects.attempts_failed += 1;
             self.effects.given_up += u64::from(standing.state == State::Failed);
         }
-        if let Some((events, _)) = ending.and_then(|ending| ending.rest.as_ref()) {
-            self.tell_all(&mut live, events)?;
+        let rest = ending.and_then(|ending| ending.rest.as_ref());
+        let whats = rest.into_iter().flat_map(|(events, _)| events).chain(&event);
+        self.tell(live.number, &mut live.last_seq, whats)?;
+        let mut end = [Value::Null, Value::Null, Value::Null, Value::Null];
+        match &event {
+            Some(What::Queued) => live.worker_id = None,
+            Some(What::Started(_, worker)) => {
+                (live.worker, live.worker_id) = (Some(worker.clone()), Some(self.me));
+            }
+            Some(What::End(_, problem)) => {
+                live.ends += 1;
+                let summary = ending.and_then(|ending| ending.end.parts().2).map(json).transpose()?;
+                let progress = rest.map(|(_, progress)| json(progress)).transpose()?;
+                let text = problem.as_ref().map(json).transpose()?;
+                end = [text.into(), summary.into(), now.into(), progress.into()];
+                self.ended(&live, problem.as_ref(), ending, now)?;
+            }
+            _ => {}
         }
-        self.effects.arrivals |= event == Some(Event::Queued);
-        let is_told = event.is_some();
-        let end = match &event {
-            Some(Event::End(_, problem)) => Some(problem.clone()),
-            _ => None,
-        };
-        if let Some(event) = event {
-            self.tell_all(&mut live, &[event.into()])?;
-        }
-        match end {
-            Some(problem) => self.ended(&mut live, problem, ending, now)?,
-            None => self.save(&live, None, None, None, None)?,
-        }
-        if is_told || standing.cancel_requested != before.cancel_requested {
+        let Standing { state, attempt, uncounted, has_begun, suspicion, .. } = standing;
+        let Standing { not_before, started_at, lease_until, cancel_requested, .. } = standing;
+        let mut values = values![live.number, state, attempt, uncounted, has_begun, suspicion, not_before, started_at];
+        values.extend(values![lease_until, cancel_requested, live.worker.clone(), live.worker_id, live.last_seq]);
+        values.push(live.ends.into());
+        values.extend(end);
+        self.rows.write(SAVE, values)?;
+        self.effects.arrivals |= matches!(event, Some(What::Queued | What::End(..)));
+        if event.is_some() || standing.cancel_requested != before.cancel_requested {
             self.pulse(&live);
         }
-        Ok(Ok(live))
+        Ok(live)
     }
 
-    /// Writes an ended job, its blobs and its notice.
+    /// Writes the blobs of an ended job and its notice.
     fn ended(
         &mut self,
-        live: &mut Live,
-        problem: Option<Error>,
+        live: &Live,
+        problem: Option<&Error>,
         ending: Option<&Ending>,
         now: SystemTime,
     ) -> Result<(), Abort> {
-        live.ends += 1;
-        let progress = ending.and_then(|ending| ending.rest.as_ref()).map(|(_, progress)| progress);
-        let summary = ending.and_then(|ending| ending.end.parts().2).map(json).transpose()?;
-        let text = problem.as_ref().map(json).transpose()?;
-        self.save(live, text.clone(), summary, Some(now), progress)?;
-        if let Some((webhook, trace_parent)) = live.webhook.clone() {
-            let state = live.standing.state;
+        if let Some((webhook, trace_parent)) = &live.webhook {
+            let (state, problem) = (live.standing.state, problem.map(json).transpose()?);
+            let notice = values![live.id, &**webhook, trace_parent.clone(), state, problem, now, live.ends];
             self.rows.write("DELETE FROM notices WHERE job = $1", values![live.id])?;
-            self.rows.write(NOTICE, values![live.id, webhook, trace_parent, state, text, now, live.ends])?;
+            self.rows.write(NOTICE, notice)?;
             self.effects.endings = true;
         }
         // a job that was given up may be run again
-        if !keeps_upload(problem.as_ref()) {
+        if !keeps_upload(problem) {
             self.rows.write("DELETE FROM blobs WHERE job = $1", values![live.number])?;
         }
-        for blob in ending.iter().flat_map(|ending| &ending.result) {
-            self.keep(live.number, &blob.name, &blob.bytes)?;
-        }
-        self.effects.arrivals = true;
-        Ok(())
+        self.keep(live.number, ending.map_or(&[], |ending| &ending.result))
     }
 
-    pub fn keep(&mut self, job: i64, name: &str, bytes: &tokio_util::bytes::Bytes) -> Result<(), Abort> {
-        let sql = "INSERT INTO blobs (job, name, bytes) VALUES ($1, $2, $3)";
-        self.rows.write(sql, values![job, name, bytes.clone()])
-    }
-
-    /// Appends events. The caller writes `last_seq` to the row.
-    pub fn tell_all(&mut self, live: &mut Live, events: &[What]) -> Result<(), Abort> {
-        for event in events {
-            live.last_seq += 1;
-            self.tell(live.number, live.last_seq, event)?;
+    /// Keeps small blobs of a job.
+    pub fn keep(&mut self, job: i64, blobs: &[SmallBlob]) -> Result<(), Abort> {
+        for SmallBlob { name, bytes } in blobs {
+            let sql = "INSERT INTO blobs (job, name, bytes) VALUES ($1, $2, $3)";
+            self.rows.write(sql, values![job, &**name, bytes.clone()])?;
         }
         Ok(())
     }
 
-    pub fn tell(&mut self, job: i64, seq: u64, event: &What) -> Result<(), Abort> {
-        let [kind, data] = event.columns()?;
-        let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
-        self.rows.write(sql, values![job, seq, kind, data])
-    }
-
-    fn save(
+    /// Appends events to those of a job. The caller writes the last number to its row.
+    pub fn tell<'w>(
         &mut self,
-        live: &Live,
-        problem: Option<String>,
-        summary: Option<String>,
-        ended_at: Option<SystemTime>,
-        progress: Option<&Progress>,
+        job: i64,
+        last_seq: &mut u64,
+        whats: impl IntoIterator<Item = &'w What>,
     ) -> Result<(), Abort> {
-        let Standing { state, uncounted, has_begun, suspicion, .. } = live.standing;
-        let Standing { not_before, lease_until, cancel_requested, .. } = live.standing;
-        self.rows.write(
-            SAVE,
-            values![
-                live.number,
-                state,
-                uncounted,
-                has_begun,
-                suspicion,
-                not_before,
-                lease_until,
-                cancel_requested,
-                live.worker_id,
-                live.last_seq,
-                live.ends,
-                problem,
-                summary,
-                ended_at,
-                progress.map(json).transpose()?,
-            ],
-        )
+        for what in whats {
+            *last_seq += 1;
+            let [kind, data] = what.columns()?;
+            let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
+            self.rows.write(sql, values![job, *last_seq, kind, data])?;
+        }
+        Ok(())
     }
 
     /// Wakes the tasks that wait for the job, after the commit.

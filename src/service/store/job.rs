@@ -33,7 +33,7 @@ impl JobId {
 
 impl fmt::Display for JobId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.as_hyphenated().fmt(f)
+        self.0.fmt(f)
     }
 }
 
@@ -71,7 +71,6 @@ pub(crate) fn not_failed(state: State) -> Error {
 /// An upload: its tenant, its files, and what to do with it. What is said of a mesh holds for points, too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Spec {
-    /// Name of the tenant whose job it is: [`LOCAL_TENANT`] for a service without tokens.
     pub tenant: String,
     /// The `traceparent` of the request (W3C Trace Context), which the work on the job continues.
     pub trace_parent: Option<String>,
@@ -98,7 +97,6 @@ pub(crate) struct Spec {
 /// A mesh that lay in a bucket before the request for its job came.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Referred {
-    /// Its URL, `s3://BUCKET/KEY`.
     pub url: String,
     /// Changes with its content.
     pub tag: Option<String>,
@@ -129,7 +127,6 @@ pub(crate) struct Summary {
     pub clusters: u64,
     /// Shape of points: that of their grid, or their number. Empty for a mesh.
     pub shape: Vec<u64>,
-    /// The report's `labels_sha256`.
     pub labels_sha256: Option<String>,
     /// Whether the result is small blobs, which the store keeps.
     pub is_small: bool,
@@ -147,7 +144,6 @@ impl Summary {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Contents {
     pub bytes: u64,
-    /// Their SHA-256 in hexadecimal digits.
     pub sha256: String,
 }
 
@@ -157,7 +153,6 @@ pub(crate) const SMALL_BLOBS: u64 = 256 << 10;
 /// A small file of a job, kept with the job: it needs no file and no separate wait for the disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct SmallBlob {
-    /// Its name; unique among those of the job.
     pub name: String,
     pub bytes: Bytes,
 }
@@ -184,30 +179,11 @@ pub(crate) struct Job {
 }
 
 impl Job {
-    pub fn queued(id: JobId, spec: Spec, created_at: SystemTime) -> Self {
-        Self {
-            id,
-            state: State::Queued,
-            spec,
-            queue_position: None,
-            attempt: 0,
-            worker: None,
-            progress: Progress::default(),
-            cancel_requested: false,
-            problem: None,
-            summary: None,
-            created_at,
-            started_at: None,
-            ended_at: None,
-        }
-    }
-
     /// Whether its upload is there to be read: not what a client named by a `mesh_url`.
     pub fn has_upload(&self) -> bool {
         self.spec.referred.is_none() && (!self.state.is_ended() || self.keeps_upload())
     }
 
-    /// Whether it is a job that succeeded and keeps its image with the result.
     pub fn has_image(&self) -> bool {
         self.state == State::Succeeded && self.spec.kept.mesh && self.spec.format.is_image()
     }
@@ -228,6 +204,5 @@ pub(crate) fn keeps_upload(problem: Option<&Error>) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct Ticket {
     pub job: JobId,
-    /// Counts the claims of the job; an older one writes nothing.
     pub attempt: u32,
 }

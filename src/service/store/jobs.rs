@@ -6,14 +6,15 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
-use super::change::{Live, Transaction, job, jobs};
-use super::database::rows::{Abort, Row, Rows, json, values};
-use super::job::{Job, JobId, Progress, SmallBlob, Ticket, no_such_job, not_failed};
+use super::change::{Live, Transaction, job, jobs, unplaced};
+use super::database::{Abort, Rows, json, values};
+use super::job::{Job, JobId, Progress, Ticket, no_such_job, not_failed};
+use super::listeners::marked;
 use super::store::Store;
 #[cfg(test)]
 use super::terms::End;
-use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse, What};
-use crate::queue::{Change, Refused, Release, Rules, Standing, State, not_yours};
+use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse};
+use crate::queue::{Change, Rules, State, What, not_yours};
 
 const KNOWN: &str = jobs!("WHERE tenant = $1 AND idempotency_key = $2");
 
@@ -24,7 +25,7 @@ const WAITING: &str = "SELECT count(*) AS jobs FROM (SELECT 1 FROM jobs WHERE st
 
 const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, is_small, progress, idempotency_key, \
     request_digest, created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, $10, 1) \
-    ON CONFLICT DO NOTHING RETURNING number";
+    ON CONFLICT DO NOTHING RETURNING *";
 
 /// The waiting jobs of a tenant, and the place of a new one among them.
 const OF_TENANT: &str = "SELECT count(*) AS jobs, \
@@ -33,9 +34,8 @@ const OF_TENANT: &str = "SELECT count(*) AS jobs, \
 
 /// The place of a job that is to wait, of which the tenant may have `most`. [`Kind::QueueFull`] when there is none.
 fn place(rows: &mut dyn Rows, rules: &Rules, tenant: &str, most: Option<u64>, urgency: i16) -> Result<u64, Abort> {
-    let found = rows.all(&[(WAITING, values![rules.max_queued]), (OF_TENANT, values![tenant, urgency])])?;
-    let found: Vec<Row> = found.into_iter().flatten().collect();
-    let [all, own] = &found[..] else { return Err(Abort::Broken(Error::new(Kind::Internal, "a count gave no row"))) };
+    let all = rows.one(WAITING, values![rules.max_queued])?;
+    let own = rows.one(OF_TENANT, values![tenant, urgency])?;
     rules.check_room(all.get("jobs")?, own.get("jobs")?, most)?;
     Ok(own.get("place")?)
 }
@@ -44,13 +44,14 @@ fn find(rows: &mut dyn Rows, id: JobId) -> Result<Option<Job>, Abort> {
     Ok(rows.first(BY_ID, values![id])?.as_ref().map(job).transpose()?)
 }
 
-fn known(rows: &mut dyn Rows, tenant: &str, wanted: &Idempotency) -> Result<Option<Job>, Abort> {
-    let Some(row) = rows.first(KNOWN, values![tenant, &*wanted.key])? else { return Ok(None) };
-    if row.text("request_digest")? == wanted.request {
+fn known(rows: &mut dyn Rows, tenant: &str, wanted: Option<&Idempotency>) -> Result<Option<Job>, Abort> {
+    let Some(Idempotency { key, request }) = wanted else { return Ok(None) };
+    let Some(row) = rows.first(KNOWN, values![tenant, &**key])? else { return Ok(None) };
+    if row.get::<String>("request_digest")? == *request {
         return Ok(Some(job(&row)?));
     }
     let why = "another request came with this Idempotency-Key before; send a new key with a new request";
-    Err(Error::new(Kind::KeyReused, format_args!("{why}: {:?}", wanted.key)).into())
+    Err(Error::new(Kind::KeyReused, format_args!("{why}: {key:?}")).into())
 }
 
 impl Store {
@@ -62,9 +63,8 @@ impl Store {
 
     /// Whether a job of the tenant was added with this key: then [`create`](Self::create) adds none.
     pub async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
-        let values = values![tenant, key];
         let sql = "SELECT number FROM jobs WHERE tenant = $1 AND idempotency_key = $2";
-        Ok(self.read("knows_key", move |rows| rows.first(sql, values.clone())).await?.is_some())
+        Ok(!self.query("knows_key", sql, values![tenant, key]).await?.is_empty())
     }
 
     /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may, of all tenants or of its own,
@@ -78,14 +78,89 @@ impl Store {
         self.read("get", move |rows| find(rows, id)).await
     }
 
+    /// A change by the holder of a ticket. The ticket is forgotten when it is over, by success if that `ends` it.
+    async fn work<T: Send + 'static>(
+        &self,
+        operation: &'static str,
+        ticket: Ticket,
+        ends: bool,
+        work: impl Fn(&mut Transaction<'_>, Live) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        let worked = self.change(operation, move |change| {
+            let live = change.find(ticket.job)?.ok_or_else(|| no_such_job(ticket.job))?;
+            work(change, live)
+        });
+        let outcome = worked.await;
+        let is_over = match &outcome {
+            Ok(_) => ends,
+            Err(error) => matches!(error.kind, Kind::Conflict | Kind::NotFound),
+        };
+        if is_over {
+            self.held.lock().remove(&ticket);
+        }
+        outcome
+    }
+
     /// The worker begins to read the mesh: from now on the attempt counts. Small uploads begin with their claim.
     /// Nothing happens when the attempt has begun already.
     pub async fn begin(&self, ticket: Ticket) -> Result<()> {
-        let begun = self.change("begin", move |change| {
-            let live = change.of_ticket(ticket)?;
-            change.worked(live, Change::Begin { attempt: ticket.attempt }, None).map(drop)
-        });
-        self.fenced(ticket, begun.await, false)
+        let begin =
+            move |change: &mut Transaction<'_>, live| change.apply(live, Change::Begin(ticket.attempt), None).map(drop);
+        self.work("begin", ticket, false, begin).await
+    }
+
+    /// Gives a running job back: it waits again, or has failed ([`Kind::Poison`]) after too many attempts, or is
+    /// cancelled where that was requested.
+    pub async fn release(&self, ticket: Ticket, fault: Option<Error>) -> Result<State> {
+        let release = move |change: &mut Transaction<'_>, live| {
+            let released = change.apply(live, Change::Release(ticket.attempt, fault.clone()), None)?;
+            Ok(released.standing.state)
+        };
+        self.work("release", ticket, true, release).await
+    }
+
+    /// Ends a running job. Small blobs of its upload go, unless it is given up. Nothing happens where this worker ended
+    /// it so before: the answer to that was lost.
+    pub async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
+        let is_held = self.held.lock().contains_key(&ticket);
+        let end = move |change: &mut Transaction<'_>, live: Live| {
+            let (state, problem, _) = ending.end.parts();
+            let is_mine = is_held && live.worker_id == Some(change.me) && live.ticket() == ticket;
+            if is_mine && live.standing.state == state {
+                return Ok(());
+            }
+            change.apply(live, Change::End(ticket.attempt, state, problem.cloned()), Some(&ending)).map(drop)
+        };
+        self.work("finish", ticket, true, end).await
+    }
+
+    #[cfg(test)]
+    pub async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
+        self.end(ticket, end.into()).await
+    }
+
+    /// Appends events and replaces the progress. Nothing happens where they were appended before: the answer to that
+    /// was lost.
+    pub async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
+        let before = self.held.lock().get(&ticket).copied();
+        let append = move |change: &mut Transaction<'_>, mut live: Live| {
+            if live.ticket() != ticket || live.standing.state != State::Running {
+                return Err(not_yours(ticket.job).into());
+            }
+            if before.is_some_and(|before| live.last_seq == before + events.len() as u64) {
+                return Ok(live.last_seq);
+            }
+            change.tell(live.number, &mut live.last_seq, &events)?;
+            let sql = "UPDATE jobs SET progress = $2, last_seq = $3 WHERE number = $1";
+            change.rows.write(sql, values![live.number, json(&progress)?, live.last_seq])?;
+            change.pulse(&live);
+            Ok(live.last_seq)
+        };
+        let last_seq = self.work("append", ticket, false, append).await?;
+        if let Some(held) = self.held.lock().get_mut(&ticket) {
+            *held = last_seq;
+        }
+        Ok(())
     }
 
     /// Makes leases end this long after now, by the clock of the store; returns the tickets that are over.
@@ -98,48 +173,12 @@ impl Store {
         Ok(lost)
     }
 
-    /// Gives a running job back: it waits again, or has failed ([`Kind::Poison`]) after too many attempts, or is
-    /// cancelled where that was requested.
-    pub async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
-        let released = self.change("release", move |change| {
-            let live = change.of_ticket(ticket)?;
-            let release = Change::Release { attempt: ticket.attempt, release: release.clone() };
-            Ok(change.worked(live, release, None)?.standing.state)
-        });
-        self.fenced(ticket, released.await, true)
-    }
-
-    /// Ends a running job. Small blobs of its upload go, unless it is given up. Nothing happens where this worker ended
-    /// it so before: the answer to that was lost.
-    pub async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
-        let is_held = self.held.lock().contains_key(&ticket);
-        let ended = self.change("finish", move |change| end(change, ticket, &ending, is_held)).await;
-        self.fenced(ticket, ended, true)
-    }
-
-    #[cfg(test)]
-    pub async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
-        self.end(ticket, end.into()).await
-    }
-
-    /// Forgets a ticket that is over, by success if that `ends` it.
-    fn fenced<T>(&self, ticket: Ticket, outcome: Result<T>, ends: bool) -> Result<T> {
-        let is_over = match &outcome {
-            Ok(_) => ends,
-            Err(error) => matches!(error.kind, Kind::Conflict | Kind::NotFound),
-        };
-        if is_over {
-            self.held.lock().remove(&ticket);
-        }
-        outcome
-    }
-
     /// Requests the end of a job: at once while it waits; by a pulse while it runs; an ended job stays as it is. The
     /// job after that; none when there is no such job.
     pub async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
         let cancelled = self.change("cancel", move |change| {
             let Some(live) = change.find(id)? else { return Ok(None) };
-            change.worked(live, Change::Cancel, None)?;
+            change.apply(live, Change::Cancel, None)?;
             find(change.rows, id)
         });
         cancelled.await
@@ -153,21 +192,8 @@ impl Store {
 
     /// A small blob of a job: of its upload until it ends, of its result from then on.
     pub async fn blob(&self, id: JobId, name: &str) -> Result<Option<Bytes>> {
-        let values = values![id, name];
         let sql = "SELECT bytes FROM blobs WHERE job = (SELECT number FROM jobs WHERE id = $1) AND name = $2";
-        let row = self.read("blob", move |rows| rows.first(sql, values.clone())).await?;
-        row.map(|row| row.get("bytes")).transpose()
-    }
-
-    /// Appends events and replaces the progress. Nothing happens where they were appended before: the answer to that
-    /// was lost.
-    pub async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
-        let before = self.held.lock().get(&ticket).copied();
-        let appended = self.change("append", move |change| append(change, ticket, &events, &progress, before)).await;
-        if let (Ok(last_seq), Some(held)) = (&appended, self.held.lock().get_mut(&ticket)) {
-            *held = *last_seq;
-        }
-        self.fenced(ticket, appended, false).map(drop)
+        self.query("blob", sql, values![id, name]).await?.pop().map(|row| row.get("bytes")).transpose()
     }
 
     /// At most `limit` events of a job from number `after + 1` on; none when there is no such job.
@@ -185,15 +211,15 @@ impl Store {
     pub async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>> {
         let receiver = self.listeners.pulses.subscribe(id);
         let sql = "SELECT last_seq, cancel_requested, state FROM jobs WHERE id = $1";
-        let Some(row) = self.read("watch", move |rows| rows.first(sql, values![id])).await? else { return Ok(None) };
+        let Some(row) = self.query("watch", sql, values![id]).await?.pop() else { return Ok(None) };
         self.listeners.pulses.publish(id, Pulse::of(&row)?);
         Ok(Some(receiver))
     }
 
     /// Changes whenever a job may be claimed that could not be before: idle workers wait for it. Marked as changed from
     /// the start.
-    pub fn arrivals(&self) -> watch::Receiver<u64> {
-        self.listeners.arrivals.subscribe()
+    pub fn arrivals(&self) -> watch::Receiver<()> {
+        marked(&self.listeners.arrivals)
     }
 
     /// Deletes an ended job, its events and its key; its notice stays.
@@ -204,38 +230,30 @@ impl Store {
 
 fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> {
     let NewJob { id, spec, idempotency, upload, most_waiting } = new;
-    if let Some(wanted) = idempotency
-        && let Some(job) = known(change.rows, &spec.tenant, wanted)?
-    {
+    let idempotency = idempotency.as_ref();
+    if let Some(job) = known(change.rows, &spec.tenant, idempotency)? {
         return Ok(Created::Known(job));
     }
     let urgency = -i16::from(spec.priority);
     let place = place(change.rows, &change.rules, &spec.tenant, *most_waiting, urgency)?;
-    let created_at = change.now()?;
-    let mut job = Job::queued(*id, spec.clone(), created_at);
-    job.queue_position = Some(place);
-    let key = idempotency.as_ref().map(|wanted| &*wanted.key);
-    let request = idempotency.as_ref().map(|wanted| &*wanted.request);
-    let (text, progress) = (json(spec)?, json(&job.progress)?);
-    let (webhook, is_small) = (spec.webhook.clone(), spec.is_small);
-    let values = values![*id, &*spec.tenant, text, webhook, is_small, progress, key, request, created_at, urgency];
+    let mut values = values![*id, &*spec.tenant, json(spec)?, spec.webhook.clone(), spec.is_small];
+    values.push(json(&Progress::default())?.into());
+    values.push(idempotency.map(|wanted| &*wanted.key).into());
+    values.push(idempotency.map(|wanted| &*wanted.request).into());
+    values.extend(values![change.now()?, urgency]);
     let Some(row) = change.rows.first(CREATE, values)? else {
-        // another service took the key in this moment; or this job was created before, and the answer was lost
-        return match (find(change.rows, *id)?, idempotency) {
-            (Some(job), _) => Ok(Created::New(job)),
-            (None, Some(wanted)) => match known(change.rows, &spec.tenant, wanted)? {
-                Some(job) => Ok(Created::Known(job)),
-                None => Err(Error::new(Kind::Unavailable, "the job was deleted in this moment; try again").into()),
-            },
-            (None, None) => Err(Error::new(Kind::Internal, "a new job was not stored").into()),
-        };
+        // this job was created before, and the answer was lost; or another service took the key in this moment
+        if let Some(job) = find(change.rows, *id)? {
+            return Ok(Created::New(job));
+        }
+        let known = known(change.rows, &spec.tenant, idempotency)?.map(Created::Known);
+        let gone = || Error::new(Kind::Unavailable, "the job was deleted in this moment; try again").into();
+        return known.ok_or_else(gone);
     };
+    let job = Job { queue_position: Some(place), ..unplaced(&row)? };
     let number = row.get("number")?;
-    let (_, event) = Standing::created(spec.is_small);
-    change.tell(number, 1, &event.into())?;
-    for SmallBlob { name, bytes } in upload {
-        change.keep(number, name, bytes)?;
-    }
+    change.tell(number, &mut 0, [&What::Queued])?;
+    change.keep(number, upload)?;
     // no task can wait for a job that was not there
     change.effects.arrivals = true;
     Ok(Created::New(job))
@@ -244,13 +262,12 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
 fn heartbeat(change: &mut Transaction<'_>, tickets: &[Ticket], lease: Duration) -> Result<Vec<Ticket>, Abort> {
     let mut lost = Vec::new();
     for ticket in tickets {
-        let beat = Change::Heartbeat { attempt: ticket.attempt, lease };
-        let is_held = match change.find(ticket.job)? {
-            Some(live) => change.apply(live, beat, None)?.is_ok(),
-            None => false,
-        };
-        if !is_held {
-            lost.push(*ticket);
+        let beat = Change::Heartbeat(ticket.attempt, lease);
+        let live = change.find(ticket.job)?;
+        match live.map(|live| change.apply(live, beat, None)) {
+            Some(Ok(_)) => {}
+            None | Some(Err(Abort::Refused(_))) => lost.push(*ticket),
+            Some(Err(abort)) => return Err(abort),
         }
     }
     let now = change.now()?;
@@ -259,46 +276,13 @@ fn heartbeat(change: &mut Transaction<'_>, tickets: &[Ticket], lease: Duration) 
     Ok(lost)
 }
 
-fn end(change: &mut Transaction<'_>, ticket: Ticket, ending: &Ending, is_held: bool) -> Result<(), Abort> {
-    let (state, problem, _) = ending.end.parts();
-    let live = change.of_ticket(ticket)?;
-    let is_repeated = is_held && live.worker_id == Some(change.me) && live.ticket() == ticket;
-    let problem = problem.cloned();
-    match change.apply(live, Change::End { attempt: ticket.attempt, state, problem }, Some(ending))? {
-        Err(Refused(ended)) if ended != state || !is_repeated => Err(not_yours(ticket.job).into()),
-        _ => Ok(()),
-    }
-}
-
-fn append(
-    change: &mut Transaction<'_>,
-    ticket: Ticket,
-    events: &[What],
-    progress: &Progress,
-    before: Option<u64>,
-) -> Result<u64, Abort> {
-    let mut live = change.of_ticket(ticket)?;
-    if live.ticket() != ticket || live.standing.state != State::Running {
-        return Err(not_yours(ticket.job).into());
-    }
-    if before.is_some_and(|before| live.last_seq == before + events.len() as u64) {
-        return Ok(live.last_seq);
-    }
-    change.tell_all(&mut live, events)?;
-    let sql = "UPDATE jobs SET progress = $2, last_seq = $3 WHERE number = $1";
-    change.rows.write(sql, values![live.number, json(progress)?, live.last_seq])?;
-    change.pulse(&live);
-    Ok(live.last_seq)
-}
-
 fn retry(change: &mut Transaction<'_>, id: JobId, most: Option<u64>) -> Result<Job, Abort> {
     let live = change.find(id)?.ok_or_else(|| no_such_job(id))?;
-    if live.standing.state == State::Failed {
-        place(change.rows, &change.rules, &live.tenant, most, 0)?;
+    if live.standing.state != State::Failed {
+        return Err(not_failed(live.standing.state).into());
     }
-    if let Err(Refused(state)) = change.apply(live, Change::Retry, None)? {
-        return Err(not_failed(state).into());
-    }
+    place(change.rows, &change.rules, &live.tenant, most, 0)?;
+    change.apply(live, Change::Retry, None)?;
     find(change.rows, id)?.ok_or_else(|| no_such_job(id).into())
 }
 

@@ -18,9 +18,7 @@ pub struct Effects {
     /// Whether a job may be claimed that could not be before: it waits, or another one ended.
     pub arrivals: bool,
     pub endings: bool,
-    /// As in [`Statistics`].
     pub attempts_failed: u64,
-    /// As in [`Statistics`].
     pub given_up: u64,
     /// Whether the file has fewer pages, which it gives back when the log is written into it.
     pub shrinks: bool,
@@ -29,8 +27,8 @@ pub struct Effects {
 #[derive(Debug, Default)]
 pub struct Listeners {
     pub pulses: Pulses,
-    pub arrivals: Signal,
-    pub endings: Signal,
+    pub arrivals: watch::Sender<()>,
+    pub endings: watch::Sender<()>,
     statistics: Mutex<Statistics>,
 }
 
@@ -47,10 +45,10 @@ impl Listeners {
             self.pulses.forget(id);
         }
         if effects.arrivals {
-            self.arrivals.notify();
+            self.arrivals.send_replace(());
         }
         if effects.endings {
-            self.endings.notify();
+            self.endings.send_replace(());
         }
     }
 
@@ -73,50 +71,30 @@ impl Listeners {
     }
 }
 
-/// A count that changes with every [`notify`](Self::notify), for tasks that wait for the next one.
-#[derive(Debug, Default)]
-pub struct Signal(watch::Sender<u64>);
-
-impl Signal {
-    pub fn notify(&self) {
-        self.0.send_modify(|count| *count += 1);
-    }
-
-    /// A receiver that is marked as changed, so that its task looks once before it waits.
-    pub fn subscribe(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.0.subscribe();
-        receiver.mark_changed();
-        receiver
-    }
+/// A receiver that is marked as changed, so that its task looks once before it waits.
+pub fn marked(signal: &watch::Sender<()>) -> watch::Receiver<()> {
+    let mut receiver = signal.subscribe();
+    receiver.mark_changed();
+    receiver
 }
 
-/// Receivers by job. Jobs without a receiver are dropped when their number has doubled.
+/// Receivers by job.
 #[derive(Debug, Default)]
-pub struct Pulses(Mutex<Waiters>);
-
-#[derive(Debug, Default)]
-struct Waiters {
-    jobs: HashMap<JobId, watch::Sender<Pulse>>,
-    /// Number of jobs at which those without a receiver are dropped.
-    sweep_at: usize,
-}
+pub struct Pulses(Mutex<HashMap<JobId, watch::Sender<Pulse>>>);
 
 impl Pulses {
     /// A receiver of every change of a job from now on. Subscribe first, then [`publish`](Self::publish) the stored
     /// state: no change in between is missed.
     pub fn subscribe(&self, id: JobId) -> watch::Receiver<Pulse> {
-        let mut waiters = self.0.lock();
-        if waiters.jobs.len() >= waiters.sweep_at {
-            waiters.jobs.retain(|_, pulse| pulse.receiver_count() > 0);
-            waiters.sweep_at = 2 * waiters.jobs.len() + 64;
-        }
-        waiters.jobs.entry(id).or_default().subscribe()
+        let mut jobs = self.0.lock();
+        jobs.retain(|_, pulse| pulse.receiver_count() > 0);
+        jobs.entry(id).or_default().subscribe()
     }
 
     /// Wakes the receivers of a job. A pulse with older events than the last one is dropped. An ended job that runs
     /// again has newer events, so its pulse replaces the last one.
     pub fn publish(&self, id: JobId, pulse: Pulse) {
-        if let Some(waiting) = self.0.lock().jobs.get(&id) {
+        if let Some(waiting) = self.0.lock().get(&id) {
             waiting.send_if_modified(|told| {
                 let newer = match pulse.last_seq.cmp(&told.last_seq) {
                     Ordering::Less => *told,
@@ -136,12 +114,12 @@ impl Pulses {
 
     #[cfg(feature = "postgres")]
     pub fn waited_for(&self) -> Vec<JobId> {
-        let waiters = self.0.lock();
-        waiters.jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
+        let jobs = self.0.lock();
+        jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
     }
 
     pub fn forget(&self, id: JobId) {
-        self.0.lock().jobs.remove(&id);
+        self.0.lock().remove(&id);
     }
 }
 
@@ -157,7 +135,7 @@ mod tests {
         for _ in 0..10_000 {
             drop(pulses.subscribe(JobId::random()));
         }
-        assert!(pulses.0.lock().jobs.len() < 200);
+        assert!(pulses.0.lock().len() < 200);
         pulses.publish(kept, Pulse { last_seq: 7, ..Pulse::default() });
         pulses.publish(kept, Pulse { last_seq: 3, ended: true, ..Pulse::default() });
         assert_eq!(*waiting.borrow(), Pulse { last_seq: 7, ended: false, cancel_requested: false }, "an older one");

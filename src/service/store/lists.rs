@@ -5,7 +5,7 @@ use std::time::SystemTime;
 use tesserae_mesh::error::{Error, Result};
 
 use super::change::{job, jobs};
-use super::database::rows::{micros, values};
+use super::database::{micros, values};
 use super::job::JobId;
 use super::store::Store;
 use super::terms::{ListQuery, Page};
@@ -55,11 +55,7 @@ impl Store {
                 page!("AND ended_at IS NOT NULL AND state = $5 ")
             }
         };
-        let found = self.read("list", move |rows| {
-            let rows = rows.query(sql, values.clone())?;
-            Ok(rows.iter().map(job).collect::<Result<Vec<_>>>()?)
-        });
-        let mut jobs = found.await?;
+        let mut jobs = self.query("list", sql, values).await?.iter().map(job).collect::<Result<Vec<_>>>()?;
         let has_more = jobs.len() > list.limit;
         jobs.truncate(list.limit);
         let next = jobs.last().filter(|_| has_more).map(|job| format!("{}-{}", micros(job.created_at), job.id));
@@ -69,26 +65,22 @@ impl Store {
     /// Whether a job was ever added to the file, deleted ones included.
     pub async fn was_used(&self) -> Result<bool> {
         let sql = "SELECT 1 FROM sqlite_sequence WHERE name = 'jobs' AND seq > 0";
-        Ok(self.read("open", move |rows| rows.first(sql, Vec::new())).await?.is_some())
+        Ok(!self.query("open", sql, Vec::new()).await?.is_empty())
     }
 
     /// When the newest job was accepted; none when there is no job.
     pub async fn newest(&self) -> Result<Option<SystemTime>> {
         let sql = "SELECT created_at FROM jobs ORDER BY number DESC LIMIT 1";
-        let row = self.read("newest", move |rows| rows.first(sql, Vec::new())).await?;
-        row.map(|row| row.get("created_at")).transpose()
+        self.query("newest", sql, Vec::new()).await?.pop().map(|row| row.get("created_at")).transpose()
     }
 
     /// Number of jobs in each state, in the order of [`State::ALL`].
     pub async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
-        let found = self.read("counts", |rows| {
-            let mut counts = [0; State::ALL.len()];
-            for row in rows.query(COUNT, Vec::new())? {
-                counts[row.get::<State>("state")? as usize] = row.get("jobs")?;
-            }
-            Ok(counts)
-        });
-        found.await
+        let mut counts = [0; State::ALL.len()];
+        for row in self.query("counts", COUNT, Vec::new()).await? {
+            counts[row.get::<State>("state")? as usize] = row.get("jobs")?;
+        }
+        Ok(counts)
     }
 
     /// When the job was accepted that waits longest; none when no job waits.
@@ -101,18 +93,13 @@ impl Store {
     /// Jobs that ended so long ago, at most `limit`, the longest ended first.
     pub async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
         // by their age: the clock of this machine may be another than that of the store
-        let age = SystemTime::now().duration_since(time).map_err(|ahead| ahead.duration());
+        let age = micros(SystemTime::now()) - micros(time);
         let found = self.read("ended_before", move |rows| {
-            let now = rows.now()?;
-            let time = match age {
-                Ok(age) => now.checked_sub(age).unwrap_or(SystemTime::UNIX_EPOCH),
-                Err(ahead) => now + ahead,
-            };
+            let before = micros(rows.now()?) - age;
             let sql = "SELECT id FROM jobs WHERE ended_at < $1 ORDER BY ended_at LIMIT $2";
-            let rows = rows.query(sql, values![time, limit])?;
-            Ok(rows.iter().map(|row| row.get("id")).collect::<Result<_>>()?)
+            rows.query(sql, values![before, limit])
         });
-        found.await
+        found.await?.iter().map(|row| row.get("id")).collect()
     }
 
     /// Bytes on disk that the store has taken and will use again before it takes more.

@@ -33,9 +33,9 @@ mod schema;
 #[expect(clippy::module_inception, reason = "it is the store")]
 mod store;
 mod terms;
-mod url;
 mod workers;
 
+pub use self::database::StoreUrl;
 #[cfg(feature = "postgres")]
 pub(crate) use self::database::postgres::address;
 pub(crate) use self::job::{
@@ -43,12 +43,9 @@ pub(crate) use self::job::{
     keeps_upload, no_such_job, not_failed,
 };
 pub(crate) use self::store::Store;
-pub(crate) use self::terms::{
-    Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse, What,
-};
-pub use self::url::StoreUrl;
+pub(crate) use self::terms::{Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse};
 pub(crate) use self::workers::Worker;
-pub(crate) use crate::queue::{Claiming, Release, Rules, State};
+pub(crate) use crate::queue::{Claiming, Rules, State, What};
 
 #[cfg(test)]
 pub(crate) mod tests {
@@ -68,7 +65,7 @@ pub(crate) mod tests {
 
     /// An empty store in a folder, which goes with the test.
     pub async fn store_in(folder: &Path) -> Store {
-        Store::temporary(&folder.join("jobs.sqlite3"), RULES, Faults::default()).await.expect("a store")
+        Store::open(&folder.join("jobs.sqlite3"), true, RULES, Faults::default()).await.expect("a store")
     }
 
     pub const SUMMARY: Summary = Summary {

@@ -1,10 +1,8 @@
 //! The store: a database, and what one process knows beside it.
 
 use std::collections::HashMap;
-use std::fmt;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
@@ -12,15 +10,13 @@ use tesserae_mesh::error::{Kind, Result};
 use uuid::Uuid;
 
 use super::change::Transaction;
-#[cfg(feature = "postgres")]
-use super::database::postgres::Postgres;
-use super::database::rows::{Abort, Rows, values};
 use super::database::sqlite::Sqlite;
+use super::database::{Abort, Row, Rows, Value, values};
+#[cfg(feature = "postgres")]
+use super::database::{StoreUrl, postgres::Postgres};
 use super::job::Ticket;
 use super::listeners::{Effects, Listeners};
 use super::terms::Statistics;
-#[cfg(feature = "postgres")]
-use super::url::StoreUrl;
 use crate::ops::faults::Faults;
 use crate::queue::Rules;
 
@@ -43,29 +39,13 @@ pub(crate) struct Store {
     name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
-    /// Whether the last claim took nothing.
-    pub(super) is_idle: AtomicBool,
-    observer: OnceLock<Observer>,
-}
-
-impl fmt::Debug for Store {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Store").field("me", &self.me).finish_non_exhaustive()
-    }
+    observer: Option<Observer>,
 }
 
 impl Store {
-    /// Opens the store in the file at `path`, or makes it. No other process may have it open.
-    pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
-        Self::open_file(path, false, rules, faults).await
-    }
-
-    /// Makes a store in a file at `path` that does not outlast the process.
-    pub async fn temporary(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
-        Self::open_file(path, true, rules, faults).await
-    }
-
-    async fn open_file(path: &Path, is_temporary: bool, rules: Rules, faults: Faults) -> Result<Self> {
+    /// Opens the store in the file at `path`, or makes it. No other process may have it open. A temporary file is one
+    /// that the process outlasts.
+    pub async fn open(path: &Path, is_temporary: bool, rules: Rules, faults: Faults) -> Result<Self> {
         let listeners = Arc::<Listeners>::default();
         let file = Sqlite::open(path, is_temporary, Arc::clone(&listeners), faults).await?;
         let store = Self::with(Database::Sqlite(file), listeners, rules).await?;
@@ -96,31 +76,23 @@ impl Store {
             rules,
             me: Uuid::new_v4(),
             listeners,
-            name: Uuid::new_v4().to_string(),
+            name: String::new(),
             held: Mutex::default(),
-            is_idle: AtomicBool::new(true),
-            observer: OnceLock::new(),
+            observer: None,
         };
-        let kept = "SELECT name FROM identity WHERE id = 1";
-        let row = match store.read("open", move |rows| rows.first(kept, Vec::new())).await? {
-            Some(row) => row,
-            None => {
-                let name = store.name.clone();
-                let keep = move |change: &mut Transaction<'_>| {
-                    let sql = "INSERT INTO identity (id, name) VALUES (1, $1) ON CONFLICT (id) DO NOTHING";
-                    change.rows.write(sql, values![&*name])?;
-                    change.rows.one(kept, Vec::new())
-                };
-                store.change("open", keep).await?
-            }
-        };
-        store.name = row.get("name")?;
+        let name = Uuid::new_v4().to_string();
+        let named = store.change("open", move |change| {
+            let sql = "INSERT INTO identity (id, name) VALUES (1, $1) ON CONFLICT (id) DO NOTHING";
+            change.rows.write(sql, values![&*name])?;
+            Ok(change.rows.one("SELECT name FROM identity WHERE id = 1", Vec::new())?.get("name")?)
+        });
+        store.name = named.await?;
         Ok(store)
     }
 
     /// Lets an observer see every operation from now on.
-    pub fn observe(&self, observer: impl Fn(&'static str, Duration, bool) + Send + Sync + 'static) {
-        let _ = self.observer.set(Box::new(observer));
+    pub fn observe(&mut self, observer: impl Fn(&'static str, Duration, bool) + Send + Sync + 'static) {
+        self.observer = Some(Box::new(observer));
     }
 
     pub fn name(&self) -> &str {
@@ -135,17 +107,10 @@ impl Store {
         command: impl Fn(&mut Transaction<'_>) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
         let (rules, me) = (self.rules, self.me);
-        let command = move |rows: &mut dyn Rows, effects: &mut Effects| {
+        let work = move |rows: &mut dyn Rows, effects: &mut Effects| {
             command(&mut Transaction { rows, effects, rules, me, now: None })
         };
-        let changed = async {
-            match &self.database {
-                Database::Sqlite(file) => file.writer.change(command).await,
-                #[cfg(feature = "postgres")]
-                Database::Postgres(database) => database.change(command).await,
-            }
-        };
-        self.observed(operation, changed).await
+        self.run(operation, true, work).await
     }
 
     pub(super) async fn read<T: Send + 'static>(
@@ -153,20 +118,32 @@ impl Store {
         operation: &'static str,
         work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
-        let read = async {
-            match &self.database {
-                Database::Sqlite(file) => file.readers.read(work).await,
-                #[cfg(feature = "postgres")]
-                Database::Postgres(database) => database.read(work).await,
-            }
-        };
-        self.observed(operation, read).await
+        self.run(operation, false, move |rows, _| work(rows)).await
     }
 
-    async fn observed<T>(&self, operation: &'static str, work: impl Future<Output = Result<T>>) -> Result<T> {
+    pub(super) async fn query(
+        &self,
+        operation: &'static str,
+        sql: &'static str,
+        values: Vec<Value>,
+    ) -> Result<Vec<Row>> {
+        self.read(operation, move |rows| rows.query(sql, values.clone())).await
+    }
+
+    async fn run<T: Send + 'static>(
+        &self,
+        operation: &'static str,
+        is_change: bool,
+        work: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
         let started = Instant::now();
-        let outcome = work.await;
-        if let Some(observer) = self.observer.get() {
+        let outcome = match &self.database {
+            Database::Sqlite(file) if is_change => file.writer.change(work).await,
+            Database::Sqlite(file) => file.read(move |rows| work(rows, &mut Effects::default())).await,
+            #[cfg(feature = "postgres")]
+            Database::Postgres(database) => database.run(is_change, work).await,
+        };
+        if let Some(observer) = &self.observer {
             // a full queue, a stale ticket and the like are answers, not failures
             let has_failed = outcome.as_ref().is_err_and(|error| matches!(error.kind.status(), 500 | 503 | 507));
             observer(operation, started.elapsed(), has_failed);
@@ -174,7 +151,6 @@ impl Store {
         outcome
     }
 
-    /// The file, if the jobs lie in one.
     fn file(&self) -> Option<&Sqlite> {
         match &self.database {
             Database::Sqlite(file) => Some(file),
@@ -184,17 +160,16 @@ impl Store {
     }
 
     pub fn is_durable(&self) -> bool {
-        self.file().is_none_or(|file| !file.is_temporary())
+        self.file().is_none_or(|file| !file.place.is_temporary)
     }
 
-    /// Whether other processes use the store, too.
     pub fn is_shared(&self) -> bool {
         self.file().is_none()
     }
 
     /// Writes a row without meaning, to see whether the store can write.
     pub async fn probe(&self) -> Result<()> {
-        self.file().and_then(Sqlite::damage).map_or(Ok(()), Err)?;
+        self.file().and_then(|file| file.place.damage()).map_or(Ok(()), Err)?;
         let probed = self.change("probe", |change| {
             let now = change.rows.now()?;
             change.rows.write("UPDATE identity SET probed_at = $1", values![now])
@@ -205,7 +180,7 @@ impl Store {
     pub fn statistics(&self) -> Statistics {
         let mut statistics = self.listeners.statistics();
         // reads find damage, too
-        statistics.failures += u64::from(self.file().and_then(Sqlite::damage).is_some());
+        statistics.failures += u64::from(self.file().and_then(|file| file.place.damage()).is_some());
         statistics
     }
 

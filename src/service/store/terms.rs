@@ -4,15 +4,14 @@ use std::time::SystemTime;
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::database::rows::{Row, Value, json};
+use super::database::{Row, Value, json, read};
 use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
-use crate::queue::{self, State};
+use crate::queue::{State, What};
 
 #[derive(Debug, Clone)]
 pub(crate) struct NewJob {
     pub id: JobId,
     pub spec: Spec,
-    /// The key of the request, so that a repeated request gets the same job.
     pub idempotency: Option<Idempotency>,
     /// Small blobs of its upload, kept until it ends, and beyond that when it is [given up](Job::keeps_upload).
     pub upload: Vec<SmallBlob>,
@@ -29,7 +28,6 @@ pub(crate) struct Idempotency {
     pub request: String,
 }
 
-/// What came of adding a job.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Created {
     New(Job),
@@ -88,30 +86,14 @@ pub(crate) struct ListQuery {
 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Event {
-    /// Its number: 1 for the job's first.
     pub seq: u64,
     pub what: What,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) enum What {
-    /// It entered a state that is no end.
-    State(State),
-    /// It is running: the number of the attempt, and the worker. Iterations and rounds up to the next state are of this
-    /// attempt.
-    Started(u32, String),
-    /// An iteration was made: the report's row, as JSON text in one line.
-    Iteration(String),
-    /// A round of a hierarchy was made: the report's row, as JSON text in one line.
-    Round(String),
-    /// It ended; no event follows, unless it is run again.
-    End(State, Option<Error>),
 }
 
 impl What {
     pub(super) fn columns(&self) -> Result<[Value; 2]> {
         let (kind, data) = match self {
-            Self::State(state) => ("state", state.name().to_owned()),
+            Self::Queued => ("state", State::Queued.name().to_owned()),
             Self::Started(attempt, worker) => ("started", json(&(attempt, worker))?),
             Self::Iteration(row) => ("iteration", row.clone()),
             Self::Round(row) => ("round", row.clone()),
@@ -121,21 +103,10 @@ impl What {
     }
 }
 
-impl From<queue::Event> for What {
-    fn from(event: queue::Event) -> Self {
-        match event {
-            queue::Event::Queued => Self::State(State::Queued),
-            queue::Event::Started(attempt, worker) => Self::Started(attempt, worker.to_string()),
-            queue::Event::End(state, problem) => Self::End(state, problem),
-        }
-    }
-}
-
 impl Event {
-    /// From the columns `seq`, `kind` and `data`.
     pub(super) fn of(row: &Row) -> Result<Self> {
-        let what = match row.text("kind")? {
-            "state" => What::State(row.get("data")?),
+        let what = match &*row.get::<String>("kind")? {
+            "state" => What::Queued,
             "started" => row.json("data").map(|(attempt, worker)| What::Started(attempt, worker))?,
             "iteration" => What::Iteration(row.get("data")?),
             "round" => What::Round(row.get("data")?),
@@ -150,7 +121,6 @@ impl Event {
 }
 
 impl Pulse {
-    /// From the columns `last_seq`, `cancel_requested` and `state`.
     pub(super) fn of(row: &Row) -> Result<Self> {
         let ended = row.get::<State>("state")?.is_ended();
         Ok(Self { last_seq: row.get("last_seq")?, cancel_requested: row.get("cancel_requested")?, ended })
@@ -159,15 +129,11 @@ impl Pulse {
 
 impl Notice {
     pub(super) fn of(row: &Row) -> Result<Self> {
-        Ok(Self {
-            job: row.get("job")?,
-            webhook: row.get("webhook")?,
-            trace_parent: row.get("trace_parent")?,
-            state: row.get("state")?,
-            problem: row.optional_json("problem")?,
-            ended_at: row.get("ended_at")?,
+        Ok(read!(row, Self {
+            job, webhook, trace_parent, state, ended_at;
+            problem: row.json("problem")?,
             end: row.get("nth")?,
-        })
+        }))
     }
 }
 
@@ -185,7 +151,6 @@ pub(crate) struct Pulse {
 pub(crate) struct Notice {
     pub job: JobId,
     pub webhook: String,
-    /// The `traceparent` of the request that the job came with.
     pub trace_parent: Option<String>,
     pub state: State,
     pub problem: Option<Error>,
@@ -201,7 +166,6 @@ pub(crate) struct Statistics {
     /// Changes in them: over `commits`, how many share one.
     pub commands: u64,
     pub failures: u64,
-    /// Time spent in transactions, in seconds.
     pub commit_seconds: f64,
     /// Attempts that failed because the process ended or their lease was over, with
     /// [`Kind::Unavailable`].
@@ -210,7 +174,6 @@ pub(crate) struct Statistics {
     pub given_up: u64,
 }
 
-/// What came of asking to delete a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Deletion {
     Deleted,

@@ -1,6 +1,6 @@
 //! The processes that work on jobs, what each says about itself, and what they do for all.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::time::{Duration, SystemTime};
 
 use serde::Serialize;
@@ -9,8 +9,9 @@ use tokio::sync::watch;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::database::rows::{Row, values};
+use super::database::{Row, read, values};
 use super::job::JobId;
+use super::listeners::marked;
 use super::store::Store;
 use super::terms::Notice;
 use crate::ops::timestamp::rfc3339;
@@ -57,15 +58,12 @@ pub(crate) struct Worker {
 }
 
 fn worker(row: &Row, jobs: Vec<JobId>) -> Result<Worker> {
-    Ok(Worker {
-        id: row.get("id")?,
-        name: row.get("name")?,
-        version: row.get("version")?,
-        device: row.get("device")?,
+    Ok(read!(row, Worker {
+        id, name, version, device;
         started_at: rfc3339(row.get("started_at")?),
         seen_at: rfc3339(row.get("seen_at")?),
-        jobs,
-    })
+        jobs: jobs,
+    }))
 }
 
 impl Store {
@@ -85,18 +83,16 @@ impl Store {
     pub async fn workers(&self) -> Result<Vec<Worker>> {
         let found = self.read("workers", |rows| {
             let since = rows.now()? - SHOWN;
-            let sql = "SELECT worker_id, id, number FROM jobs WHERE state = 'running'";
-            let found =
-                rows.all(&[("SELECT * FROM workers ORDER BY started_at, id", Vec::new()), (sql, Vec::new())])?;
-            let mut jobs = HashMap::<Option<Uuid>, BTreeMap<i64, JobId>>::new();
-            for row in found.get(1).into_iter().flatten() {
-                jobs.entry(row.get("worker_id")?).or_default().insert(row.get("number")?, row.get("id")?);
+            let sql = "SELECT worker_id, id FROM jobs WHERE state = 'running' ORDER BY number";
+            let mut jobs = HashMap::<Option<Uuid>, Vec<JobId>>::new();
+            for row in rows.query(sql, Vec::new())? {
+                jobs.entry(row.get("worker_id")?).or_default().push(row.get("id")?);
             }
             let mut workers = Vec::new();
-            for row in found.first().into_iter().flatten() {
+            for row in rows.query("SELECT * FROM workers ORDER BY started_at, id", Vec::new())? {
                 let jobs = jobs.remove(&row.get("id")?).unwrap_or_default();
                 if row.get::<SystemTime>("seen_at")? > since || !jobs.is_empty() {
-                    workers.push(worker(row, jobs.into_values().collect())?);
+                    workers.push(worker(&row, jobs)?);
                 }
             }
             Ok(workers)
@@ -117,7 +113,6 @@ impl Store {
         taken.await
     }
 
-    /// Leaves the cleaning up to other services.
     pub(super) async fn leave(&self) -> Result<()> {
         let left = self.change("close", |change| {
             let me = change.me;
@@ -130,8 +125,8 @@ impl Store {
     }
 
     /// Changes whenever a job with a webhook ended: the delivery task waits for it. Marked as changed from the start.
-    pub fn endings(&self) -> watch::Receiver<u64> {
-        self.listeners.endings.subscribe()
+    pub fn endings(&self) -> watch::Receiver<()> {
+        marked(&self.listeners.endings)
     }
 
     /// Jobs whose webhook is not settled, in the order of their ends, deleted jobs included; none where another service
@@ -140,15 +135,14 @@ impl Store {
         if !self.may_clean_up().await? {
             return Ok(Vec::new());
         }
-        let rows = self.read("untold", |rows| rows.query("SELECT job FROM notices ORDER BY place", vec![])).await?;
+        let rows = self.query("untold", "SELECT job FROM notices ORDER BY place", Vec::new()).await?;
         rows.iter().map(|row| row.get("job")).collect()
     }
 
     /// The notice of one of the [untold](Self::untold) jobs; none for another job.
     pub async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
         let sql = "SELECT * FROM notices WHERE job = $1";
-        let row = self.read("notice", move |rows| rows.first(sql, values![id])).await?;
-        row.as_ref().map(Notice::of).transpose()
+        self.query("notice", sql, values![id]).await?.first().map(Notice::of).transpose()
     }
 
     /// Removes the notice of the end of a job at `ended_at`: its webhook was delivered or given up. Nothing happens for

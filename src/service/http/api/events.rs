@@ -232,7 +232,10 @@ impl Reader {
     fn sent(&self, event: Event) -> Option<Sent> {
         let sent = Sent::default().id(event.seq.to_string());
         let sent = match event.what {
-            What::State(state) => sent.event("state").json_data(StateEvent { state, attempt: None, worker: None }),
+            What::Queued => {
+                let event = StateEvent { state: State::Queued, attempt: None, worker: None };
+                sent.event("state").json_data(event)
+            }
             What::Started(attempt, worker) => {
                 let event = StateEvent { state: State::Running, attempt: Some(attempt), worker: Some(worker) };
                 sent.event("state").json_data(event)

@@ -8,7 +8,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use tesserae_mesh::error::{Error, Kind};
 
-use super::super::{Change, Event, Release, Rules, State};
+use super::super::{Change, Rules, State, What};
 
 /// Pauses and [times alone](super::super::crash::alone) of a few crashes end within an [`HOUR`], and none within the
 /// time that a database takes for a history.
@@ -24,22 +24,13 @@ pub const TENANTS: [&str; 3] = ["a", "b", "c"];
 #[derive(Debug, Clone)]
 pub enum Step {
     Create(New),
-    Claim {
-        worker: usize,
-        limit: usize,
-        newcomers: usize,
-    },
-    Act {
-        job: usize,
-        act: Act,
-    },
-    Crash {
-        worker: usize,
-    },
-    /// The clock moves; it is set back by negative seconds.
-    Wait {
-        seconds: i64,
-    },
+    /// A worker claims so many jobs, and so many of newcomers.
+    Claim(usize, usize, usize),
+    Act(usize, Act),
+    /// A worker crashes.
+    Crash(usize),
+    /// The clock moves by so many seconds; it is set back by negative ones.
+    Wait(i64),
 }
 
 /// A new job, which kills its worker that many seconds after it began, if it is a killer.
@@ -73,11 +64,11 @@ pub fn histories() -> impl Strategy<Value = Vec<Step>> {
         Step::Create(New { tenant, priority, is_small, kills_after })
     });
     let claim = (0..9usize, 0..4usize, 0..2usize);
-    let claim = claim.prop_map(|(worker, limit, newcomers)| Step::Claim { worker, limit, newcomers });
+    let claim = claim.prop_map(|(worker, limit, newcomers)| Step::Claim(worker, limit, newcomers));
     let acts = [Begin, Begin, Begin, Begin, End, End, Fail, Fail, Free, LeaseOver, Stale, Cancel, Retry, Retry];
-    let act = (any::<usize>(), prop::sample::select(acts.to_vec())).prop_map(|(job, act)| Step::Act { job, act });
-    let crash = (0..9usize).prop_map(|worker| Step::Crash { worker });
-    let wait = prop::sample::select(vec![HOUR, HOUR, HOUR, -2 * HOUR]).prop_map(|seconds| Step::Wait { seconds });
+    let act = (any::<usize>(), prop::sample::select(acts.to_vec())).prop_map(|(job, act)| Step::Act(job, act));
+    let crash = (0..9usize).prop_map(Step::Crash);
+    let wait = prop::sample::select(vec![HOUR, HOUR, HOUR, -2 * HOUR]).prop_map(Step::Wait);
     prop::collection::vec(prop_oneof![4 => create, 6 => claim, 12 => act, 1 => crash, 3 => wait], 1..80)
 }
 
@@ -92,7 +83,7 @@ pub trait Stored {
     async fn crash(&mut self, worker: usize);
     async fn wait(&mut self, seconds: i64);
     /// Changes of the state of a job, numbered without gaps.
-    async fn events(&mut self, job: usize) -> Vec<Event>;
+    async fn events(&mut self, job: usize) -> Vec<What>;
 }
 
 /// A job as its client and its worker know it.
@@ -141,12 +132,10 @@ impl<S: Stored> Play<'_, S> {
                 let (state, faults, is_cancelled) = (State::Queued, 0, false);
                 self.jobs.push(Job { new, state, faults, is_cancelled, worker: 0, attempt: 0, begun: None });
             }
-            Step::Claim { worker, limit, newcomers } => {
-                self.claim(worker % self.stored.workers(), limit, newcomers).await
-            }
-            Step::Act { job, act } => self.act(job, act).await,
-            Step::Crash { worker } => self.crash(worker % self.stored.workers()).await,
-            Step::Wait { seconds } => {
+            Step::Claim(worker, limit, newcomers) => self.claim(worker % self.stored.workers(), limit, newcomers).await,
+            Step::Act(job, act) => self.act(job, act).await,
+            Step::Crash(worker) => self.crash(worker % self.stored.workers()).await,
+            Step::Wait(seconds) => {
                 self.stored.wait(seconds).await;
                 self.elapsed += seconds.max(0);
             }
@@ -188,14 +177,14 @@ impl<S: Stored> Play<'_, S> {
     async fn act(&mut self, job: usize, act: Act) {
         let Some(job) = job.checked_rem(self.jobs.len()) else { return };
         let Job { attempt, state, begun, .. } = self.jobs[job];
-        let end = |attempt| Change::End { attempt, state: State::Succeeded, problem: None };
-        let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
+        let end = |attempt| Change::End(attempt, State::Succeeded, None);
+        let failure = || Error::new(Kind::DeviceLost, "the card fell out");
         let change = match act {
-            Act::Begin => Change::Begin { attempt },
+            Act::Begin => Change::Begin(attempt),
             Act::End => end(attempt),
             Act::Stale => end(attempt.wrapping_sub(1)),
-            Act::Fail => Change::Release { attempt, release: failure() },
-            Act::Free => Change::Release { attempt, release: Release::Free },
+            Act::Fail => Change::Release(attempt, Some(failure())),
+            Act::Free => Change::Release(attempt, None),
             Act::LeaseOver => Change::LeaseOver,
             Act::Cancel => Change::Cancel,
             Act::Retry => Change::Retry,
@@ -248,7 +237,7 @@ impl<S: Stored> Play<'_, S> {
     /// Workers claim until every job has ended. Jobs that kill nothing take one round.
     async fn settle(&mut self) {
         for round in 0..2000 {
-            self.step(&Step::Wait { seconds: if round < 100 { 30 } else { 600 } }).await;
+            self.step(&Step::Wait(if round < 100 { 30 } else { 600 })).await;
             for job in 0..self.jobs.len() {
                 if self.jobs[job].new.kills_after.is_none() {
                     self.act(job, Act::End).await;
@@ -256,10 +245,10 @@ impl<S: Stored> Play<'_, S> {
             }
             for worker in 0..self.stored.workers() {
                 let running = self.running().filter(|(_, job)| job.worker == worker).count();
-                self.step(&Step::Claim { worker, limit: 2usize.saturating_sub(running), newcomers: 1 }).await;
+                self.step(&Step::Claim(worker, 2usize.saturating_sub(running), 1)).await;
             }
             for job in 0..self.jobs.len() {
-                self.step(&Step::Act { job, act: Act::Begin }).await;
+                self.step(&Step::Act(job, Act::Begin)).await;
             }
             if self.jobs.iter().all(|job| job.state.is_ended()) {
                 return;
@@ -270,17 +259,17 @@ impl<S: Stored> Play<'_, S> {
 }
 
 /// The state that the events of a job give.
-pub fn state(events: &[Event]) -> State {
+pub fn state(events: &[What]) -> State {
     let (mut state, mut attempts) = (None, 0);
     for event in events {
         state = Some(match (state, event) {
-            (None | Some(State::Running | State::Failed), Event::Queued) => State::Queued,
-            (Some(State::Queued), Event::Started(attempt, _)) if *attempt == attempts + 1 => {
+            (None | Some(State::Running | State::Failed), What::Queued) => State::Queued,
+            (Some(State::Queued), What::Started(attempt, _)) if *attempt == attempts + 1 => {
                 attempts += 1;
                 State::Running
             }
-            (Some(State::Running), Event::End(end, _)) => *end,
-            (Some(State::Queued), Event::End(State::Cancelled, None)) => State::Cancelled,
+            (Some(State::Running), What::End(end, _)) => *end,
+            (Some(State::Queued), What::End(State::Cancelled, None)) => State::Cancelled,
             _ => panic!("{event:?} follows {state:?}: {events:?}"),
         });
     }

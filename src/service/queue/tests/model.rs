@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use super::super::{
-    Change, Claiming, Event, Picks, Share, Shares, Standing, State, Suspect, Tenant, View, Waiting, claim, crashed,
+    Change, Claiming, Picks, Share, Shares, Standing, State, Suspect, Tenant, View, Waiting, What, claim, crashed,
 };
 use super::history::{New, RULES, Stored, TENANTS};
 
@@ -31,7 +31,7 @@ struct Row {
     waiting: Waiting,
     standing: Standing,
     worker: usize,
-    events: Vec<Event>,
+    events: Vec<What>,
 }
 
 /// A store in memory.
@@ -89,9 +89,9 @@ impl Stored for Model {
     }
 
     async fn create(&mut self, new: New) {
-        let (standing, event) = Standing::created(new.is_small);
+        let standing = Standing { is_small: new.is_small, ..Standing::default() };
         let waiting = Waiting { urgency: -i16::from(new.priority), number: self.rows.len() as i64 };
-        self.rows.push(Row { new, waiting, standing, worker: 0, events: vec![event] });
+        self.rows.push(Row { new, waiting, standing, worker: 0, events: vec![What::Queued] });
     }
 
     async fn claim(&mut self, worker: usize, limit: usize, newcomers: usize) -> Vec<(usize, u32)> {
@@ -101,8 +101,7 @@ impl Stored for Model {
         let mut claimed = Vec::new();
         for number in numbers {
             let job = number as usize;
-            let Claiming { worker: name, lease, .. } = claiming.clone();
-            let change = Change::Claim { worker: name, lease };
+            let change = Change::Claim(claiming.worker.clone(), claiming.lease);
             assert!(self.change(job, change).await, "{job} waits");
             self.rows[job].worker = worker;
             claimed.push((job, self.rows[job].standing.attempt));
@@ -125,7 +124,7 @@ impl Stored for Model {
         let standings: Vec<_> = numbers.iter().map(|job| self.rows[*job].standing).collect();
         for (job, mut change) in numbers.into_iter().zip(crashed(&standings)) {
             if self.altered == Altered::Blame {
-                change = Change::Crashed { counts: true };
+                change = Change::Crashed(true);
             }
             assert!(self.change(job, change).await, "{job} runs");
         }
@@ -136,7 +135,7 @@ impl Stored for Model {
         self.now = if seconds < 0 { self.now - moved } else { self.now + moved };
     }
 
-    async fn events(&mut self, job: usize) -> Vec<Event> {
+    async fn events(&mut self, job: usize) -> Vec<What> {
         self.rows[job].events.clone()
     }
 }

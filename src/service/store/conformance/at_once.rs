@@ -1,5 +1,10 @@
-//! Many operations at once, and repeated requests.
+//! Many operations at once, what claims of many jobs cost, and repeated requests.
 
+use std::time::Instant;
+
+use tokio::task::JoinSet;
+
+use super::super::Claiming;
 use super::*;
 
 pub(super) async fn a_key_stands_for_one_request(store: &Store) {
@@ -17,8 +22,7 @@ pub(super) async fn a_key_stands_for_one_request(store: &Store) {
     assert!(matches!(store.create(with_key("b", "k", "another digest")).await, Ok(Created::New(_))));
     assert_eq!(store.counts().await.expect("counted"), [2, 0, 0, 0, 0]);
     // the key stays with an ended job, and goes with it
-    let (ticket, _) = claim(store).await;
-    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+    run_to(store, End::Succeeded(SUMMARY)).await;
     let again = store.create(with_key("a", "k", "digest")).await.expect("known");
     assert!(matches!(again, Created::Known(job) if job.id == first.id && job.state == State::Succeeded));
     store.delete(first.id).await.expect("deleted");
@@ -47,53 +51,94 @@ pub(super) async fn arrivals_wake_a_worker(store: &Store) {
         arrivals.changed().await.expect("still there");
         claim(store).await.0.job
     };
-    let worker = tokio::time::timeout(Duration::from_secs(10), worker);
-    let (claimed, job) = tokio::join!(biased; worker, create(store));
-    assert_eq!(claimed.expect("in time"), job.id);
+    let (claimed, job) = tokio::join!(biased; soon(worker), create(store));
+    assert_eq!(claimed, job.id);
 }
 
 pub(super) async fn many_at_once_lose_nothing(store: Arc<Store>) {
-    let clients: Vec<_> = (0..50)
-        .map(|_| {
-            let store = Arc::clone(&store);
-            tokio::spawn(async move { create(store.as_ref()).await.id })
-        })
-        .collect();
-    let workers: Vec<_> = (0..8)
-        .map(|_| {
-            let store = Arc::clone(&store);
-            tokio::spawn(async move {
-                let mut arrivals = store.arrivals();
-                let mut claimed = Vec::new();
-                loop {
-                    arrivals.borrow_and_update();
-                    while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
-                        let row = vec![What::Iteration("{}".to_owned())];
-                        store.append(ticket, row, Progress::default()).await.expect("appended");
-                        store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
-                        claimed.push(ticket.job);
-                    }
-                    let patience = Duration::from_millis(200);
-                    if tokio::time::timeout(patience, arrivals.changed()).await.is_err() {
-                        return claimed;
-                    }
+    let (mut clients, mut workers) = (JoinSet::new(), JoinSet::new());
+    for _ in 0..50 {
+        let store = Arc::clone(&store);
+        clients.spawn(async move { create(store.as_ref()).await.id });
+    }
+    for _ in 0..8 {
+        let store = Arc::clone(&store);
+        workers.spawn(async move {
+            let mut arrivals = store.arrivals();
+            let mut claimed = Vec::new();
+            loop {
+                arrivals.borrow_and_update();
+                while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
+                    let row = vec![What::Iteration("{}".to_owned())];
+                    store.append(ticket, row, Progress::default()).await.expect("appended");
+                    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+                    claimed.push(ticket.job);
                 }
-            })
-        })
-        .collect();
-    let mut created = Vec::new();
-    for client in clients {
-        created.push(client.await.expect("no panic"));
+                if tokio::time::timeout(Duration::from_millis(200), arrivals.changed()).await.is_err() {
+                    return claimed;
+                }
+            }
+        });
     }
-    let mut claimed = Vec::new();
-    for worker in workers {
-        claimed.extend(worker.await.expect("no panic"));
-    }
+    let (mut created, mut claimed) = (clients.join_all().await, workers.join_all().await.concat());
     created.sort();
     claimed.sort();
     assert_eq!(created, claimed);
     for id in created {
-        let events = events(store.as_ref(), id, 0, 99).await;
-        assert_eq!(events.len(), 4);
+        assert_eq!(events(store.as_ref(), id, 0, 99).await.len(), 4);
+    }
+}
+
+/// How many jobs are claimed: `CLAIM_JOBS` says it for the figures in `docs/farm.md`.
+pub(super) fn jobs() -> usize {
+    std::env::var("CLAIM_JOBS").map_or(1200, |jobs| jobs.parse().expect("a number"))
+}
+
+/// Claims empty jobs by one claimer a store, each of which ends those that it claimed before it claims again. All
+/// stores have the same jobs.
+pub(super) async fn claim_all(stores: &[Arc<Store>], limit: usize, jobs: usize) {
+    let (mut creators, mut claimers) = (JoinSet::new(), JoinSet::new());
+    for creator in 0..8 {
+        let store = Arc::clone(&stores[creator % stores.len()]);
+        creators.spawn(async move {
+            for number in 0..jobs / 8 {
+                let mut job = new_job();
+                job.spec.tenant = format!("tenant {}", (creator + number) % 5);
+                store.create(job).await.expect("created");
+            }
+        });
+    }
+    creators.join_all().await;
+    let started = Instant::now();
+    for (number, store) in stores.iter().map(Arc::clone).enumerate() {
+        claimers.spawn(async move {
+            let (mut claimed, mut claiming) = (Vec::new(), Duration::ZERO);
+            let worker = format!("worker {number}").into();
+            let request = Claiming { limit, newcomers: 0, lease: LEASE, worker, shares: Arc::default() };
+            loop {
+                let started = Instant::now();
+                let taken = store.claim_as(request.clone()).await.expect("claimable").0;
+                claiming += started.elapsed();
+                if taken.is_empty() {
+                    return (claimed, claiming);
+                }
+                for (ticket, _) in taken {
+                    claimed.push(ticket.job);
+                    store.finish(ticket, End::Cancelled).await.expect("ended");
+                }
+            }
+        });
+    }
+    let (claimed, times): (Vec<_>, Vec<Duration>) = claimers.join_all().await.into_iter().unzip();
+    let (mut claimed, claiming) = (claimed.concat(), times.iter().sum::<Duration>());
+    let rate = jobs as f64 / started.elapsed().as_secs_f64();
+    let count = stores.len();
+    println!("{limit} at a time: {rate:.0} jobs claimed and ended a second, {claiming:.1?} in claims of {count}");
+    assert_eq!(claimed.len(), jobs);
+    claimed.sort();
+    claimed.dedup();
+    assert_eq!(claimed.len(), jobs, "none twice");
+    for id in claimed {
+        assert_eq!(events(&stores[0], id, 0, 9).await.len(), 3);
     }
 }

@@ -10,32 +10,33 @@ pub(super) async fn a_released_job_runs_again_in_its_place(store: &Store) {
     let row = vec![What::Iteration("{}".to_owned())];
     store.append(ticket, row.clone(), Progress::default()).await.expect("appended");
     arrivals.borrow_and_update();
-    assert_eq!(store.release(ticket, Release::Free).await, Ok(State::Queued));
+    assert_eq!(store.release(ticket, None).await, Ok(State::Queued));
     assert!(arrivals.has_changed().expect("still there"), "a worker is told");
     assert_eq!(get(store, first).await.queue_position, Some(1));
     assert_eq!(get(store, second).await.queue_position, Some(2));
-    for stale in [store.finish(ticket, End::Cancelled).await, store.append(ticket, row, Progress::default()).await] {
+    for stale in [
+        store.finish(ticket, End::Cancelled).await,
+        store.append(ticket, row, Progress::default()).await,
+        store.release(ticket, None).await.map(drop),
+    ] {
         assert_eq!(stale.expect_err("released").kind, Kind::Conflict);
     }
-    assert_eq!(store.release(ticket, Release::Free).await.expect_err("released").kind, Kind::Conflict);
 
     let claimed = store.claim(9, LEASE).await.expect("claimable");
-    assert_eq!(claimed.iter().map(|(ticket, _)| ticket.job).collect::<Vec<_>>(), [first, second]);
+    assert_eq!(jobs_of(&claimed), [first, second]);
     assert_eq!((claimed[0].0.attempt, claimed[0].1.attempt), (2, 2));
     arrivals.borrow_and_update();
     store.finish(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
     assert!(arrivals.has_changed().expect("still there"), "an end may let another job of the tenant start");
-    let whats: Vec<_> = events(store, first, 0, 99).await;
-    assert_eq!(whats.iter().map(|event| event.seq).collect::<Vec<_>>(), (1..=6).collect::<Vec<_>>());
-    assert_eq!(whats[3].what, What::State(State::Queued));
-    assert_eq!(whats[4].what, What::Started(2, "test".to_owned()));
+    let all = events(store, first, 0, 99).await;
+    assert_eq!(seqs(&all), [1, 2, 3, 4, 5, 6]);
+    assert_eq!((&all[3].what, &all[4].what), (&What::Queued, &What::Started(2, "test".to_owned())));
 }
 
 pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &Store) {
     let lost = create(store).await.id;
     let kept = create(store).await.id;
-    let tickets: Vec<_> =
-        store.claim(2, LEASE).await.expect("claimable").into_iter().map(|(ticket, _)| ticket).collect();
+    let tickets = [claim(store).await.0, claim(store).await.0];
     assert_eq!(store.reclaim().await, Ok(vec![]));
     assert_eq!(store.heartbeat(&tickets, Duration::ZERO).await, Ok(vec![]));
     assert_eq!(store.heartbeat(&tickets[1..], LEASE).await, Ok(vec![]), "a lease that is over is prolonged");
@@ -49,22 +50,16 @@ pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &Store) {
 
 pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &Store) {
     let id = create(store).await.id;
-    let count = || {
-        let statistics = store.statistics();
-        let (attempts_failed, given_up) = (statistics.attempts_failed, statistics.given_up);
-        (attempts_failed, given_up)
-    };
     // one that has not begun counts for nothing
-    let (ticket, _) = claim(store).await;
-    assert_eq!(store.heartbeat(&[ticket], Duration::ZERO).await, Ok(vec![]));
-    assert_eq!(store.reclaim().await, Ok(vec![ticket]));
-    assert_eq!(count(), (0, 0));
-    for expected in [(1, 0), (2, 0), (3, 1)] {
+    for (begins, expected) in [(false, (0, 0)), (true, (1, 0)), (true, (2, 0)), (true, (3, 1))] {
         let (ticket, _) = claim(store).await;
-        store.begin(ticket).await.expect("begun");
+        if begins {
+            store.begin(ticket).await.expect("begun");
+        }
         assert_eq!(store.heartbeat(&[ticket], Duration::ZERO).await, Ok(vec![]));
         assert_eq!(store.reclaim().await, Ok(vec![ticket]));
-        assert_eq!(count(), expected);
+        let Statistics { attempts_failed, given_up, .. } = store.statistics();
+        assert_eq!((attempts_failed, given_up), expected);
     }
     assert!(get(store, id).await.keeps_upload(), "it was given up");
 }
@@ -101,22 +96,20 @@ pub(super) async fn a_crash_loses_nothing(subject: &impl Subject) {
     assert_eq!(stale.expect_err("the claim is over").kind, Kind::Conflict);
     let (ticket, _) = claim(again).await;
     assert_eq!(ticket, Ticket { job: keyed.id, attempt: 2 });
-    let seqs: Vec<_> = events(again, keyed.id, 0, 9).await.into_iter().map(|event| (event.seq, event.what)).collect();
-    let queued = || What::State(State::Queued);
     let started = |attempt| What::Started(attempt, "test".to_owned());
-    let states = [queued(), started(1), queued(), started(2)];
-    assert_eq!(seqs, (1..).zip(states).collect::<Vec<_>>(), "numbers go on");
+    let whats = [What::Queued, started(1), What::Queued, started(2)];
+    let expected: Vec<_> = (1..).zip(whats).map(|(seq, what)| Event { seq, what }).collect();
+    assert_eq!(events(again, keyed.id, 0, 9).await, expected, "numbers go on");
     // the crash counts for the only job that had begun
     again.begin(ticket).await.expect("begun");
-    again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await.expect("released");
+    again.release(ticket, Some(Error::new(Kind::Internal, "x"))).await.expect("released");
     let (ticket, _) = claim(again).await;
     again.begin(ticket).await.expect("begun");
-    let end = again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await;
+    let end = again.release(ticket, Some(Error::new(Kind::Internal, "x"))).await;
     assert_eq!(end, Ok(State::Failed));
     // and numbers of jobs are not used again
     let next = create(again).await;
-    let page = again.list(&first(1)).await.expect("listed");
-    assert_eq!(page.jobs[0].id, next.id);
+    assert_eq!(ids(&again.list(&first(1)).await.expect("listed").jobs), [next.id]);
 }
 
 pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(store: &Store) {
@@ -132,7 +125,7 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
         for attempt in 1..=3 {
             let (ticket, _) = claim(store).await;
             // a small upload begins with its claim
-            let release = Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
+            let release = Some(Error::new(Kind::DeviceLost, "the card fell out"));
             let expected = if attempt == 3 { State::Failed } else { State::Queued };
             assert_eq!(store.release(ticket, release).await, Ok(expected), "attempt {attempt}");
         }
@@ -170,7 +163,7 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     let last = store.notice(id).await.expect("readable").expect("it is another end");
     assert_eq!((last.state, last.end), (State::Succeeded, 3));
     assert_eq!(store.blob(id, "mesh").await, Ok(None), "it is of no use any more");
-    let seqs: Vec<_> = events(store, id, 0, 99).await.into_iter().map(|event| event.seq).collect();
-    assert_eq!(seqs, (1..=seqs.len() as u64).collect::<Vec<_>>());
+    let all = events(store, id, 0, 99).await;
+    assert!(seqs(&all).into_iter().eq(1..=all.len() as u64));
     assert_eq!(store.retry(id, None).await.expect_err("it succeeded").kind, Kind::Conflict);
 }

@@ -3,12 +3,12 @@
 use proptest::strategy::{Strategy as _, ValueTree as _};
 use proptest::test_runner::TestRunner;
 
-use super::super::database::rows::values;
+use super::super::database::values;
 use super::*;
 use crate::ops::faults::Faults;
+use crate::queue::Change;
 use crate::queue::tests::history::{self, New, Step, Stored, play};
 use crate::queue::tests::model::{Altered, Model, claiming};
-use crate::queue::{self, Change};
 
 /// How many histories a store goes through.
 const HISTORIES: usize = 30;
@@ -36,10 +36,6 @@ struct Workers {
 }
 
 impl Workers {
-    fn new(stores: Vec<Store>) -> Self {
-        Self { stores, jobs: Vec::new() }
-    }
-
     fn store(&self, job: usize) -> &Store {
         &self.stores[self.jobs[job].1]
     }
@@ -71,9 +67,9 @@ impl Stored for Workers {
         let ((id, _, attempt), store) = (self.jobs[job], self.store(job));
         let ticket = |attempt| Ticket { job: id, attempt };
         match change {
-            Change::Begin { attempt } => store.begin(ticket(attempt)).await.is_ok(),
-            Change::Release { attempt, release } => store.release(ticket(attempt), release).await.is_ok(),
-            Change::End { attempt, .. } => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
+            Change::Begin(attempt) => store.begin(ticket(attempt)).await.is_ok(),
+            Change::Release(attempt, fault) => store.release(ticket(attempt), fault).await.is_ok(),
+            Change::End(attempt, ..) => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
             Change::Cancel => store.cancel(id).await.expect("asked").is_some(),
             Change::Retry => match store.retry(id, None).await {
                 Ok(_) => true,
@@ -84,7 +80,7 @@ impl Stored for Workers {
                 let lost = store.heartbeat(&[ticket(attempt)], Duration::ZERO).await.expect("writable");
                 lost.is_empty() && store.reclaim().await == Ok(vec![ticket(attempt)])
             }
-            Change::Claim { .. } | Change::Heartbeat { .. } | Change::Crashed { .. } => unreachable!("{change:?}"),
+            Change::Claim(..) | Change::Heartbeat(..) | Change::Crashed(_) => unreachable!("{change:?}"),
         }
     }
 
@@ -118,16 +114,10 @@ impl Stored for Workers {
         moved.await.expect("written");
     }
 
-    async fn events(&mut self, job: usize) -> Vec<queue::Event> {
+    async fn events(&mut self, job: usize) -> Vec<What> {
         let events = events(self.store(job), self.jobs[job].0, 0, usize::MAX).await;
         assert!(events.iter().map(|event| event.seq).eq(1..=events.len() as u64), "{events:?}");
-        let event = |event: Event| match event.what {
-            What::State(State::Queued) => queue::Event::Queued,
-            What::Started(attempt, worker) => queue::Event::Started(attempt, worker.into()),
-            What::End(state, problem) => queue::Event::End(state, problem),
-            other => panic!("{other:?}"),
-        };
-        events.into_iter().map(event).collect()
+        events.into_iter().map(|event| event.what).collect()
     }
 }
 
@@ -136,8 +126,8 @@ async fn a_file_follows_the_rules_in_every_history() {
     let folder = tempfile::tempdir().expect("a folder");
     let empty = async || {
         let path = folder.path().join(format!("{}.sqlite3", JobId::random()));
-        let store = Store::temporary(&path, history::RULES, Faults::default()).await;
-        Workers::new(vec![store.expect("it opens")])
+        let store = Store::open(&path, true, history::RULES, Faults::default()).await;
+        Workers { stores: vec![store.expect("it opens")], jobs: Vec::new() }
     };
     assert!(are_as_in(Altered::Nothing, empty).await);
     assert!(!are_as_in(Altered::Weights, empty).await, "other rules are noticed");
@@ -146,10 +136,10 @@ async fn a_file_follows_the_rules_in_every_history() {
 #[cfg(feature = "postgres")]
 #[tokio::test(flavor = "multi_thread")]
 async fn services_follow_the_rules_in_every_history() {
-    let Some(server) = server::Server::start() else { return };
+    let Some(server) = postgres::Server::start() else { return };
     let empty = async || {
         let url = server.database();
-        Workers::new(join_all((0..3).map(|_| postgres::open(&url, history::RULES))).await)
+        Workers { stores: join_all((0..3).map(|_| postgres::open(&url, history::RULES))).await, jobs: Vec::new() }
     };
     assert!(are_as_in(Altered::Nothing, empty).await);
     assert!(!are_as_in(Altered::Weights, empty).await, "other rules are noticed");

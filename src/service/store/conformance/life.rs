@@ -11,7 +11,7 @@ pub(super) async fn a_new_job_is_as_it_was_created(store: &Store) {
     assert_eq!((job.started_at, &job.worker), (None, &None));
     assert_eq!(get(store, id).await, job);
     assert_eq!(create(store).await.queue_position, Some(2));
-    assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::State(State::Queued) }]);
+    assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::Queued }]);
 }
 
 pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
@@ -31,8 +31,7 @@ pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
 pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &Store) {
     let mut ids = Vec::new();
     for (tenant, priority) in [("a", -100), ("a", 0), ("a", 0), ("a", 100), ("b", 50)] {
-        let spec = Spec { tenant: tenant.to_owned(), priority, ..spec("x") };
-        ids.push(add(store, JobId::random(), spec).await.id);
+        ids.push(add(store, JobId::random(), Spec { priority, ..of_tenant(tenant) }).await.id);
     }
     let [low, old, new, high, other] = ids[..] else { panic!("five were made") };
     for (place, id) in (1..).zip([high, old, new, low]) {
@@ -40,8 +39,7 @@ pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &Store) {
     }
     assert_eq!(get(store, other).await.queue_position, Some(1), "jobs of other tenants are not counted");
     let claimed = store.claim(9, LEASE).await.expect("claimable");
-    let claimed: Vec<_> = claimed.into_iter().map(|(ticket, _)| ticket.job).collect();
-    assert_eq!(claimed, [high, other, old, new, low]);
+    assert_eq!(jobs_of(&claimed), [high, other, old, new, low]);
 }
 
 pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {
@@ -49,10 +47,9 @@ pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {
     store.check_room("a", None).await.expect("room for one more");
     create(store).await;
     assert_eq!(store.check_room("a", None).await.expect_err("full").kind, Kind::QueueFull);
-    let id = JobId::random();
-    let refused = store.create(NewJob { id, ..new_job() }).await.expect_err("full");
-    assert_eq!(refused.kind, Kind::QueueFull);
-    assert_eq!(store.get(id).await.expect("readable"), None);
+    let new = new_job();
+    assert_eq!(store.create(new.clone()).await.expect_err("full").kind, Kind::QueueFull);
+    assert_eq!(store.get(new.id).await, Ok(None));
     claim(store).await;
     create(store).await;
 }
@@ -77,7 +74,7 @@ pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &Store) {
     assert_eq!(get(store, id).await.progress, progress);
 
     let all = events(store, id, 0, 99).await;
-    assert_eq!(all.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
+    assert_eq!(seqs(&all), [1, 2, 3, 4, 5, 6]);
     assert_eq!(all[1].what, What::Started(1, "test".to_owned()));
     assert_eq!(all[5].what, What::Iteration("{\"iteration\":3}".to_owned()));
     assert_eq!(events(store, id, 3, 2).await, all[3..5]);
@@ -94,15 +91,12 @@ pub(super) async fn every_end_is_told(store: &Store) {
     ] {
         let id = create(store).await.id;
         let pulses = store.watch(id).await.expect("watchable").expect("a job");
-        let (ticket, _) = claim(store).await;
-        store.finish(ticket, end).await.expect("finished");
+        run_to(store, end).await;
         let job = get(store, id).await;
         assert_eq!((job.state, &job.problem, job.summary), (state, &problem, summary));
         assert!(job.ended_at >= job.started_at && job.started_at >= Some(job.created_at));
         assert!(pulses.borrow().ended);
-        let last = events(store, id, 2, 9).await;
-        assert_eq!(last.len(), 1);
-        assert_eq!(last[0].what, What::End(state, problem));
+        assert_eq!(events(store, id, 2, 9).await, [Event { seq: 3, what: What::End(state, problem) }]);
     }
 }
 
@@ -117,9 +111,9 @@ pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &Store) {
         let before = (get(store, id).await, events(store, id, 0, 99).await);
         let row = vec![What::Iteration("{}".to_owned())];
         let appended = store.append(stale, row, Progress::default()).await;
-        assert_eq!(appended.expect_err("stale").kind, Kind::Conflict);
-        let finished = store.finish(stale, End::Cancelled).await;
-        assert_eq!(finished.expect_err("stale").kind, Kind::Conflict);
+        for written in [appended, store.finish(stale, End::Cancelled).await] {
+            assert_eq!(written.expect_err("stale").kind, Kind::Conflict);
+        }
         assert_eq!((get(store, id).await, events(store, id, 0, 99).await), before);
     }
 }
@@ -150,8 +144,7 @@ pub(super) async fn a_running_job_is_asked_to_end(store: &Store) {
 pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &Store) {
     let id = create(store).await.id;
     assert_eq!(store.delete(id).await.expect("asked"), Deletion::Live);
-    let (ticket, _) = claim(store).await;
-    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+    run_to(store, End::Succeeded(SUMMARY)).await;
     let job = store.cancel(id).await.expect("asked").expect("a job");
     assert_eq!((job.state, job.cancel_requested), (State::Succeeded, false));
     let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
@@ -184,7 +177,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     let (succeeded, cancelled) = (add().await, add().await);
     keeps(succeeded, &upload).await;
     let (ticket, _) = claim(store).await;
-    store.release(ticket, Release::Free).await.expect("released");
+    store.release(ticket, None).await.expect("released");
     let (ticket, _) = claim(store).await;
     keeps(succeeded, &upload).await;
     let stale = Ticket { attempt: 1, ..ticket };
@@ -200,7 +193,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     let job = get(store, succeeded).await;
     assert_eq!((job.state, job.summary, job.progress), (State::Succeeded, Some(summary), progress));
     let all = events(store, succeeded, 0, 9).await;
-    assert_eq!(all.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
+    assert_eq!(seqs(&all), [1, 2, 3, 4, 5, 6]);
     assert_eq!(all[4].what, What::Iteration("{}".to_owned()));
     assert_eq!(all[5].what, What::End(State::Succeeded, None));
     store.cancel(cancelled).await.expect("asked");
@@ -216,16 +209,12 @@ pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &Store) {
     assert_eq!(store.cancel(id).await.expect("asked"), None);
     assert_eq!(store.events(id, 0, 9).await.expect("readable"), None);
     assert!(store.watch(id).await.expect("watchable").is_none());
-    let ticket = Ticket { job: id, attempt: 1 };
-    let finished = store.finish(ticket, End::Cancelled).await;
+    let finished = store.finish(Ticket { job: id, attempt: 1 }, End::Cancelled).await;
     assert_eq!(finished.expect_err("unknown").kind, Kind::NotFound);
 }
 
 pub(super) async fn a_tenant_has_no_more_waiting_jobs_than_it_may(store: &Store) {
-    let new = |tenant: &str| {
-        let spec = Spec { tenant: tenant.to_owned(), ..spec("x") };
-        NewJob { spec, most_waiting: Some(2), ..new_job() }
-    };
+    let new = |tenant: &str| NewJob { spec: of_tenant(tenant), most_waiting: Some(2), ..new_job() };
     let at_once = join_all((0..4).map(|_| store.create(new("a")))).await;
     let refused = at_once.iter().filter_map(|created| created.as_ref().err());
     assert!(refused.clone().all(|error| error.kind == Kind::QueueFull && error.message.contains("of this tenant")));

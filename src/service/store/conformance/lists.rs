@@ -1,6 +1,7 @@
-//! Which jobs are found: pages, tenants, ages, and notices.
+//! Which jobs are found: pages, tenants, ages, and notices; and which workers.
 
 use super::*;
+use crate::store::Worker;
 
 pub(super) async fn pages_hold_every_job_once(store: &Store) {
     let mut newest_first = Vec::new();
@@ -11,7 +12,7 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
     let mut seen = Vec::new();
     loop {
         let page = store.list(&query).await.expect("listed");
-        seen.extend(page.jobs.iter().map(|job| job.id));
+        seen.extend(ids(&page.jobs));
         // What is added or deleted between pages moves nothing.
         create(store).await;
         let Some(next) = page.next else { break };
@@ -22,22 +23,19 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
 
     let (ticket, running) = claim(store).await;
     let only = store.list(&ListQuery { state: Some(State::Running), ..first(1) }).await.expect("listed");
-    assert_eq!(only.jobs, [running]);
-    assert_eq!(only.next, None);
+    assert_eq!(only, Page { jobs: vec![running], next: None });
     let queued = store.list(&ListQuery { state: Some(State::Queued), ..first(100) }).await.expect("listed");
-    assert_eq!(queued.jobs.len(), 9);
-    assert_eq!(queued.jobs[8].queue_position, Some(1));
-    assert_eq!(queued.jobs[0].queue_position, Some(9));
+    let (newest, oldest) = (queued.jobs[0].queue_position, queued.jobs[8].queue_position);
+    assert_eq!((queued.jobs.len(), newest, oldest), (9, Some(9), Some(1)));
     store.finish(ticket, End::Cancelled).await.expect("finished");
     let ended = store.list(&ListQuery { state: Some(State::Cancelled), ..first(9) }).await.expect("listed");
-    assert_eq!(ended.jobs.iter().map(|job| job.id).collect::<Vec<_>>(), [ticket.job]);
+    assert_eq!(ids(&ended.jobs), [ticket.job]);
 }
 
 pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &Store) {
     let mut mine = Vec::new();
     for turn in 0..5 {
-        let tenant = ["mine", "Mine"][turn % 2].to_owned();
-        let job = add(store, JobId::random(), Spec { tenant, ..spec("x") }).await;
+        let job = add(store, JobId::random(), of_tenant(["mine", "Mine"][turn % 2])).await;
         if turn % 2 == 0 {
             mine.insert(0, job.id);
         }
@@ -47,10 +45,10 @@ pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &Store) {
     let list = |state, cursor, limit| ListQuery { tenant: "mine".to_owned(), state, cursor, limit };
     let first = store.list(&list(None, None, 2)).await.expect("listed");
     let rest = store.list(&list(None, first.next, 2)).await.expect("listed");
-    assert_eq!(first.jobs.iter().chain(&rest.jobs).map(|job| job.id).collect::<Vec<_>>(), mine);
+    assert_eq!([ids(&first.jobs), ids(&rest.jobs)].concat(), mine);
     assert_eq!(rest.next, None, "what others have is no next page");
     let queued = store.list(&list(Some(State::Queued), None, 9)).await.expect("listed");
-    assert_eq!(queued.jobs.iter().map(|job| job.id).collect::<Vec<_>>(), mine[..2]);
+    assert_eq!(ids(&queued.jobs), mine[..2]);
     let unknown = ListQuery { tenant: "unknown".to_owned(), limit: 9, ..ListQuery::default() };
     assert_eq!(store.list(&unknown).await.expect("listed"), Page::default());
 }
@@ -78,9 +76,7 @@ pub(super) async fn ended_jobs_are_found_by_their_age(store: &Store) {
     let mut ended = Vec::new();
     for _ in 0..3 {
         create(store).await;
-        let (ticket, _) = claim(store).await;
-        store.finish(ticket, End::Cancelled).await.expect("finished");
-        ended.push(ticket.job);
+        ended.push(run_to(store, End::Cancelled).await);
     }
     create(store).await;
     let later = SystemTime::now() + LEASE;
@@ -97,10 +93,10 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &Sto
     let mut endings = store.endings();
     assert!(endings.has_changed().expect("still there"), "the teller looks before it waits");
     endings.borrow_and_update();
-    let hooked = || Spec { webhook: Some("https://a.example/x?y=1".to_owned()), ..spec("x") };
     let mut ids = Vec::new();
     for _ in 0..4 {
-        ids.push(add(store, JobId::random(), hooked()).await.id);
+        let hooked = Spec { webhook: Some("https://a.example/x?y=1".to_owned()), ..spec("x") };
+        ids.push(add(store, JobId::random(), hooked).await.id);
     }
     let silent = create(store).await.id;
     assert_eq!(store.untold().await.expect("readable"), []);
@@ -108,15 +104,11 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &Sto
     assert!(endings.has_changed().expect("still there"));
     let mut ended = vec![ids[3]];
     for end in [End::Succeeded(SUMMARY), End::Failed(Error::new(Kind::InvalidMesh, "x")), End::Cancelled] {
-        let (ticket, _) = claim(store).await;
         endings.borrow_and_update();
-        store.finish(ticket, end).await.expect("finished");
+        ended.push(run_to(store, end).await);
         assert!(endings.has_changed().expect("still there"));
-        ended.push(ticket.job);
     }
-    let (ticket, _) = claim(store).await;
-    assert_eq!(ticket.job, silent);
-    store.finish(ticket, End::Cancelled).await.expect("finished");
+    assert_eq!(run_to(store, End::Cancelled).await, silent);
     assert_eq!(store.untold().await.expect("readable"), ended, "without a webhook there is no notice");
     let ended_at = get(store, ended[1]).await.ended_at.expect("ended");
     store.settle_webhook(ended[1], ended_at - LEASE).await.expect("another end");
@@ -149,4 +141,30 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &Sto
     for id in [ended[0], silent, JobId::random()] {
         assert_eq!(store.notice(id).await.expect("readable"), None);
     }
+}
+
+async fn announced(store: &Store) -> Worker {
+    store.announce("w", "a device").await.expect("announced");
+    let mut workers = store.workers().await.expect("readable");
+    assert_eq!(workers.len(), 1, "{workers:?}");
+    workers.remove(0)
+}
+
+pub(super) async fn a_worker_is_known_with_its_jobs(store: &Store) {
+    assert_eq!(store.workers().await, Ok(vec![]), "it was not announced");
+    let worker = announced(store).await;
+    assert_eq!(
+        (&*worker.name, &*worker.version, worker.device.as_deref()),
+        ("w", env!("CARGO_PKG_VERSION"), Some("a device"))
+    );
+    assert!(worker.jobs.is_empty());
+    for _ in 0..2 {
+        create(store).await;
+    }
+    let (ticket, job) = claim(store).await;
+    let again = announced(store).await;
+    assert_eq!((again.id, again.started_at, &*again.jobs), (worker.id, worker.started_at, &[job.id][..]));
+    assert!(again.seen_at >= worker.seen_at);
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+    assert!(announced(store).await.jobs.is_empty());
 }

@@ -11,26 +11,21 @@ use tesserae_mesh::mesh::Format;
 use tesserae_mesh::parameters::Parameters;
 use tesserae_mesh::report::Phase;
 
-use super::terms::Page;
+use super::terms::{Page, Statistics};
 use super::tests::{SUMMARY, new_job};
 use super::{
     Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice, Progress,
-    Release, Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
+    Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
 };
 
 mod at_once;
 mod attempts;
-mod claims;
 mod histories;
 mod life;
 mod lists;
-mod opening;
 #[cfg(feature = "postgres")]
 mod postgres;
-#[cfg(feature = "postgres")]
-mod server;
 mod sqlite;
-mod workers;
 
 pub(crate) trait Subject {
     async fn empty(&self, rules: Rules) -> Store;
@@ -67,7 +62,7 @@ pub(crate) async fn run(subject: &impl Subject) {
     attempts::attempts_whose_lease_is_over_are_counted(&make(9).await).await;
     attempts::a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(&make(2).await).await;
     life::priorities_order_the_jobs_of_a_tenant(&make(9).await).await;
-    workers::a_worker_is_known_with_its_jobs(&make(9).await).await;
+    lists::a_worker_is_known_with_its_jobs(&make(9).await).await;
     lists::ended_jobs_are_found_by_their_age(&make(9).await).await;
     attempts::a_crash_loses_nothing(subject).await;
 }
@@ -114,6 +109,18 @@ async fn claim(store: &Store) -> (Ticket, Job) {
     store.claim(1, LEASE).await.expect("claimable").pop().expect("a job")
 }
 
+/// What happens within a minute.
+async fn soon<T>(happens: impl Future<Output = T>) -> T {
+    tokio::time::timeout(Duration::from_secs(60), happens).await.expect("in time")
+}
+
+/// Claims a job and ends it.
+async fn run_to(store: &Store, end: End) -> JobId {
+    let ticket = claim(store).await.0;
+    store.finish(ticket, end).await.expect("finished");
+    ticket.job
+}
+
 async fn get(store: &Store, id: JobId) -> Job {
     store.get(id).await.expect("readable").expect("a job")
 }
@@ -122,10 +129,23 @@ async fn events(store: &Store, id: JobId, after: u64, limit: usize) -> Vec<Event
     store.events(id, after, limit).await.expect("readable").expect("a job")
 }
 
+fn of_tenant(tenant: &str) -> Spec {
+    Spec { tenant: tenant.to_owned(), ..spec("x") }
+}
+
 fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
-    NewJob {
-        spec: Spec { tenant: tenant.to_owned(), ..spec("x") },
-        idempotency: Some(Idempotency { key: key.to_owned(), request: request.to_owned() }),
-        ..new_job()
-    }
+    let idempotency = Some(Idempotency { key: key.to_owned(), request: request.to_owned() });
+    NewJob { spec: of_tenant(tenant), idempotency, ..new_job() }
+}
+
+fn seqs(events: &[Event]) -> Vec<u64> {
+    events.iter().map(|event| event.seq).collect()
+}
+
+fn ids(jobs: &[Job]) -> Vec<JobId> {
+    jobs.iter().map(|job| job.id).collect()
+}
+
+fn jobs_of(claimed: &[(Ticket, Job)]) -> Vec<JobId> {
+    claimed.iter().map(|(ticket, _)| ticket.job).collect()
 }

@@ -1,13 +1,16 @@
 //! The store in a database that several services share.
 
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use parking_lot::Mutex;
+use tempfile::TempDir;
 
 use super::super::StoreUrl;
-use super::super::database::rows::values;
+use super::super::database::values;
 use super::super::tests::RULES;
-use super::server::Server;
 use super::*;
 use crate::queue::Change;
 
@@ -64,31 +67,25 @@ async fn services_share_jobs_changes_and_cancellations() {
     let mut arrivals = other.arrivals();
     arrivals.borrow_and_update();
     let job = create(&one).await.id;
-    tokio::time::timeout(Duration::from_secs(30), arrivals.changed()).await.expect("in time").expect("still there");
+    soon(arrivals.changed()).await.expect("still there");
     let ticket = claim(&other).await.0;
     assert_eq!(ticket.job, job);
     assert!(one.claim(9, LEASE).await.expect("claimable").is_empty(), "it is claimed once");
     let mut pulses = one.watch(job).await.expect("watchable").expect("a job");
     let mut asked = other.watch(job).await.expect("watchable").expect("a job");
     one.cancel(job).await.expect("asked");
-    let patience = Duration::from_secs(30);
-    let cancelled = asked.wait_for(|pulse| pulse.cancel_requested);
-    tokio::time::timeout(patience, cancelled).await.expect("in time").expect("told");
-    assert_eq!(
-        one.finish(Ticket { attempt: 2, ..ticket }, End::Cancelled).await.expect_err("other").kind,
-        Kind::Conflict
-    );
+    soon(asked.wait_for(|pulse| pulse.cancel_requested)).await.expect("told");
+    let other_attempt = one.finish(Ticket { attempt: 2, ..ticket }, End::Cancelled).await;
+    assert_eq!(other_attempt.expect_err("other").kind, Kind::Conflict);
     other.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await.expect("appended");
     other.finish(ticket, End::Cancelled).await.expect("finished");
-    let ended = pulses.wait_for(|pulse| pulse.ended);
-    tokio::time::timeout(patience, ended).await.expect("in time").expect("told");
-    assert_eq!(one.events(job, 0, 99).await.expect("readable").expect("a job").len(), 4);
+    soon(pulses.wait_for(|pulse| pulse.ended)).await.expect("told");
+    assert_eq!(events(&one, job, 0, 99).await.len(), 4);
     other.delete(job).await.expect("deleted");
-    let gone = async { while pulses.changed().await.is_ok() {} };
-    tokio::time::timeout(patience, gone).await.expect("a deletion is noticed");
-    for store in [&one, &other] {
-        store.close().await;
-    }
+    // a deletion is noticed
+    soon(async { while pulses.changed().await.is_ok() {} }).await;
+    one.close().await;
+    other.close().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -101,7 +98,7 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
     first.begin(ticket).await.expect("begun");
     let second = open(&url, RULES).await;
     assert_eq!(second.reclaim().await, Ok(vec![]));
-    assert_eq!(second.get(ticket.job).await.expect("readable").expect("a job").state, State::Running);
+    assert_eq!(get(&second, ticket.job).await.state, State::Running);
     // the zombie: its lease is over, another one has the job, and what it writes is refused
     expire(&second).await;
     assert_eq!(second.reclaim().await, Ok(vec![ticket]));
@@ -110,7 +107,7 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
     for refused in [
         first.finish(ticket, End::Succeeded(SUMMARY)).await,
         first.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await,
-        first.release(ticket, Release::Free).await.map(drop),
+        first.release(ticket, None).await.map(drop),
         first.begin(ticket).await,
     ] {
         assert_eq!(refused.expect_err("it is another's").kind, Kind::Conflict);
@@ -131,7 +128,7 @@ async fn a_job_that_is_cancelled_during_its_claim_is_not_claimed() {
         holds.notify_one();
         // the claim sees that the job waits, and is held up by its row
         std::thread::sleep(Duration::from_millis(500));
-        change.worked(live, Change::Cancel, None).map(drop)
+        change.apply(live, Change::Cancel, None).map(drop)
     });
     let claimed = async {
         held.notified().await;
@@ -139,10 +136,10 @@ async fn a_job_that_is_cancelled_during_its_claim_is_not_claimed() {
     };
     let (cancelled, claimed) = tokio::join!(cancelled, claimed);
     cancelled.expect("cancelled");
-    let claimed: Vec<_> = claimed.expect("claimable").into_iter().map(|(ticket, _)| ticket.job).collect();
-    assert_eq!(claimed, [second]);
-    let whats: Vec<_> = events(&client, first, 0, 9).await.into_iter().map(|event| (event.seq, event.what)).collect();
-    assert_eq!(whats, [(1, What::State(State::Queued)), (2, What::End(State::Cancelled, None))]);
+    assert_eq!(jobs_of(&claimed.expect("claimable")), [second]);
+    let whats = [What::Queued, What::End(State::Cancelled, None)];
+    let expected: Vec<_> = (1..).zip(whats).map(|(seq, what)| Event { seq, what }).collect();
+    assert_eq!(events(&client, first, 0, 9).await, expected);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -156,7 +153,7 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     // as if the answer had not come
     *store.held.lock().get_mut(&ticket).expect("held") -= 2;
     store.append(ticket, rows(), Default::default()).await.expect("known");
-    assert_eq!(store.events(ticket.job, 2, 99).await.expect("readable").expect("a job").len(), 2);
+    assert_eq!(events(&store, ticket.job, 2, 99).await.len(), 2);
     store.finish(ticket, End::Cancelled).await.expect("ended");
     store.held.lock().insert(ticket, 5);
     store.finish(ticket, End::Cancelled).await.expect("the same end again");
@@ -189,7 +186,8 @@ async fn a_server_that_stops_is_unavailable_and_loses_nothing() {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     };
-    tokio::time::timeout(Duration::from_secs(60), noticed).await.expect("by its looks, without an operation");
+    // by its looks, without an operation
+    soon(noticed).await;
     server.up();
     store.probe().await.expect("it works again");
     assert_eq!(store.reclaim().await, Ok(vec![]), "no lease is over");
@@ -223,7 +221,7 @@ async fn tables_of_another_version_are_refused() {
     open(&url, RULES).await.close().await;
     let sql = "UPDATE schema_version SET version = 99";
     store.change("test", move |change| change.rows.write(sql, Vec::new())).await.expect("written");
-    let error = Store::shared(&url, 2, RULES).await.expect_err("another version");
+    let error = Store::shared(&url, 2, RULES).await.err().expect("another version");
     assert!(error.message.contains("version 99"), "{error}");
 }
 
@@ -231,7 +229,7 @@ async fn tables_of_another_version_are_refused() {
 #[tokio::test(flavor = "multi_thread")]
 async fn claimers_of_many_services_take_each_job_once() {
     let Some(server) = Server::start() else { return };
-    let jobs = claims::jobs();
+    let jobs = at_once::jobs();
     for limit in [1, 8] {
         let url = server.database();
         let mut services: Vec<Arc<Store>> = Vec::new();
@@ -239,7 +237,7 @@ async fn claimers_of_many_services_take_each_job_once() {
             let rules = Rules { max_queued: jobs, ..RULES };
             services.push(Arc::new(Store::shared(&url, 2, rules).await.expect("it opens")));
         }
-        claims::claim_all(&services, limit, jobs).await;
+        at_once::claim_all(&services, limit, jobs).await;
     }
 }
 
@@ -280,4 +278,93 @@ async fn workers_add_up() {
     }
     let gain = (rates[1] + rates[2]) / (rates[0] + rates[3]);
     assert!(gain >= least, "four workers do {gain:.2} times as much as one");
+}
+
+/// A server of a test: of Debian's package, in a temporary folder, on a socket there; stopped when dropped.
+pub(super) struct Server {
+    folder: TempDir,
+    programs: PathBuf,
+    databases: AtomicUsize,
+}
+
+impl Server {
+    /// Starts one; none, with a notice, where PostgreSQL is not installed.
+    pub fn start() -> Option<Self> {
+        let Some(programs) = programs() else {
+            println!("skipped: PostgreSQL is not installed (deploy/install-missing.sh test installs it)");
+            return None;
+        };
+        let folder = tempfile::tempdir().expect("a folder");
+        if rustix::process::getuid().is_root() {
+            std::os::unix::fs::chown(folder.path(), Some(UNPRIVILEGED), Some(UNPRIVILEGED)).expect("it is ours");
+        }
+        let server = Self { folder, programs, databases: AtomicUsize::new(0) };
+        let data = server.data();
+        server.run("initdb", &["--no-sync", "--auth=trust", "--encoding=UTF8", "--username=tesserae", "-D", &data]);
+        server.up();
+        Some(server)
+    }
+
+    /// Starts it again after [`down`](Self::down).
+    pub fn up(&self) {
+        let folder = self.folder.path().display();
+        let options =
+            format!("-c listen_addresses= -c unix_socket_directories={folder} -c fsync=off -c max_connections=300");
+        self.run("pg_ctl", &["-w", "-s", "-D", &self.data(), "-l", &format!("{folder}/log"), "-o", &options, "start"]);
+    }
+
+    /// Stops it, as a crash does.
+    pub fn down(&self) {
+        self.run("pg_ctl", &["-w", "-s", "-D", &self.data(), "-m", "immediate", "stop"]);
+    }
+
+    /// The URL of a new database.
+    pub fn database(&self) -> StoreUrl {
+        let name = format!("test{}", self.databases.fetch_add(1, Ordering::Relaxed));
+        let folder = self.folder.path().display().to_string();
+        self.run("createdb", &["-h", &folder, "-U", "tesserae", "--strategy=file_copy", &name]);
+        let host = folder.replace('/', "%2F");
+        format!("postgres://tesserae@{host}/{name}").parse().expect("any text")
+    }
+
+    fn data(&self) -> String {
+        self.folder.path().join("data").display().to_string()
+    }
+
+    /// Runs a program of the package, as a user that is not root.
+    fn run(&self, program: &str, arguments: &[&str]) {
+        let mut command = Command::new(self.programs.join(program));
+        command.args(arguments).current_dir(self.folder.path()).stdin(Stdio::null()).stdout(Stdio::null());
+        if rustix::process::getuid().is_root() {
+            std::os::unix::process::CommandExt::uid(&mut command, UNPRIVILEGED);
+        }
+        let status = command.status().expect("it starts");
+        assert!(status.success(), "{program} {arguments:?}: {status}");
+    }
+}
+
+/// The user that the server is of when the tests are root's, for which it refuses to run.
+const UNPRIVILEGED: u32 = 65_534;
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        if self.folder.path().join("data/postmaster.pid").exists() {
+            self.down();
+        }
+    }
+}
+
+/// The folder of the programs: of the newest version that Debian's packages installed, or one in the search path.
+fn programs() -> Option<PathBuf> {
+    let versions = std::fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten();
+    let mut found: Vec<(u32, PathBuf)> = versions
+        .filter_map(|entry| Some((entry.file_name().to_str()?.parse().ok()?, entry.path().join("bin"))))
+        .filter(|(version, folder)| *version >= 15 && folder.join("initdb").exists())
+        .collect();
+    found.sort();
+    let in_path = || {
+        let path = std::env::var_os("PATH")?;
+        std::env::split_paths(&path).find(|folder: &PathBuf| Path::join(folder, "initdb").exists())
+    };
+    found.pop().map(|(_, folder)| folder).or_else(in_path)
 }

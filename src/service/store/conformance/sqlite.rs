@@ -4,29 +4,32 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
+use rusqlite::Connection;
 use tempfile::TempDir;
 
-use super::super::database::rows::{Abort, Rows};
+use super::super::change::Transaction;
+use super::super::database::{Abort, Rows};
 use super::super::tests::RULES;
-use super::{claims, *};
+use super::*;
 use crate::ops::faults::{FaultPoint, Faults};
+use crate::store::LOCAL_TENANT;
 
 /// Stores in folders of their own.
 #[derive(Default)]
 struct OnDisk(Mutex<Vec<TempDir>>);
 
-pub const NAME: &str = "jobs.sqlite3";
+const NAME: &str = "jobs.sqlite3";
 
 /// A new folder, and a path for a store in it.
-pub fn in_a_folder() -> (TempDir, PathBuf) {
+fn in_a_folder() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join(NAME);
     (folder, path)
 }
 
 /// The store in the file at `path`, without faults.
-pub async fn open(path: &Path) -> Store {
-    Store::open(path, RULES, Faults::default()).await.expect("it opens")
+async fn open(path: &Path) -> Store {
+    Store::open(path, false, RULES, Faults::default()).await.expect("it opens")
 }
 
 impl OnDisk {
@@ -34,7 +37,7 @@ impl OnDisk {
     async fn open(&self, folder: TempDir, rules: Rules) -> Store {
         let path = folder.path().join(NAME);
         self.0.lock().expect("no panic").push(folder);
-        Store::open(&path, rules, Faults::default()).await.expect("it opens")
+        Store::open(&path, false, rules, Faults::default()).await.expect("it opens")
     }
 }
 
@@ -66,7 +69,7 @@ async fn conforms() {
 async fn a_failed_commit_is_told_loses_nothing_and_passes() {
     let folder = tempfile::tempdir().expect("a folder");
     let faults = Faults::default();
-    let store = Store::open(&folder.path().join(NAME), RULES, faults.clone()).await.expect("it opens");
+    let store = Store::open(&folder.path().join(NAME), false, RULES, faults.clone()).await.expect("it opens");
     let kept = new_job();
     store.create(kept.clone()).await.expect("created");
     for (kind, expected) in [
@@ -114,10 +117,8 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     let (_folder, path) = in_a_folder();
     let store = open(&path).await;
     // of the connection that writes; the one that is opened after the failure finds room
-    let limit = |change: &mut super::super::change::Transaction<'_>| {
-        change.rows.query("PRAGMA max_page_count = 1", Vec::new()).map(drop)
-    };
-    store.change("test", limit).await.expect("set");
+    let limited = store.change("test", |change| change.rows.query("PRAGMA max_page_count = 1", Vec::new()));
+    limited.await.expect("set");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
     let error = store.create(large.clone()).await.expect_err("no room");
@@ -143,7 +144,7 @@ async fn a_command_that_fails_takes_no_other_with_it() {
 }
 
 /// A command with a defect.
-fn panics(change: &mut super::super::change::Transaction<'_>) -> Result<(), Abort> {
+fn panics(change: &mut Transaction<'_>) -> Result<(), Abort> {
     change.rows.write("DELETE FROM jobs", Vec::new())?;
     panic!("on purpose")
 }
@@ -152,7 +153,7 @@ fn panics(change: &mut super::super::change::Transaction<'_>) -> Result<(), Abor
 async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
     let (_folder, path) = in_a_folder();
     let faults = Faults::default();
-    let store = Arc::new(Store::open(&path, RULES, faults.clone()).await.expect("it opens"));
+    let store = Arc::new(Store::open(&path, false, RULES, faults.clone()).await.expect("it opens"));
     faults.hold(FaultPoint::Commit);
     let first = Arc::clone(&store);
     let first = tokio::spawn(async move { first.create(new_job()).await.map(drop) });
@@ -192,17 +193,15 @@ async fn a_read_that_waits_leaves_the_runtimes_only_thread_to_others() {
 async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
     let (_folder, path) = in_a_folder();
     let faults = Faults::default();
-    let store = Store::open(&path, RULES, faults.clone()).await.expect("it opens");
+    let store = Store::open(&path, false, RULES, faults.clone()).await.expect("it opens");
     store.create(new_job()).await.expect("created");
     faults.hold(FaultPoint::Commit);
     let (created, (), ()) = tokio::join!(biased; store.create(new_job()), store.close(), async { faults.disarm() });
     created.expect("asked for before");
     assert_eq!(store.create(new_job()).await.expect_err("closed").kind, Kind::Unavailable);
     assert_eq!(store.counts().await.expect_err("closed").kind, Kind::Unavailable);
-    let left: Vec<_> = std::fs::read_dir(path.parent().expect("a folder"))
-        .expect("readable")
-        .map(|entry| entry.expect("one").file_name())
-        .collect();
+    let left = std::fs::read_dir(path.parent().expect("a folder")).expect("readable");
+    let left: Vec<_> = left.map(|entry| entry.expect("one").file_name()).collect();
     assert_eq!(left, [NAME]);
     let again = open(&path).await;
     assert_eq!(again.counts().await.expect("counted")[0], 2);
@@ -211,13 +210,86 @@ async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
 /// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.
 #[tokio::test(flavor = "multi_thread")]
 async fn claimers_of_many_jobs_take_each_once() {
-    let jobs = claims::jobs();
+    let jobs = at_once::jobs();
     for limit in [1, 8] {
         let (_folder, path) = in_a_folder();
         let rules = Rules { max_queued: jobs, ..RULES };
-        let store = Store::open(&path, rules, Faults::default()).await.expect("it opens");
-        let store = Arc::new(store);
+        let store = Arc::new(Store::open(&path, false, rules, Faults::default()).await.expect("it opens"));
         let claimers: Vec<_> = (0..16).map(|_| Arc::clone(&store)).collect();
-        claims::claim_all(&claimers, limit, jobs).await;
+        at_once::claim_all(&claimers, limit, jobs).await;
+    }
+}
+
+#[tokio::test]
+async fn a_file_of_somebody_elses_is_refused_in_one_line() {
+    let (_folder, path) = in_a_folder();
+    Connection::open(&path).expect("it opens").execute_batch("CREATE TABLE jobs (x)").expect("written");
+    let error = Store::open(&path, false, RULES, Faults::default()).await.err().expect("not ours");
+    assert!(error.message.ends_with("jobs.sqlite3: table jobs already exists"), "{error}");
+}
+
+#[tokio::test]
+async fn tables_of_another_version_are_refused_and_left_alone() {
+    for found in [9999, -1] {
+        let (_folder, path) = in_a_folder();
+        open(&path).await.close().await;
+        let connection = Connection::open(&path).expect("it opens");
+        connection.pragma_update(None, "user_version", found).expect("written");
+        connection.close().expect("closed");
+        let before = std::fs::read(&path).expect("readable");
+        let error = Store::open(&path, false, RULES, Faults::default()).await.err().expect("another version");
+        for part in [&format!("version {found},"), NAME, "up to 1"] {
+            assert!(error.message.contains(part), "{error}");
+        }
+        assert!(std::fs::read(&path).expect("readable") == before);
+    }
+}
+
+/// Overwrites pages of the file, without the first one.
+fn damage(path: &Path) {
+    let mut content = std::fs::read(path).expect("a store");
+    content[4096..].fill(0x5a);
+    std::fs::write(path, content).expect("written");
+}
+
+#[tokio::test]
+async fn damage_is_found_when_the_store_is_opened() {
+    let (_folder, path) = in_a_folder();
+    let store = open(&path).await;
+    store.create(new_job()).await.expect("created");
+    store.close().await;
+    damage(&path);
+    let before = std::fs::read(&path).expect("readable");
+    let error = Store::open(&path, false, RULES, Faults::default()).await.err().expect("damaged");
+    for part in ["damaged", "backup", NAME] {
+        assert!(error.message.contains(part), "{error}");
+    }
+    assert!(std::fs::read(&path).expect("readable") == before, "it is left as it is");
+    std::fs::write(&path, "no database, but a text that is long enough to be taken for one ".repeat(100))
+        .expect("written");
+    let error = Store::open(&path, false, RULES, Faults::default()).await.err().expect("no database");
+    assert!(error.message.contains("damaged"), "{error}");
+}
+
+#[tokio::test]
+async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_again() {
+    let (_folder, path) = in_a_folder();
+    let store =
+        Store::open(&path, false, Rules { max_queued: 1000, ..RULES }, Faults::default()).await.expect("it opens");
+    for _ in 0..300 {
+        store.create(new_job()).await.expect("created");
+    }
+    store.close().await;
+    let store = open(&path).await;
+    let failures = store.statistics().failures;
+    damage(&path);
+    let query = ListQuery { tenant: LOCAL_TENANT.to_owned(), limit: 1000, ..ListQuery::default() };
+    let error = store.list(&query).await.expect_err("damaged");
+    assert_eq!(error.kind, Kind::Unavailable, "{error}");
+    assert!(!error.message.contains("jobs.sqlite3"), "the remedy is for the operator: {error}");
+    assert!(store.statistics().failures > failures, "the service looks");
+    for _ in 0..2 {
+        let error = store.probe().await.expect_err("damaged");
+        assert!(error.message.contains("damaged") && error.message.contains("backup"), "{error}");
     }
 }

@@ -1,10 +1,236 @@
 //! The databases: statements in one dialect, in transactions.
 //!
-//! The store is written once, as functions that run statements on [`Rows`](rows::Rows). A statement keeps to what
-//! SQLite and PostgreSQL both know: `$1` for a value, `RETURNING`, `ON CONFLICT`, and four types of
-//! [values](rows::Value). `FOR UPDATE` at its end locks the rows where transactions run side by side.
+//! The store is written once, as functions that run statements on [`Rows`]. A statement keeps to what SQLite and
+//! PostgreSQL both know: `$1` for a value, `RETURNING`, `ON CONFLICT`, and four types of [values](Value). `FOR UPDATE`
+//! at its end locks the rows where transactions run side by side.
 
 #[cfg(feature = "postgres")]
 pub mod postgres;
-pub mod rows;
 pub mod sqlite;
+
+use std::convert::Infallible;
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tokio_util::bytes::Bytes;
+use uuid::Uuid;
+
+use super::job::JobId;
+use crate::queue::State;
+
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    Null,
+    Integer(i64),
+    Real(f64),
+    Text(String),
+    Bytes(Bytes),
+}
+
+pub type Query = (&'static str, Vec<Value>);
+
+macro_rules! values {
+    ($($value:expr),* $(,)?) => { vec![$($crate::store::database::Value::from($value)),*] };
+}
+pub(in crate::store) use values;
+
+/// A struct of columns that are called like its fields, and of other fields.
+macro_rules! read {
+    ($row:expr, $type:ident { $($column:ident),*; $($field:ident: $value:expr),* $(,)? }) => {
+        $type { $($column: $row.get(stringify!($column))?,)* $($field: $value,)* }
+    };
+}
+pub(in crate::store) use read;
+
+#[derive(Debug)]
+pub enum Abort {
+    /// It is not allowed; nothing was written.
+    Refused(Error),
+    Broken(Error),
+    /// The database broke the transaction off for the sake of another one: it may be done again.
+    #[cfg(feature = "postgres")]
+    Again(Error),
+}
+
+impl From<Error> for Abort {
+    fn from(error: Error) -> Self {
+        Self::Refused(error)
+    }
+}
+
+impl Abort {
+    pub fn into_error(self) -> Error {
+        match self {
+            Self::Refused(error) | Self::Broken(error) => error,
+            #[cfg(feature = "postgres")]
+            Self::Again(error) => error,
+        }
+    }
+}
+
+/// A transaction, or a connection that reads.
+pub trait Rows {
+    /// The rows of several queries, which are sent together.
+    fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort>;
+
+    /// Changes rows: at once, or together with the next query or the commit.
+    fn write(&mut self, sql: &'static str, values: Vec<Value>) -> Result<(), Abort>;
+
+    /// Now by the clock of the database.
+    fn now(&mut self) -> Result<SystemTime, Abort>;
+
+    /// Waits until no other transaction holds the lock of the queue; to be called first. A brief lock is not held while
+    /// the commit waits for the disk: a later change waits for that.
+    fn lock_queue(&mut self, is_brief: bool) -> Result<(), Abort>;
+
+    /// When the database was started, or a time before.
+    fn up_since(&mut self) -> Result<SystemTime, Abort>;
+
+    fn query(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>, Abort> {
+        Ok(self.all(&[(sql, values)])?.pop().unwrap_or_default())
+    }
+
+    fn first(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Option<Row>, Abort> {
+        Ok(self.query(sql, values)?.into_iter().next())
+    }
+
+    /// The row of a query that always has one.
+    fn one(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Row, Abort> {
+        let none = || Error::new(Kind::Internal, "the store of jobs failed: a query that gives a row gave none");
+        self.first(sql, values)?.ok_or_else(|| Abort::Broken(none()))
+    }
+}
+
+#[derive(Debug, Clone)]
+pub struct Row {
+    pub names: Arc<[String]>,
+    pub values: Vec<Value>,
+}
+
+fn unreadable(column: &str, error: &dyn fmt::Display) -> Error {
+    Error::new(Kind::Internal, format_args!("the store of jobs cannot be read: column {column}: {error}"))
+}
+
+impl Row {
+    fn value(&self, column: &'static str) -> Result<&Value> {
+        let place = self.names.iter().position(|name| name == column);
+        place.and_then(|place| self.values.get(place)).ok_or_else(|| unreadable(column, &"there is none"))
+    }
+
+    pub fn get<T: FromValue>(&self, column: &'static str) -> Result<T> {
+        let value = self.value(column)?;
+        T::from_value(value).ok_or_else(|| unreadable(column, &format_args!("{value:?}")))
+    }
+
+    /// From JSON; a column that is null is `null`.
+    pub fn json<T: DeserializeOwned>(&self, column: &'static str) -> Result<T> {
+        let text = self.get::<Option<String>>(column)?;
+        serde_json::from_str(text.as_deref().unwrap_or("null")).map_err(|error| unreadable(column, &error))
+    }
+}
+
+pub fn json<T: Serialize>(value: &T) -> Result<String> {
+    serde_json::to_string(value)
+        .map_err(|error| Error::new(Kind::Internal, format_args!("what is to be stored cannot be written: {error}")))
+}
+
+/// A point in time as it is stored: microseconds since 1970.
+pub fn micros(time: SystemTime) -> i64 {
+    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_micros()).unwrap_or(i64::MAX)
+}
+
+pub fn time(micros: i64) -> SystemTime {
+    UNIX_EPOCH + Duration::from_micros(u64::try_from(micros).unwrap_or_default())
+}
+
+pub trait FromValue: Sized {
+    fn from_value(value: &Value) -> Option<Self>;
+}
+
+/// Types of columns: the kind of their values, how they are written, and how they are read.
+macro_rules! columns {
+    ($($type:ty: $kind:ident($stored:ty), $write:expr, $read:expr;)*) => {
+        $(impl From<$type> for Value {
+            fn from(value: $type) -> Self {
+                let write: fn($type) -> $stored = $write;
+                Self::$kind(write(value))
+            }
+        }
+
+        impl FromValue for $type {
+            fn from_value(value: &Value) -> Option<Self> {
+                let read: fn(&$stored) -> Option<$type> = $read;
+                match value {
+                    Value::$kind(value) => read(value),
+                    _ => None,
+                }
+            }
+        })*
+    };
+}
+
+columns! {
+    i64: Integer(i64), |number| number, |number| Some(*number);
+    u64: Integer(i64), |number| number.try_into().unwrap_or(i64::MAX), |number| (*number).try_into().ok();
+    usize: Integer(i64), |number| number.try_into().unwrap_or(i64::MAX), |number| (*number).try_into().ok();
+    u32: Integer(i64), i64::from, |number| (*number).try_into().ok();
+    i16: Integer(i64), i64::from, |number| (*number).try_into().ok();
+    bool: Integer(i64), i64::from, |number| Some(*number != 0);
+    SystemTime: Integer(i64), micros, |micros| Some(time(*micros));
+    Duration: Integer(i64), |length| micros(UNIX_EPOCH + length), |micros| time(*micros).duration_since(UNIX_EPOCH).ok();
+    f64: Real(f64), |number| number, |number| Some(*number);
+    String: Text(String), |text| text, |text| Some(text.clone());
+    JobId: Text(String), |id| id.to_string(), |text| text.parse().ok();
+    Uuid: Text(String), |id| id.to_string(), |text| Uuid::try_parse(text).ok();
+    State: Text(String), |state| state.name().to_owned(), |text| {
+        State::ALL.into_iter().find(|state| state.name() == text)
+    };
+    Bytes: Bytes(Bytes), |bytes| bytes, |bytes| Some(bytes.clone());
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+impl<T: Into<Value>> From<Option<T>> for Value {
+    fn from(value: Option<T>) -> Self {
+        value.map_or(Self::Null, Into::into)
+    }
+}
+
+impl<T: FromValue> FromValue for Option<T> {
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Null => Some(None),
+            _ => T::from_value(value).map(Some),
+        }
+    }
+}
+
+/// Where a store is that several services share: a URL, which nothing shows, because of its password. Every text is
+/// taken here, because messages of the command line show what they refuse; the
+/// check of the settings refuses what is no such URL.
+#[derive(Clone, PartialEq, Eq)]
+pub struct StoreUrl(pub(crate) String);
+
+impl FromStr for StoreUrl {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(Self(text.to_owned()))
+    }
+}
+
+impl fmt::Debug for StoreUrl {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("StoreUrl").finish_non_exhaustive()
+    }
+}

@@ -20,7 +20,7 @@ use super::parts::Pipeline;
 use super::patience::Patience;
 use super::rows::Log;
 use crate::ops::trace::TraceParent;
-use crate::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
+use crate::store::{self, Claiming, End, Ending, Job, State, Summary, Ticket};
 
 /// Least wait for the next start, so that a start that is due does not spin.
 const EARLY: Duration = Duration::from_millis(1);
@@ -28,8 +28,8 @@ const EARLY: Duration = Duration::from_millis(1);
 #[derive(Debug)]
 enum Verdict {
     Ended(Ending),
-    /// It is to be tried again.
-    Released(Release),
+    /// It is to be tried again: the attempt failed, or was broken off without fault.
+    Released(Option<Error>),
     Lost,
 }
 
@@ -72,7 +72,7 @@ impl Pipeline {
     /// The next jobs, once there are slots and jobs, and what it takes to work on them; none when it is time to stop.
     async fn next(
         self: &Arc<Self>,
-        arrivals: &mut watch::Receiver<u64>,
+        arrivals: &mut watch::Receiver<()>,
         stop: &CancellationToken,
     ) -> Option<Vec<Claimed>> {
         let (mut slots, mut newcomer) = (Vec::new(), None);
@@ -238,21 +238,21 @@ impl Pipeline {
                     }
                 }
             }
-            Verdict::Released(release) => {
-                match &release {
-                    Release::Failed(error) => {
+            Verdict::Released(fault) => {
+                match &fault {
+                    Some(error) => {
                         tracing::warn!(milliseconds, "the attempt failed: {error}");
                         self.metrics.attempt_failed(error.kind);
                     }
-                    Release::Free => tracing::info!(milliseconds, "broken off; it waits again"),
+                    None => tracing::info!(milliseconds, "broken off; it waits again"),
                 }
                 let outcome = loop {
-                    match self.store.release(ticket, release.clone()).await {
+                    match self.store.release(ticket, fault.clone()).await {
                         Err(error) if self.may_try_again(&error, abort).await => {}
                         outcome => break outcome,
                     }
                 };
-                if let (Ok(State::Failed), Release::Failed(error)) = (&outcome, &release) {
+                if let (Ok(State::Failed), Some(error)) = (&outcome, &fault) {
                     self.metrics.poisoned(error.kind);
                 }
                 outcome
@@ -301,7 +301,7 @@ impl Pipeline {
     /// The outcome of a job that the service does not wait for when it stops.
     fn stopped(&self) -> Verdict {
         match self.store.is_durable() {
-            true => Verdict::Released(Release::Free),
+            true => Verdict::Released(None),
             false => {
                 let why = "the service was stopped before the job ended, and keeps no jobs; submit it again";
                 Verdict::Ended(End::Failed(Error::new(Kind::Unavailable, why)).into())
@@ -314,7 +314,7 @@ fn judge(error: Error) -> Verdict {
     match error.kind {
         Kind::Cancelled => Verdict::Ended(End::Cancelled.into()),
         Kind::Conflict => Verdict::Lost,
-        Kind::DeviceLost => Verdict::Released(Release::Failed(error)),
+        Kind::DeviceLost => Verdict::Released(Some(error)),
         _ => Verdict::Ended(End::Failed(error).into()),
     }
 }

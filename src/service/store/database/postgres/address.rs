@@ -10,7 +10,7 @@ use tesserae_mesh::error::{Error, Result};
 use tokio_postgres::Config;
 use tokio_postgres::config::{Host, SslMode};
 
-use super::super::super::url::StoreUrl;
+use super::super::StoreUrl;
 
 /// Time for a connection to be made.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -25,7 +25,7 @@ const SESSION: &str = "-c search_path=tesserae -c statement_timeout=20s -c lock_
 
 /// Reads a URL. No error shows any of it, except for names of parameters.
 pub fn parse(url: &StoreUrl) -> Result<Config> {
-    let text = url.expose();
+    let text = &url.0;
     if !["postgres://", "postgresql://"].iter().any(|scheme| text.starts_with(scheme)) {
         return Err(Error::parameter(
             "--store must be postgres://USER:PASSWORD@HOST/DATABASE; leave it out to keep jobs in --data-dir",

@@ -14,7 +14,7 @@ use tokio_postgres::config::SslMode;
 use tokio_postgres::error::SqlState;
 use tokio_postgres_rustls::MakeRustlsConnect;
 
-use super::super::rows::Abort;
+use super::super::Abort;
 
 /// Time for a piece of work, the wait for a connection included.
 pub const PATIENCE: Duration = Duration::from_secs(10);

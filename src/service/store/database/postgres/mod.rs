@@ -11,39 +11,52 @@
 //! several free places claims for all of them at once. Running and waiting jobs are counted by index: counters in a row
 //! for each tenant, locked by every change, would make the changes of a tenant wait for the disk one after the other.
 //!
-//! A claim takes two round trips: what the rules see of the queue; what they change, and the commit. The lock is not
-//! held while a commit waits for the disk: that of a claim is asynchronous, and the worker waits for the disk by a
-//! change of its own row, which is sent with the commit.
+//! The lock is not held while a commit waits for the disk: that of a claim is asynchronous, and the worker waits for
+//! the disk by a change of its own row after it. Both commits are in one log, so the later one is on the disk only if
+//! that of the claim is.
 
 pub mod address;
 mod connections;
-mod look;
 mod opening;
 mod session;
 
+use std::collections::HashSet;
 use std::sync::Arc;
+use std::time::Duration;
 
-use tesserae_mesh::error::Result;
+use tesserae_mesh::error::{Kind, Result};
 use tokio::runtime::Handle;
-use tokio::time::Instant;
-use tokio_util::sync::CancellationToken;
+use tokio::time::{Instant, sleep};
+use tokio_util::task::AbortOnDropHandle;
 
 use self::connections::{Connections, PATIENCE, cannot_reach};
 use self::session::Session;
+use super::super::job::JobId;
 use super::super::listeners::{Effects, Listeners};
-use super::super::url::StoreUrl;
-use super::rows::{Abort, Rows};
+use super::super::terms::Pulse;
+use super::{Abort, Rows, StoreUrl, values};
 use crate::ops::blocking::blocking;
 
 /// Times that work is done again that the database broke off, though nothing is wrong with it.
 const AGAIN: usize = 5;
 
+/// How services learn what others did: each looks at the tables five times a second.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// Looks after which a worker looks at a queue without new jobs, and the deliveries of webhooks for ends.
+const SELDOM: u64 = 5;
+
+const QUEUE: &str = "SELECT coalesce((SELECT max(number) FROM jobs), 0) AS newest, \
+    EXISTS (SELECT FROM jobs WHERE state = 'queued') AS waits";
+
+const WATCHED: &str =
+    "SELECT id, last_seq, cancel_requested, state FROM jobs WHERE id = ANY (string_to_array($1, ','))";
+
 /// A database with the tables of the store.
-#[derive(Debug)]
 pub struct Postgres {
     connections: Connections,
     listeners: Arc<Listeners>,
-    stop: CancellationToken,
+    looking: AbortOnDropHandle<()>,
 }
 
 impl Postgres {
@@ -51,54 +64,32 @@ impl Postgres {
     pub async fn open(url: &StoreUrl, most: usize, listeners: Arc<Listeners>) -> Result<Self> {
         let connections = Connections::new(address::parse(url)?, most)?;
         opening::open(&connections).await.map_err(cannot_reach)?;
-        let stop = CancellationToken::new();
-        let looking = look::look(connections.clone(), Arc::clone(&listeners));
-        tokio::spawn(stop.clone().run_until_cancelled_owned(looking));
-        Ok(Self { connections, listeners, stop })
+        let looking = AbortOnDropHandle::new(tokio::spawn(look(connections.clone(), Arc::clone(&listeners))));
+        Ok(Self { connections, listeners, looking })
     }
 
-    /// Makes a change; returns when it is on the disk, and what follows from it is done.
-    pub async fn change<T: Send + 'static>(
+    /// Makes a change, or reads; returns when a change is on the disk, and what follows from it is done.
+    pub async fn run<T: Send + 'static>(
         &self,
-        command: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
+        is_change: bool,
+        work: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
         let started = Instant::now();
-        let outcome = run(&self.connections, true, command).await;
-        if outcome.is_ok() {
+        let outcome = run(&self.connections, is_change, work).await;
+        if outcome.is_ok() && is_change {
             self.listeners.committed(1, started.elapsed());
         }
-        self.concluded(started, outcome)
-    }
-
-    pub async fn read<T: Send + 'static>(
-        &self,
-        work: impl Fn(&mut dyn Rows) -> Result<T, Abort> + Send + 'static,
-    ) -> Result<T> {
-        let started = Instant::now();
-        let outcome = run(&self.connections, false, move |rows, _| work(rows)).await;
-        self.concluded(started, outcome)
-    }
-
-    fn concluded<T>(&self, started: Instant, outcome: Result<(T, Effects)>) -> Result<T> {
-        let outcome = outcome.inspect_err(|error| {
-            if error.is_of_storage() || error.kind == tesserae_mesh::Kind::Internal {
-                self.listeners.failed(started.elapsed());
-            }
-        });
+        if outcome.as_ref().is_err_and(|error| error.is_of_storage() || error.kind == Kind::Internal) {
+            self.listeners.failed(started.elapsed());
+        }
         let (done, effects) = outcome?;
         self.listeners.publish(effects);
         Ok(done)
     }
 
     pub fn close(&self) {
-        self.stop.cancel();
+        self.looking.abort();
         self.connections.close();
-    }
-}
-
-impl Drop for Postgres {
-    fn drop(&mut self) {
-        self.stop.cancel();
     }
 }
 
@@ -117,8 +108,8 @@ async fn run<T: Send + 'static>(
             let mut session = Session::new(&pool, client, handle, deadline, is_change);
             let mut effects = Effects::default();
             let outcome = match work(&mut session, &mut effects) {
-                Ok(done) => session.commit().map(|()| (done, effects)),
-                Err(Abort::Refused(error)) => session.roll_back().and(Err(Abort::Refused(error))),
+                Ok(done) => session.end("COMMIT").map(|()| (done, effects)),
+                Err(Abort::Refused(error)) => session.end("ROLLBACK").and(Err(Abort::Refused(error))),
                 Err(abort) => Err(abort),
             };
             (work, outcome)
@@ -129,5 +120,44 @@ async fn run<T: Send + 'static>(
             Err(Abort::Again(_)) if left > 0 => left -= 1,
             outcome => return outcome.map_err(Abort::into_error),
         }
+    }
+}
+
+/// Looks at the queue for workers, and at the jobs that tasks wait for.
+async fn look(connections: Connections, listeners: Arc<Listeners>) {
+    let mut seen = 0;
+    for turn in 0u64.. {
+        sleep(LOOK).await;
+        let started = Instant::now();
+        let watched = listeners.pulses.waited_for();
+        let ids = watched.iter().map(JobId::to_string).collect::<Vec<_>>().join(",");
+        let found = run(&connections, false, move |rows, _| {
+            let queue = rows.one(QUEUE, Vec::new())?;
+            let watched = match ids.is_empty() {
+                true => Vec::new(),
+                false => rows.query(WATCHED, values![&*ids])?,
+            };
+            Ok((queue.get::<i64>("newest")?, queue.get::<bool>("waits")?, watched))
+        });
+        let Ok(((newest, waits, rows), _)) = found.await else {
+            listeners.failed(started.elapsed());
+            continue;
+        };
+        let is_seldom = turn.is_multiple_of(SELDOM);
+        if waits && (is_seldom || newest > seen) {
+            listeners.arrivals.send_replace(());
+        }
+        seen = newest;
+        if is_seldom {
+            listeners.endings.send_replace(());
+        }
+        let mut deleted: HashSet<JobId> = watched.into_iter().collect();
+        for row in &rows {
+            if let (Ok(id), Ok(pulse)) = (row.get("id"), Pulse::of(row)) {
+                deleted.remove(&id);
+                listeners.pulses.publish(id, pulse);
+            }
+        }
+        deleted.into_iter().for_each(|id| listeners.pulses.forget(id));
     }
 }

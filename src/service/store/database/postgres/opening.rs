@@ -5,7 +5,7 @@ use tokio::time::{Instant, timeout_at};
 use tokio_postgres::Client;
 
 use super::super::super::schema::{self, MIGRATIONS, for_postgres};
-use super::super::rows::Abort;
+use super::super::Abort;
 use super::connections::{Connections, PATIENCE, failure};
 
 /// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes without compression,
@@ -18,7 +18,7 @@ const STORAGE: &str = "\
 const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version bigint NOT NULL)";
 
 /// Oldest server that is worked with, as it tells its version.
-const OLDEST_SERVER: i32 = 150_000;
+const OLDEST_SERVER: i64 = 150_000;
 
 pub async fn open(connections: &Connections) -> Result<()> {
     let deadline = Instant::now() + PATIENCE;
@@ -31,24 +31,24 @@ pub async fn open(connections: &Connections) -> Result<()> {
 
 /// One service migrates at a time, under an advisory lock.
 async fn migrate(client: &mut Client) -> Result<(), Abort> {
-    let version = |row: tokio_postgres::Row| row.try_get::<_, i64>(0).map_err(failure);
-    let server = client.query_one("SHOW server_version_num", &[]).await.map_err(failure)?;
-    let server: String = server.try_get(0).map_err(failure)?;
-    if server.parse::<i32>().is_ok_and(|version| version < OLDEST_SERVER) {
+    let transaction = client.transaction().await.map_err(failure)?;
+    let run = async |sql: &str| transaction.batch_execute(sql).await.map_err(failure);
+    let number = async |sql: &str| {
+        let row = transaction.query_one(sql, &[]).await;
+        row.and_then(|row| row.try_get::<_, i64>(0)).map_err(failure)
+    };
+    let server = number("SELECT CAST(current_setting('server_version_num') AS bigint)").await?;
+    if server < OLDEST_SERVER {
         let message = format_args!("the store of jobs needs PostgreSQL 15 or later; the server is {server}");
         return Err(Error::new(Kind::Io, message).into());
     }
-    let transaction = client.transaction().await.map_err(failure)?;
-    let run = async |sql: &str| transaction.batch_execute(sql).await.map_err(failure);
     run("SELECT pg_advisory_xact_lock(1953723250, 0)").await?;
     // an operator may make it for a user that may not
-    let row = transaction.query_one("SELECT to_regnamespace('tesserae') IS NULL", &[]).await.map_err(failure)?;
-    if row.try_get(0).map_err(failure)? {
+    if number("SELECT count(*) FROM pg_namespace WHERE nspname = 'tesserae'").await? == 0 {
         run("CREATE SCHEMA tesserae").await?;
     }
     run(VERSION).await?;
-    let found = transaction.query_opt("SELECT version FROM schema_version", &[]).await.map_err(failure)?;
-    let found = found.map(version).transpose()?.unwrap_or(0);
+    let found = number("SELECT coalesce(max(version), 0) FROM schema_version").await?;
     let steps = schema::steps(found, &MIGRATIONS)?;
     if steps.is_empty() {
         return Ok(());

@@ -7,30 +7,37 @@
 //! A prepared statement takes some microseconds, less than the way to another thread and back. So the writer's thread
 //! runs changes, and a task reads rows itself.
 
-mod check;
 mod opening;
 mod place;
-mod readers;
 mod session;
 mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use tesserae_mesh::error::{Error, Result};
+use parking_lot::Mutex;
+use rusqlite::Connection;
+use tesserae_mesh::error::Result;
+use tokio::runtime::{Handle, RuntimeFlavor};
+use tokio::sync::Semaphore;
+use tokio::task::block_in_place;
 
-use self::place::DatabasePlace;
-use self::readers::Readers;
+use self::place::{DatabasePlace, closed, failure};
 use self::writer::Writer;
 use super::super::listeners::Listeners;
+use super::{Abort, Rows};
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 
-#[derive(Debug)]
+/// Connections that read, at most.
+const READERS: u32 = 4;
+
 pub struct Sqlite {
-    pub readers: Readers,
     pub writer: Writer,
-    place: Arc<DatabasePlace>,
+    pub place: Arc<DatabasePlace>,
+    /// One for each connection that may read.
+    readers: Semaphore,
+    idle: Mutex<Vec<Connection>>,
 }
 
 impl Sqlite {
@@ -39,25 +46,37 @@ impl Sqlite {
     pub async fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
         let place = Arc::new(DatabasePlace::lock(path.to_owned(), is_temporary)?);
         let file = Arc::clone(&place);
-        let (connection, readers) = blocking(move || opening::open(&file)).await??;
-        let damage = Arc::clone(&readers.damage);
-        let writer = Writer::start(connection, Arc::clone(&place), listeners, damage, faults);
+        let (writing, reading) = blocking(move || opening::open(&file)).await??;
+        let writer = Writer::start(writing, Arc::clone(&place), listeners, faults);
         let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
-        Ok(Self { readers, writer, place })
+        Ok(Self { writer, place, readers: Semaphore::new(READERS as usize), idle: Mutex::new(vec![reading]) })
     }
 
-    pub fn is_temporary(&self) -> bool {
-        self.place.is_temporary
-    }
-
-    pub fn damage(&self) -> Option<Error> {
-        self.readers.damage.found()
+    /// Reads rows on this thread. Where that takes long, the other tasks of this thread continue on another one.
+    pub async fn read<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
+        let _reader = self.readers.acquire().await.map_err(|_| closed())?;
+        let read = || {
+            let idle = self.idle.lock().pop();
+            let mut connection = idle.map_or_else(|| self.place.reading().map_err(failure), Ok)?;
+            let outcome = work(&mut connection);
+            // a connection that failed is not used again
+            if matches!(outcome, Ok(_) | Err(Abort::Refused(_))) {
+                self.idle.lock().push(connection);
+            }
+            outcome.map_err(|abort| self.place.note(abort.into_error()))
+        };
+        match Handle::current().runtime_flavor() {
+            RuntimeFlavor::CurrentThread => read(),
+            _ => block_in_place(read),
+        }
     }
 
     /// Finishes the operations under way and closes the file.
     pub async fn close(&self) {
         // readers first: the last connection to close empties the log
-        self.readers.close().await;
+        let _all = self.readers.acquire_many(READERS).await;
+        self.idle.lock().clear();
+        self.readers.close();
         self.writer.close().await;
         self.place.release();
     }

@@ -2,18 +2,22 @@
 
 use std::fmt::Display;
 use std::path::Path;
-use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-use rusqlite::Connection;
+use rusqlite::{Connection, ErrorCode};
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::super::super::schema::{self, MIGRATIONS};
-use super::check::{self, is_damage};
-use super::place::{DatabasePlace, failure, lacks_room, message};
-use super::readers::Readers;
+use super::place::{DatabasePlace, failure, is_damage, lacks_room, message};
 
-/// The connection that writes, and those that read.
-pub fn open(place: &Arc<DatabasePlace>) -> Result<(Connection, Readers)> {
+/// Longest time that the check may take when the store is opened. 300,000 jobs in 0.9 GB took 8 s on a busy machine.
+const LONGEST: Duration = Duration::from_secs(10);
+
+/// Operations of SQLite between two looks at the time; reading a page is one of them.
+const OPERATIONS: i32 = 1_000;
+
+/// A connection that writes, and one that reads.
+pub fn open(place: &DatabasePlace) -> Result<(Connection, Connection)> {
     let failed = |error| match error {
         error if lacks_room(&error) => {
             cannot_open(&place.path, &"its disk is full; make room there, a few megabytes are enough")
@@ -25,14 +29,38 @@ pub fn open(place: &Arc<DatabasePlace>) -> Result<(Connection, Readers)> {
         error => cannot_open(&place.path, &message(&error)),
     };
     let mut connection = place.writing().map_err(failed)?;
-    check::check(&mut connection).map_err(failed)?;
+    check(&mut connection).map_err(failed)?;
     let migrated = migrate(&connection, &MIGRATIONS).map_err(failed)?;
     migrated.map_err(|refusal| cannot_open(&place.path, &refusal))?;
-    Ok((connection, Readers::open(Arc::clone(place)).map_err(failed)?))
+    Ok((connection, place.reading().map_err(failed)?))
 }
 
 pub fn cannot_open(path: &Path, why: &dyn Display) -> Error {
     Error::new(Kind::Io, format_args!("the store of jobs cannot be opened: {}: {why}", path.display()))
+}
+
+/// Checks the structure of all tables and indices.
+fn check(connection: &mut Connection) -> rusqlite::Result<()> {
+    let started = Instant::now();
+    connection.progress_handler(OPERATIONS, Some(move || started.elapsed() > LONGEST))?;
+    let found = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get::<_, String>(0));
+    connection.progress_handler(0, None::<fn() -> bool>)?;
+    match found {
+        Ok(verdict) if verdict == "ok" => {
+            tracing::debug!(milliseconds = started.elapsed().as_millis() as u64, "the store of jobs is sound");
+            Ok(())
+        }
+        Ok(verdict) => {
+            let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+            Err(rusqlite::Error::SqliteFailure(code, Some(verdict.replace('\n', " "))))
+        }
+        Err(error) if error.sqlite_error_code() == Some(ErrorCode::OperationInterrupted) => {
+            let seconds = LONGEST.as_secs();
+            tracing::warn!(seconds, "the store of jobs is so large that only a part of it was checked for damage");
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// Makes the tables, or brings them up to date. Their version stands in the head of the file.

@@ -4,12 +4,12 @@ use std::fs::{File, TryLockError};
 use std::path::PathBuf;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags, ffi};
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::super::rows::Abort;
-use super::check::{self, is_damage};
+use super::super::Abort;
 use crate::ops::private;
 
 /// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs,
@@ -24,6 +24,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Statements that a connection keeps prepared: more than there are.
 const STATEMENTS: usize = 64;
 
+const DAMAGED: &str = "the store of jobs is damaged";
+
 impl From<rusqlite::Error> for Abort {
     fn from(error: rusqlite::Error) -> Self {
         Self::Broken(failure(error))
@@ -34,7 +36,8 @@ impl From<rusqlite::Error> for Abort {
 pub fn failure(error: rusqlite::Error) -> Error {
     use ErrorCode::*;
     if is_damage(&error) {
-        return check::damaged(&message(&error));
+        let remedy = "stop the service and put a backup in the place of jobs.sqlite3";
+        return Error::new(Kind::Unavailable, format_args!("{DAMAGED}; {remedy}: {}", message(&error)));
     }
     let kind = match error.sqlite_error_code() {
         _ if lacks_room(&error) => Kind::InsufficientStorage,
@@ -44,6 +47,10 @@ pub fn failure(error: rusqlite::Error) -> Error {
         _ => Kind::Internal,
     };
     Error::new(kind, format_args!("the store of jobs failed: {}", message(&error)))
+}
+
+pub fn is_damage(error: &rusqlite::Error) -> bool {
+    matches!(error.sqlite_error_code(), Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase))
 }
 
 /// The message of the database, without the SQL.
@@ -68,13 +75,13 @@ pub fn lacks_room(error: &rusqlite::Error) -> bool {
 ///
 /// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
 /// whatever happened to the lock of the data folder.
-#[derive(Debug)]
 pub struct DatabasePlace {
     pub path: PathBuf,
     /// Whether the process outlasts the file: then no commit waits for the disk.
     pub is_temporary: bool,
     /// Closed after all connections: closing a file that SQLite has locked ends SQLite's own locks (POSIX).
     lock: File,
+    damage: Mutex<Option<Error>>,
 }
 
 impl DatabasePlace {
@@ -84,7 +91,7 @@ impl DatabasePlace {
         // SQLite gives the log the mode of this file
         let lock = private::options().open(&path).map_err(cannot)?;
         match lock.try_lock() {
-            Ok(()) => Ok(Self { path, is_temporary, lock }),
+            Ok(()) => Ok(Self { path, is_temporary, lock, damage: Mutex::default() }),
             Err(TryLockError::WouldBlock) => Err(Error::new(
                 Kind::Conflict,
                 format_args!(
@@ -101,6 +108,23 @@ impl DatabasePlace {
         if let Err(error) = self.lock.unlock() {
             tracing::warn!(%error, "the store of jobs stays locked until the process ends");
         }
+    }
+
+    /// Keeps and logs an error of damage, whose remedy is for the operator; the error for clients. SQLite finds damage
+    /// only where it looks, so what one statement found stands until the service is started again.
+    pub fn note(&self, error: Error) -> Error {
+        if !error.message.starts_with(DAMAGED) {
+            return error;
+        }
+        self.damage.lock().get_or_insert_with(|| {
+            tracing::error!("{error}");
+            error
+        });
+        Error::new(Kind::Unavailable, "the storage of the service is damaged; its operator must repair it")
+    }
+
+    pub fn damage(&self) -> Option<Error> {
+        self.damage.lock().clone()
     }
 
     /// The connection that writes. It makes no file: one that is gone is not replaced by an empty one.

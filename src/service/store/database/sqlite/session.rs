@@ -1,6 +1,5 @@
 //! Statements on a connection.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::SystemTime;
 
@@ -8,45 +7,20 @@ use rusqlite::types::{ToSqlOutput, ValueRef};
 use rusqlite::{Connection, ToSql, params_from_iter};
 use tokio_util::bytes::Bytes;
 
-use super::super::rows::{Abort, Query, Row, Rows, Value, micros, time};
+use super::super::{Abort, Query, Row, Rows, Value, micros, time};
 
-/// A connection, and the texts of its statements in SQLite's dialect with the names of their columns.
-#[derive(Debug)]
-pub struct Session {
-    pub connection: Connection,
-    statements: HashMap<&'static str, (String, Arc<[String]>)>,
-}
-
-impl Session {
-    pub fn new(connection: Connection) -> Self {
-        Self { connection, statements: HashMap::new() }
+fn run(connection: &Connection, sql: &str, values: &[Value]) -> rusqlite::Result<Vec<Row>> {
+    // SQLite numbers `$1` by the order in which parameters appear, and `?1` by its number
+    let text = sql.strip_suffix(" FOR UPDATE").unwrap_or(sql).replace('$', "?");
+    let mut statement = connection.prepare_cached(&text)?;
+    let names: Arc<[String]> = statement.column_names().into_iter().map(ToOwned::to_owned).collect();
+    let mut rows = statement.query(params_from_iter(values))?;
+    let mut found = Vec::new();
+    while let Some(row) = rows.next()? {
+        let values = (0..names.len()).map(|place| row.get_ref(place).map(Value::from));
+        found.push(Row { names: Arc::clone(&names), values: values.collect::<rusqlite::Result<_>>()? });
     }
-
-    pub fn begin(&mut self) -> rusqlite::Result<()> {
-        self.connection.execute_batch("BEGIN IMMEDIATE")
-    }
-
-    pub fn commit(&mut self) -> rusqlite::Result<()> {
-        self.connection.execute_batch("COMMIT")
-    }
-
-    fn run(&mut self, sql: &'static str, values: &[Value]) -> rusqlite::Result<Vec<Row>> {
-        if !self.statements.contains_key(sql) {
-            // SQLite numbers `$1` by the order in which parameters appear, and `?1` by its number
-            let text = sql.strip_suffix(" FOR UPDATE").unwrap_or(sql).replace('$', "?");
-            let names = self.connection.prepare_cached(&text)?.column_names().map(ToOwned::to_owned).collect();
-            self.statements.insert(sql, (text, names));
-        }
-        let (text, names) = &self.statements[sql];
-        let mut statement = self.connection.prepare_cached(text)?;
-        let mut rows = statement.query(params_from_iter(values))?;
-        let mut found = Vec::new();
-        while let Some(row) = rows.next()? {
-            let values = (0..names.len()).map(|place| row.get_ref(place).map(Value::from));
-            found.push(Row { names: Arc::clone(names), values: values.collect::<rusqlite::Result<_>>()? });
-        }
-        Ok(found)
-    }
+    Ok(found)
 }
 
 impl From<ValueRef<'_>> for Value {
@@ -73,14 +47,13 @@ impl ToSql for Value {
     }
 }
 
-impl Rows for Session {
+impl Rows for Connection {
     fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort> {
-        queries.iter().map(|(sql, values)| Ok(self.run(sql, values)?)).collect()
+        queries.iter().map(|(sql, values)| Ok(run(self, sql, values)?)).collect()
     }
 
     fn write(&mut self, sql: &'static str, values: Vec<Value>) -> Result<(), Abort> {
-        self.run(sql, &values)?;
-        Ok(())
+        Ok(run(self, sql, &values).map(drop)?)
     }
 
     /// The clock of the process, as exactly as it is stored.
@@ -89,16 +62,8 @@ impl Rows for Session {
     }
 
     /// One thread writes.
-    fn lock_queue(&mut self, _is_brief: bool) {}
-
-    fn knows_lateral(&self) -> bool {
-        false
-    }
-
-    fn conclude(&mut self, queries: &[Query], (sql, values): Query) -> Result<Vec<Vec<Row>>, Abort> {
-        let found = self.all(queries)?;
-        self.write(sql, values)?;
-        Ok(found)
+    fn lock_queue(&mut self, _is_brief: bool) -> Result<(), Abort> {
+        Ok(())
     }
 
     /// Leases go on while the file is not open.

@@ -17,19 +17,23 @@ use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
 use super::super::super::listeners::{Effects, Listeners};
-use super::super::rows::{Abort, Rows};
-use super::check::Damage;
+use super::super::{Abort, Rows};
 use super::place::{DatabasePlace, closed, failure};
-use super::session::Session;
 use crate::ops::faults::{FaultPoint, Faults};
 
 /// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
 const BATCH: usize = 256;
 
-#[derive(Debug)]
+struct Command {
+    /// An error means that the transaction failed.
+    run: Box<dyn FnMut(&mut Connection, &mut Effects) -> Result<()> + Send>,
+    /// Gets the outcome of the transaction.
+    reply: oneshot::Sender<Result<()>>,
+}
+
 pub struct Writer {
     /// None once it was closed. Unbounded, but every sender waits for the answer to its command.
-    commands: Mutex<Option<mpsc::Sender<Box<dyn Pending>>>>,
+    commands: Mutex<Option<mpsc::Sender<Command>>>,
     closed: CancellationToken,
 }
 
@@ -39,13 +43,11 @@ impl Writer {
         connection: Connection,
         place: Arc<DatabasePlace>,
         listeners: Arc<Listeners>,
-        damage: Arc<Damage>,
         faults: Faults,
     ) -> io::Result<Self> {
         let (commands, inbox) = mpsc::channel();
         let closed = CancellationToken::new();
-        let session = Some(Session::new(connection));
-        let worker = Worker { session, place, listeners, damage, faults };
+        let worker = Worker { connection: Some(connection), place, listeners, faults };
         let done = closed.clone().drop_guard();
         thread::Builder::new().name("store-writer".to_owned()).spawn(move || {
             worker.run(&inbox);
@@ -60,10 +62,26 @@ impl Writer {
         &self,
         command: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
+        let outcome = Arc::new(Mutex::new(None));
+        let kept = Arc::clone(&outcome);
+        let run = move |connection: &mut Connection, effects: &mut Effects| {
+            // a panic rolls the transaction back
+            *kept.lock() = Some(match catch_unwind(AssertUnwindSafe(|| command(connection, effects))) {
+                Ok(Ok(output)) => Ok(output),
+                Ok(Err(Abort::Refused(error))) => Err(error),
+                Ok(Err(abort)) => return Err(abort.into_error()),
+                Err(_) => {
+                    let why = "a change of a job ran into a defect of the service; its log says more";
+                    return Err(Error::new(Kind::Internal, why));
+                }
+            });
+            Ok(())
+        };
         let (reply, answer) = oneshot::channel();
-        let sent = Box::new(Sent { command, outcome: None, reply });
+        let sent = Command { run: Box::new(run), reply };
         self.commands.lock().as_ref().and_then(|commands| commands.send(sent).ok()).ok_or_else(closed)?;
-        answer.await.map_err(|_| closed())?
+        answer.await.map_err(|_| closed())??;
+        outcome.lock().take().ok_or_else(closed)?
     }
 
     /// Runs the commands that were sent, and closes the connection.
@@ -73,84 +91,47 @@ impl Writer {
     }
 }
 
-struct Sent<T, C> {
-    command: C,
-    outcome: Option<Result<T>>,
-    reply: oneshot::Sender<Result<T>>,
-}
-
-trait Pending: Send {
-    /// Runs the command, and keeps the answer. An error means that the transaction failed.
-    fn apply(&mut self, session: &mut Session, effects: &mut Effects) -> Result<()>;
-
-    /// Sends the answer: the one that was kept, or why the transaction failed.
-    fn settle(self: Box<Self>, failed: Option<Error>);
-}
-
-impl<T: Send, C: Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send> Pending for Sent<T, C> {
-    fn apply(&mut self, session: &mut Session, effects: &mut Effects) -> Result<()> {
-        // a panic rolls the transaction back
-        let outcome = match catch_unwind(AssertUnwindSafe(|| (self.command)(session, effects))) {
-            Ok(Ok(output)) => Ok(output),
-            Ok(Err(Abort::Refused(error))) => Err(error),
-            Ok(Err(abort)) => return Err(abort.into_error()),
-            Err(_) => {
-                let why = "a change of a job ran into a defect of the service; its log says more";
-                return Err(Error::new(Kind::Internal, why));
-            }
-        };
-        self.outcome = Some(outcome);
-        Ok(())
-    }
-
-    fn settle(self: Box<Self>, failed: Option<Error>) {
-        let forgotten = || Err(Error::new(Kind::Internal, "a change of a job was forgotten"));
-        let Self { outcome, reply, .. } = *self;
-        // the sender may have given up
-        let _ = reply.send(failed.map_or_else(|| outcome.unwrap_or_else(forgotten), Err));
-    }
-}
-
 struct Worker {
     /// None after a failure, until the next command.
-    session: Option<Session>,
+    connection: Option<Connection>,
     place: Arc<DatabasePlace>,
     listeners: Arc<Listeners>,
-    damage: Arc<Damage>,
     faults: Faults,
 }
 
 impl Worker {
-    fn run(mut self, inbox: &mpsc::Receiver<Box<dyn Pending>>) {
+    fn run(mut self, inbox: &mpsc::Receiver<Command>) {
         while let Ok(command) = inbox.recv() {
             self.carry_out(iter::once(command).chain(inbox.try_iter()).take(BATCH).collect());
         }
-        if let Some(session) = self.session.take()
-            && let Err((_, error)) = session.connection.close()
+        if let Some(connection) = self.connection.take()
+            && let Err((_, error)) = connection.close()
         {
             tracing::warn!(%error, "the database was not closed in order; it is whole all the same");
         }
     }
 
-    fn carry_out(&mut self, mut batch: Vec<Box<dyn Pending>>) {
-        let failed = self.commit(&mut batch).err();
+    fn carry_out(&mut self, mut batch: Vec<Command>) {
+        let outcome = self.commit(&mut batch);
         let is_one = batch.len() == 1;
-        if let Some(error) = failed.as_ref().filter(|_| !is_one) {
+        if let Err(error) = &outcome
+            && !is_one
+        {
             tracing::debug!(%error, commands = batch.len(), "a transaction failed; its commands are tried one by one");
         }
         for mut command in batch {
-            let failed = match &failed {
-                Some(_) if !is_one => self.commit(slice::from_mut(&mut command)).err(),
-                failed => failed.clone(),
+            let outcome = match &outcome {
+                Err(_) if !is_one => self.commit(slice::from_mut(&mut command)),
+                outcome => outcome.clone(),
             };
-            command.settle(failed);
+            // the sender may have given up
+            let _ = command.reply.send(outcome);
         }
     }
 
-    fn commit(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<()> {
+    fn commit(&mut self, batch: &mut [Command]) -> Result<()> {
         let started = Instant::now();
-        let outcome = self.transaction(batch).map_err(|error| self.damage.note(error));
-        match outcome {
+        match self.transaction(batch) {
             Ok(effects) => {
                 self.listeners.committed(batch.len(), started.elapsed());
                 self.listeners.publish(effects);
@@ -159,29 +140,29 @@ impl Worker {
             Err(error) => {
                 self.listeners.failed(started.elapsed());
                 // its state is unknown: the next transaction gets a new one
-                self.session = None;
-                Err(error)
+                self.connection = None;
+                Err(self.place.note(error))
             }
         }
     }
 
-    fn transaction(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<Effects> {
-        let session = match &mut self.session {
-            Some(session) => session,
-            none => none.insert(Session::new(self.place.writing().map_err(failure)?)),
+    fn transaction(&mut self, batch: &mut [Command]) -> Result<Effects> {
+        let connection = match &mut self.connection {
+            Some(connection) => connection,
+            none => none.insert(self.place.writing().map_err(failure)?),
         };
-        session.begin().map_err(failure)?;
+        connection.execute_batch("BEGIN IMMEDIATE").map_err(failure)?;
         let mut effects = Effects::default();
         for command in batch {
-            command.apply(session, &mut effects)?;
+            (command.run)(connection, &mut effects)?;
         }
         self.faults
             .hit(FaultPoint::Commit)
             .map_err(|error| Error::new(Kind::of_storage(&error), format_args!("the store of jobs failed: {error}")))?;
-        session.commit().map_err(failure)?;
+        connection.execute_batch("COMMIT").map_err(failure)?;
         if effects.shrinks {
             // as far as readers allow; the transaction is committed whatever comes of it
-            let written = session.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
+            let written = connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
             let _ = written.inspect_err(|error| tracing::debug!(%error, "the log was not written into the store"));
         }
         Ok(effects)
