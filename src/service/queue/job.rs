@@ -108,16 +108,14 @@ pub(crate) enum What {
     End(State, Option<Error>),
 }
 
-/// The change is not allowed: the job is in this state, or a later attempt holds it. Nothing changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Refused(pub State);
-
 impl Standing {
-    /// The job after a change, and the event if the state changed.
-    pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<What>), Refused> {
-        self.check(&change)?;
+    /// The job after a change, and the event if the state changed; the state where the change is not allowed.
+    pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<What>), State> {
+        if !self.allows(&change) {
+            return Err(self.state);
+        }
         let after = match change {
-            Change::Claim(worker, lease) => return Ok(self.claimed(&worker, lease, now)),
+            Change::Claim(worker, lease) => self.claimed(&worker, lease, now),
             Change::Begin(_) => (Self { has_begun: true, ..self }, None),
             Change::Heartbeat(_, lease) => (Self { lease_until: Some(now + lease), ..self }, None),
             Change::Release(_, fault) => self.given_back(fault, rules, now),
@@ -138,9 +136,9 @@ impl Standing {
         Ok(after)
     }
 
-    /// Refuses a change that the state does not allow, or that an earlier attempt names.
-    fn check(&self, change: &Change) -> Result<(), Refused> {
-        let is_allowed = match change {
+    /// Whether the state allows a change, and no earlier attempt names it.
+    fn allows(&self, change: &Change) -> bool {
+        match change {
             Change::Claim(..) => self.state == State::Queued,
             Change::Begin(attempt)
             | Change::Heartbeat(attempt, _)
@@ -149,8 +147,7 @@ impl Standing {
             Change::LeaseOver | Change::Crashed(_) => self.state == State::Running,
             Change::Cancel => true,
             Change::Retry => self.state == State::Failed,
-        };
-        is_allowed.then_some(()).ok_or(Refused(self.state))
+        }
     }
 
     fn claimed(self, worker: &str, lease: Duration, now: SystemTime) -> (Self, Option<What>) {

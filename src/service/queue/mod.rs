@@ -62,6 +62,6 @@ mod view;
 
 pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
 pub(crate) use self::crash::crashed;
-pub(crate) use self::job::{Change, Refused, Standing, State, What};
+pub(crate) use self::job::{Change, Standing, State, What};
 pub(crate) use self::rules::{Rules, not_yours};
 pub(crate) use self::view::{Suspect, Tenant, View, Waiting};

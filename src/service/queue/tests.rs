@@ -13,7 +13,7 @@ use proptest::test_runner::TestRunner;
 
 use self::history::{New, RULES, Step, Stored, histories, play, state};
 use self::model::{Altered, Model, claiming};
-use super::{Change, Picks, Refused, Standing, State, Suspect, Tenant, Turn, View, Waiting, claim, crashed};
+use super::{Change, Picks, Standing, State, Suspect, Tenant, Turn, View, Waiting, claim, crashed};
 
 fn seen(history: &[Step], workers: usize, altered: Altered, ends: bool) -> Vec<String> {
     let mut model = Model::new(workers, altered);
@@ -133,7 +133,7 @@ fn a_job_is_claimed_once_blamed_alone_and_begins_anew_with_a_retry() {
     let apply = |job: Standing, change| job.apply(change, &RULES, now());
     let claim = Change::Claim("w".into(), Duration::ZERO);
     let (running, _) = apply(Standing { is_small: true, ..Standing::default() }, claim.clone()).expect("it waits");
-    assert_eq!(apply(running, claim), Err(Refused(State::Running)));
+    assert_eq!(apply(running, claim), Err(State::Running));
     let claimed = Standing { has_begun: false, ..running };
     let blamed = |counts: [bool; 2]| counts.map(Change::Crashed);
     assert_eq!(crashed(&[claimed, running]), blamed([false, true]));

@@ -11,7 +11,7 @@ use super::database::{Abort, Row, Rows, Value, json, read, values};
 use super::job::{Job, JobId, SmallBlob, Spec, Ticket, keeps_upload};
 use super::listeners::Effects;
 use super::terms::{Ending, Pulse};
-use crate::queue::{Change, Refused, Rules, Standing, State, What, not_yours};
+use crate::queue::{Change, Rules, Standing, State, What, not_yours};
 
 pub struct Transaction<'t> {
     pub rows: &'t mut dyn Rows,
@@ -122,7 +122,7 @@ impl Transaction<'_> {
             _ => false,
         };
         let after = before.apply(change, &self.rules, now);
-        let (standing, event) = after.map_err(|Refused(_)| not_yours(live.id))?;
+        let (standing, event) = after.map_err(|_| not_yours(live.id))?;
         if standing == before && event.is_none() {
             return Ok(live);
         }

@@ -1,6 +1,5 @@
 //! What follows from a committed change: tasks that wait for the store wake, and the store counts.
 
-use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::time::Duration;
 
@@ -29,7 +28,7 @@ pub struct Listeners {
     pub pulses: Pulses,
     pub arrivals: watch::Sender<()>,
     pub endings: watch::Sender<()>,
-    statistics: Mutex<Statistics>,
+    pub statistics: Mutex<Statistics>,
 }
 
 impl Listeners {
@@ -65,10 +64,6 @@ impl Listeners {
         statistics.failures += 1;
         statistics.commit_seconds += time.as_secs_f64();
     }
-
-    pub fn statistics(&self) -> Statistics {
-        *self.statistics.lock()
-    }
 }
 
 /// A receiver that is marked as changed, so that its task looks once before it waits.
@@ -91,23 +86,13 @@ impl Pulses {
         jobs.entry(id).or_default().subscribe()
     }
 
-    /// Wakes the receivers of a job. A pulse with older events than the last one is dropped. An ended job that runs
-    /// again has newer events, so its pulse replaces the last one.
+    /// Wakes the receivers of a job, unless the last pulse was a later one. An ended job that runs again has more events.
     pub fn publish(&self, id: JobId, pulse: Pulse) {
         if let Some(waiting) = self.0.lock().get(&id) {
-            waiting.send_if_modified(|told| {
-                let newer = match pulse.last_seq.cmp(&told.last_seq) {
-                    Ordering::Less => *told,
-                    Ordering::Greater => pulse,
-                    Ordering::Equal => Pulse {
-                        last_seq: told.last_seq,
-                        cancel_requested: told.cancel_requested || pulse.cancel_requested,
-                        ended: told.ended || pulse.ended,
-                    },
-                };
-                let changed = newer != *told;
-                *told = newer;
-                changed
+            waiting.send_if_modified(|last| {
+                let is_later = pulse > *last;
+                *last = pulse.max(*last);
+                is_later
             });
         }
     }

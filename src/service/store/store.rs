@@ -178,7 +178,7 @@ impl Store {
     }
 
     pub fn statistics(&self) -> Statistics {
-        let mut statistics = self.listeners.statistics();
+        let mut statistics = *self.listeners.statistics.lock();
         // reads find damage, too
         statistics.failures += u64::from(self.file().and_then(|file| file.place.damage()).is_some());
         statistics

@@ -137,8 +137,9 @@ impl Notice {
     }
 }
 
-/// What can change about a job, in short: tasks that wait for a job receive it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+/// What can change about a job, in short: tasks that wait for a job receive it. The later one is larger: a job ends and
+/// begins anew by an event.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Pulse {
     pub last_seq: u64,
     pub cancel_requested: bool,

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::database::{Row, read, values};
+use super::database::{read, values};
 use super::job::JobId;
 use super::listeners::marked;
 use super::store::Store;
@@ -57,15 +57,6 @@ pub(crate) struct Worker {
     pub jobs: Vec<JobId>,
 }
 
-fn worker(row: &Row, jobs: Vec<JobId>) -> Result<Worker> {
-    Ok(read!(row, Worker {
-        id, name, version, device;
-        started_at: rfc3339(row.get("started_at")?),
-        seen_at: rfc3339(row.get("seen_at")?),
-        jobs: jobs,
-    }))
-}
-
 impl Store {
     /// Says that this process works on jobs, by its name for clients and that of its device; to be repeated every few
     /// seconds.
@@ -92,7 +83,12 @@ impl Store {
             for row in rows.query("SELECT * FROM workers ORDER BY started_at, id", Vec::new())? {
                 let jobs = jobs.remove(&row.get("id")?).unwrap_or_default();
                 if row.get::<SystemTime>("seen_at")? > since || !jobs.is_empty() {
-                    workers.push(worker(&row, jobs)?);
+                    workers.push(read!(row, Worker {
+                        id, name, version, device;
+                        started_at: rfc3339(row.get("started_at")?),
+                        seen_at: rfc3339(row.get("seen_at")?),
+                        jobs: jobs,
+                    }));
                 }
             }
             Ok(workers)

@@ -65,8 +65,7 @@ pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &Store) {
 }
 
 /// Everything that was answered is there after a crash; what ran waits again, which counts.
-pub(super) async fn a_crash_loses_nothing(subject: &impl Subject) {
-    let store = &subject.empty(RULES).await;
+pub(super) async fn a_crash_loses_nothing(store: &Store, after_crash: impl AsyncFn() -> Store) {
     let ended = create(store).await.id;
     let (ticket, _) = claim(store).await;
     let progress = Progress { iterations: 7, energy: Some(0.1), ..Progress::default() };
@@ -84,7 +83,7 @@ pub(super) async fn a_crash_loses_nothing(subject: &impl Subject) {
     let waiting = create(store).await;
     let before = (get(store, ended).await, events(store, ended, 0, 999).await);
 
-    let again = &subject.after_crash(RULES).await;
+    let again = &after_crash().await;
     assert_eq!(again.statistics().attempts_failed, 1, "of the only job that had begun");
     assert_eq!((get(again, ended).await, events(again, ended, 0, 999).await), before);
     assert_eq!(get(again, waiting.id).await, waiting);

@@ -12,7 +12,7 @@ use tesserae_mesh::parameters::Parameters;
 use tesserae_mesh::report::Phase;
 
 use super::terms::{Page, Statistics};
-use super::tests::{SUMMARY, new_job};
+use super::tests::{RULES, SUMMARY, new_job};
 use super::{
     Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice, Progress,
     Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
@@ -27,15 +27,9 @@ mod lists;
 mod postgres;
 mod sqlite;
 
-pub(crate) trait Subject {
-    async fn empty(&self, rules: Rules) -> Store;
-
-    /// What the last store that [`empty`](Self::empty) made has on disk right now, opened as after a crash.
-    async fn after_crash(&self, rules: Rules) -> Store;
-}
-
-pub(crate) async fn run(subject: &impl Subject) {
-    let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
+/// Runs the suite on a database: `empty` makes a store, and `after_crash` opens what the last one has on disk right now.
+async fn run(empty: impl AsyncFn(Rules) -> Store, after_crash: impl AsyncFn() -> Store) {
+    let make = async |max_queued| empty(Rules { max_queued, ..RULES }).await;
     life::a_new_job_is_as_it_was_created(&make(9).await).await;
     life::jobs_are_claimed_in_order_and_once(&make(9).await).await;
     life::a_full_queue_refuses_until_a_job_starts(&make(2).await).await;
@@ -64,10 +58,8 @@ pub(crate) async fn run(subject: &impl Subject) {
     life::priorities_order_the_jobs_of_a_tenant(&make(9).await).await;
     lists::a_worker_is_known_with_its_jobs(&make(9).await).await;
     lists::ended_jobs_are_found_by_their_age(&make(9).await).await;
-    attempts::a_crash_loses_nothing(subject).await;
+    attempts::a_crash_loses_nothing(&make(9).await, after_crash).await;
 }
-
-const RULES: Rules = Rules { max_queued: 9, max_attempts: 3, crash_pause: Duration::ZERO };
 
 /// Long enough that no lease ends by itself.
 const LEASE: Duration = Duration::from_secs(3600);

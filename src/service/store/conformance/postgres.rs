@@ -10,36 +10,12 @@ use tempfile::TempDir;
 
 use super::super::StoreUrl;
 use super::super::database::values;
-use super::super::tests::RULES;
 use super::*;
 use crate::queue::Change;
 
 /// A service on a database.
 pub async fn open(url: &StoreUrl, rules: Rules) -> Store {
     Store::shared(url, 12, rules).await.expect("it opens")
-}
-
-/// Stores in databases of their own, on one server.
-struct OnServer {
-    server: Server,
-    last: Mutex<Option<StoreUrl>>,
-}
-
-impl Subject for OnServer {
-    async fn empty(&self, rules: Rules) -> Store {
-        let url = self.server.database();
-        *self.last.lock() = Some(url.clone());
-        open(&url, rules).await
-    }
-
-    /// Another service on the same database, when the leases of the first are over.
-    async fn after_crash(&self, rules: Rules) -> Store {
-        let url = self.last.lock().clone().expect("a store was made");
-        let store = open(&url, rules).await;
-        expire(&store).await;
-        store.reclaim().await.expect("reclaimed");
-        store
-    }
 }
 
 /// Ends the leases of all workers.
@@ -55,7 +31,21 @@ async fn expire(store: &Store) {
 #[tokio::test(flavor = "multi_thread")]
 async fn conforms() {
     let Some(server) = Server::start() else { return };
-    run(&OnServer { server, last: Mutex::default() }).await;
+    let last = Mutex::new(None);
+    let empty = async |rules| {
+        let url = server.database();
+        *last.lock() = Some(url.clone());
+        open(&url, rules).await
+    };
+    // another service on the same database, when the leases of the first are over
+    let after_crash = async || {
+        let url = last.lock().clone().expect("a store was made");
+        let store = open(&url, RULES).await;
+        expire(&store).await;
+        store.reclaim().await.expect("reclaimed");
+        store
+    };
+    run(empty, after_crash).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

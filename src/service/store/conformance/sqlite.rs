@@ -2,21 +2,16 @@
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 
+use parking_lot::Mutex;
 use rusqlite::Connection;
 use tempfile::TempDir;
 
 use super::super::change::Transaction;
 use super::super::database::{Abort, Rows};
-use super::super::tests::RULES;
 use super::*;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::store::LOCAL_TENANT;
-
-/// Stores in folders of their own.
-#[derive(Default)]
-struct OnDisk(Mutex<Vec<TempDir>>);
 
 const NAME: &str = "jobs.sqlite3";
 
@@ -32,37 +27,25 @@ async fn open(path: &Path) -> Store {
     Store::open(path, false, RULES, Faults::default()).await.expect("it opens")
 }
 
-impl OnDisk {
-    /// Opens a store in the folder, which becomes the last one.
-    async fn open(&self, folder: TempDir, rules: Rules) -> Store {
-        let path = folder.path().join(NAME);
-        self.0.lock().expect("no panic").push(folder);
-        Store::open(&path, false, rules, Faults::default()).await.expect("it opens")
-    }
-}
-
-impl Subject for OnDisk {
-    async fn empty(&self, rules: Rules) -> Store {
-        self.open(tempfile::tempdir().expect("a folder"), rules).await
-    }
-
-    /// A copy of the files of a store that is open: what a crash at this moment would leave.
-    async fn after_crash(&self, rules: Rules) -> Store {
-        let copy = tempfile::tempdir().expect("a folder");
-        {
-            let folders = self.0.lock().expect("no panic");
-            let last = folders.last().expect("a store was made").path();
-            for name in [NAME.to_owned(), format!("{NAME}-wal")] {
-                std::fs::copy(last.join(&name), copy.path().join(&name)).expect("copied");
-            }
-        }
-        self.open(copy, rules).await
-    }
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn conforms() {
-    run(&OnDisk::default()).await;
+    let folders = Mutex::new(Vec::new());
+    let last = || folders.lock().last().map(|(_, path): &(TempDir, PathBuf)| path.clone()).expect("a store was made");
+    let empty = async |rules| {
+        folders.lock().push(in_a_folder());
+        Store::open(&last(), false, rules, Faults::default()).await.expect("it opens")
+    };
+    // a copy of the files of a store that is open: what a crash at this moment would leave
+    let after_crash = async || {
+        let (folder, copy) = in_a_folder();
+        for end in ["", "-wal"] {
+            let [from, to] = [&last(), &copy].map(|path| format!("{}{end}", path.display()));
+            std::fs::copy(from, to).expect("copied");
+        }
+        folders.lock().push((folder, copy));
+        open(&last()).await
+    };
+    run(empty, after_crash).await;
 }
 
 #[tokio::test]

@@ -133,10 +133,7 @@ async fn look(connections: Connections, listeners: Arc<Listeners>) {
         let ids = watched.iter().map(JobId::to_string).collect::<Vec<_>>().join(",");
         let found = run(&connections, false, move |rows, _| {
             let queue = rows.one(QUEUE, Vec::new())?;
-            let watched = match ids.is_empty() {
-                true => Vec::new(),
-                false => rows.query(WATCHED, values![&*ids])?,
-            };
+            let watched = rows.query(WATCHED, values![&*ids])?;
             Ok((queue.get::<i64>("newest")?, queue.get::<bool>("waits")?, watched))
         });
         let Ok(((newest, waits, rows), _)) = found.await else {
