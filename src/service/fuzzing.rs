@@ -10,7 +10,8 @@ use tokio::runtime::Runtime;
 
 use crate::files::Files;
 use crate::guard::access::tokens::{TokenFile, Tokens};
-use crate::http::{conditional, negotiate, prefer};
+use crate::http::api::create;
+use crate::http::{conditional, negotiate};
 use crate::ingest::intake::Rules;
 use crate::ingest::request::{Beside, Wanted};
 use crate::ingest::upload;
@@ -68,8 +69,8 @@ pub fn headers(bytes: &[u8]) {
     }
     let parent = TraceParent::of_request(&headers);
     assert_eq!(TraceParent::parse(&parent.to_string()), Some(parent));
-    let _ = prefer::wait(&headers);
-    let _ = negotiate::choose(&headers, &tesserae_mesh::artifacts::LABELS);
+    let _ = create::wait(&headers);
+    let _ = negotiate::form(&headers, None, &tesserae_mesh::artifacts::LABELS);
     conditional::for_fuzzing(&headers, 100);
     if let Ok(text) = value.to_str() {
         webhooks::for_fuzzing(text);

@@ -10,10 +10,10 @@
 //! | room | what is there |
 //! |---|---|
 //! | `server`, `backup` | start and stop; a copy of everything |
-//! | [`http`] | routes and layers, handlers (`api`), results, the OpenAPI document, the page |
+//! | [`http`] | routes, layers and the access log, handlers (`api`), results, the OpenAPI document, the page |
 //! | [`work`] | what happens to a claimed job (`pipeline`), webhooks |
 //! | [`ingest`] | how bodies and parameters come in, repeated requests |
-//! | [`guard`] | tokens and tenants, limits of traffic, what errors look like, what is logged about requests |
+//! | [`guard`] | tokens and tenants, limits of traffic, what errors look like |
 //! | [`metrics`] | what is counted and timed |
 //! | [`settings`] | settings and constants, and the log's |
 //! | [`files`] | files of jobs, how long they are kept, what happens when the disk fails |
@@ -24,7 +24,7 @@
 //!
 //! | to add | touch |
 //! |---|---|
-//! | a route | a file in `http/api`, a line in `http/router.rs` |
+//! | a route | a function in `http/api`, a line in `http/api/mod.rs` |
 //! | a setting | its group in `settings`, and what reads it |
 //! | a parameter of jobs | the engine's `parameters`; `ingest/request.rs` takes all of them |
 //! | a database | a folder in `store/database`, which passes `store/conformance` |
@@ -59,7 +59,6 @@ pub use http::openapi::openapi_yaml;
 pub use http::state::DeviceDescription;
 pub use ops::faults::{FaultPoint, Faults};
 pub use server::{Extras, Server};
-pub use settings::heading;
 pub use settings::logging::{LogFormat, LogSettings};
 pub use settings::{
     AccessSettings, Settings, StorageSettings, Switch, TrafficConstants, TrafficSettings, WebhookHost, WebhookSettings,

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use tesserae_mesh::device::Device;
 use tesserae_mesh::error::{Error, Result};
-use tokio::net::{TcpListener, TcpSocket};
+use tokio::net::TcpListener;
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
@@ -83,39 +83,22 @@ impl Server {
         // an error says that it was chosen before
         let _ = rustls::crypto::ring::default_provider().install_default();
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
-        let listener = listen(settings.listen).map_err(cannot)?;
+        let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
-        let faults = extras.faults.clone();
-        let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, reserve) = (settings.storage.blobs.as_ref(), settings.storage.min_free_bytes);
-        let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, faults.clone())?;
+        let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, extras.faults.clone())?;
         files.allow_references(&settings.storage.mesh_prefixes)?;
-        let rules = Rules {
-            max_queued: settings.max_queued_jobs,
-            max_attempts: settings.work.max_attempts,
-            crash_pause: Duration::from_secs(settings.work.crash_pause),
-        };
-        let shared = open_shared(&settings, rules).await?;
         let access = Arc::new(Access::open(&settings.access).await?);
-        let mut store = match shared {
-            Some(store) => store,
-            None => {
-                let is_temporary = settings.data_dir.is_none();
-                if !is_temporary {
-                    files.check_store()?;
-                }
-                Store::open(&files.database(), is_temporary, rules, faults).await?
-            }
-        };
+        let store = open_store(&settings, &files, extras.faults.clone()).await?;
         let check = async {
             files.probe_elsewhere().await?;
             if !store.is_shared() && store.is_durable() && !store.was_used().await? {
                 files.check_unused_store().await?;
             }
-            match store.is_durable() {
-                true => files.take_place(store.name(), store.newest().await?.is_some()).await,
-                false => Ok(()),
+            if store.is_durable() {
+                files.take_place(store.name(), store.newest().await?.is_some()).await?;
             }
+            Ok(())
         };
         if let Err(refusal) = check.await {
             // another process may open the file at once
@@ -139,7 +122,6 @@ impl Server {
         blocking(move || with_ballast.make_ballast()).await?;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
-        let timeout = settings.work.device_timeout;
         let live = Arc::<Live>::default();
         let pipeline = Pipeline {
             tokens: access.tokens(),
@@ -154,7 +136,7 @@ impl Server {
                 description.cpu_below_faces,
                 extras.reopen,
                 extras.faults.clone(),
-                timeout,
+                settings.work.device_timeout,
                 Arc::clone(&health),
                 Arc::clone(&metrics),
             )?,
@@ -185,7 +167,7 @@ impl Server {
             metrics,
             settings,
         });
-        Ok(Self { listener, address, shared, pipeline, end_drain_delay })
+        Ok(Self { listener, address, shared, pipeline, end_drain_delay: extras.end_drain_delay.unwrap_or_default() })
     }
 
     /// The address it listens on.
@@ -263,25 +245,19 @@ impl Server {
 #[cfg(feature = "postgres")]
 const STORE_CONNECTIONS: usize = 8;
 
-/// The store that the service shares with others, if it does.
-#[cfg(feature = "postgres")]
-async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<Store>> {
-    let Some(url) = &settings.storage.store else { return Ok(None) };
-    Ok(Some(Store::shared(url, STORE_CONNECTIONS, rules).await?))
-}
-
-#[cfg(not(feature = "postgres"))]
-async fn open_shared(_: &Settings, _: Rules) -> Result<Option<Store>> {
-    Ok(None)
-}
-
-/// Connections that the system keeps until they are accepted: those of a second's rush; it may have a lower limit.
-const BACKLOG: u32 = 1024;
-
-fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
-    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
-    // a restarted service takes its address again at once
-    socket.set_reuseaddr(true)?;
-    socket.bind(address)?;
-    socket.listen(BACKLOG)
+async fn open_store(settings: &Settings, files: &Files, faults: Faults) -> Result<Store> {
+    let rules = Rules {
+        max_queued: settings.max_queued_jobs,
+        max_attempts: settings.work.max_attempts,
+        crash_pause: Duration::from_secs(settings.work.crash_pause),
+    };
+    #[cfg(feature = "postgres")]
+    if let Some(url) = &settings.storage.store {
+        return Store::shared(url, STORE_CONNECTIONS, rules).await;
+    }
+    let is_temporary = settings.data_dir.is_none();
+    if !is_temporary {
+        files.check_store()?;
+    }
+    Store::open(&files.database(), is_temporary, rules, faults).await
 }

@@ -1,37 +1,33 @@
 //! The settings of the service: each defined once, here, with its flag, variable, meaning and default.
 
-mod access;
-pub mod heading;
 pub(crate) mod logging;
-mod storage;
 mod traffic;
 mod webhooks;
-mod work;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::mesh::Limits;
 
-pub use self::access::AccessSettings;
-pub use self::storage::StorageSettings;
 pub(crate) use self::traffic::BEGINNINGS;
 pub use self::traffic::{TrafficConstants, TrafficSettings};
 pub use self::webhooks::{WebhookHost, WebhookSettings};
-pub use self::work::{Switch, WorkSettings};
+use crate::blobs::place::BlobPlace;
 use crate::files::check_prefixes;
+use crate::store::StoreUrl;
 
 /// Settings of `tesserae serve`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct Settings {
     /// Address and port to listen on; port 0 takes any free one
-    #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", help_heading = heading::PLACES,
-          default_value_t = Settings::default().listen)]
+    #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", help_heading = "Places",
+          default_value_t = Self::default().listen)]
     pub listen: SocketAddr,
 
     /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out
-    #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR", help_heading = heading::PLACES)]
+    #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR", help_heading = "Places")]
     pub data_dir: Option<PathBuf>,
 
     /// Access.
@@ -39,42 +35,37 @@ pub struct Settings {
     pub access: AccessSettings,
 
     /// Largest upload, in bytes, all its parts together
-    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", help_heading = heading::LIMITS,
-          default_value_t = Settings::default().max_upload_bytes, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", help_heading = "Limits",
+          default_value_t = Self::default().max_upload_bytes, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_upload_bytes: u64,
 
     /// Largest number of faces of a mesh
-    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", hide_short_help = true, help_heading = heading::LIMITS,
-          default_value_t = Settings::default().max_faces, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", hide_short_help = true, help_heading = "Limits",
+          default_value_t = Self::default().max_faces, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_faces: u64,
 
     /// Jobs that may wait; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N",
-          hide_short_help = true, help_heading = heading::LIMITS,
-          default_value_t = Settings::default().max_queued_jobs,
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", hide_short_help = true, help_heading = "Limits",
+          default_value_t = Self::default().max_queued_jobs,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     pub max_queued_jobs: usize,
 
     /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory
     /// allows
-    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N",
-          hide_short_help = true, help_heading = heading::WORK,
-          default_value_t = Settings::default().meshes_in_memory,
+    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", hide_short_help = true, help_heading = "Work",
+          default_value_t = Self::default().meshes_in_memory,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub meshes_in_memory: usize,
 
     /// Time that running jobs get to finish when the service is asked to stop, in seconds
-    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS",
-          hide_short_help = true, help_heading = heading::STOP,
-          default_value_t = Settings::default().grace_period,
-          value_parser = clap::value_parser!(u64).range(0..=86_400))]
+    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS", hide_short_help = true, help_heading = "Stop",
+          default_value_t = Self::default().grace_period, value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,
 
     /// Time between the failure of /readyz and the refusal of jobs when the service is asked to stop, so that load
     /// balancers notice, in seconds
-    #[arg(long, env = "TESSERAE_DRAIN_DELAY", value_name = "SECONDS", help_heading = heading::STOP,
-          hide_short_help = true, default_value_t = Settings::default().drain_delay,
-          value_parser = clap::value_parser!(u64).range(0..=3600))]
+    #[arg(long, env = "TESSERAE_DRAIN_DELAY", value_name = "SECONDS", help_heading = "Stop", hide_short_help = true,
+          default_value_t = Self::default().drain_delay, value_parser = clap::value_parser!(u64).range(0..=3600))]
     pub drain_delay: u64,
 
     /// What is kept.
@@ -139,7 +130,15 @@ impl Settings {
                  beside --blobs, or --store, for the store of jobs"
             )));
         }
-        self.storage.check_store()?;
+        #[cfg(feature = "postgres")]
+        if let Some(url) = &self.storage.store {
+            crate::store::address::parse(url)?;
+        }
+        #[cfg(not(feature = "postgres"))]
+        if self.storage.store.is_some() {
+            let message = "this build has no --store: build tesserae with the cargo feature postgres";
+            return Err(Error::parameter(message));
+        }
         check_prefixes(&self.storage.mesh_prefixes, self.storage.blobs.as_ref())?;
         if self.work.work == Switch::Off && self.storage.store.is_none() {
             return Err(Error::parameter(
@@ -161,6 +160,131 @@ impl Settings {
 
     pub(crate) fn limits(&self) -> Limits {
         Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces, ..Limits::default() }
+    }
+}
+
+/// Settings of access.
+#[derive(Debug, Clone, Default, PartialEq, clap::Args)]
+#[command(next_help_heading = "Access")]
+pub struct AccessSettings {
+    /// File of tokens, as `tesserae token new` makes it; read again when it changes. When left out, no request needs a
+    /// token
+    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
+    pub tokens: Option<PathBuf>,
+
+    /// Listen to other machines without tokens, and answer for any name (Host): every client that reaches the service
+    /// can read and delete every job
+    #[arg(long, env = "TESSERAE_INSECURE_NO_AUTH")]
+    pub insecure_no_auth: bool,
+}
+
+/// Whether a service works on jobs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Switch {
+    /// Jobs are worked on here
+    On,
+    /// Other services work on them
+    Off,
+}
+
+/// What a job may cost.
+#[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
+#[command(next_help_heading = "Work")]
+pub struct WorkSettings {
+    /// Whether this service works on jobs: with off it only answers, and others that share its --store work
+    #[arg(long, env = "TESSERAE_WORK", value_name = "on|off", value_enum, hide_short_help = true,
+          default_value_t = Self::default().work)]
+    pub work: Switch,
+
+    /// Time that a job may take on the device and until its results are made, in seconds; 0 for any
+    #[arg(long, env = "TESSERAE_MAX_JOB_SECONDS", value_name = "SECONDS", hide_short_help = true,
+          default_value_t = Self::default().max_job_seconds)]
+    pub max_job_seconds: u64,
+
+    /// Counted attempts after which a job has failed: two may be lost by chance. Tests that kill the process change it
+    #[arg(long, hide = true, default_value_t = Self::default().max_attempts,
+          value_parser = clap::value_parser!(u32).range(1..))]
+    pub max_attempts: u32,
+
+    /// Seconds that a job pauses after a crash: a supervisor starts the service again within them. Tests that kill the
+    /// process change it
+    #[arg(long, hide = true, default_value_t = Self::default().crash_pause,
+          value_parser = clap::value_parser!(u64).range(0..=600))]
+    pub crash_pause: u64,
+
+    /// Bytes that all meshes in memory may take together; three quarters of the memory of the container or machine when
+    /// left out. Tests change it.
+    #[arg(skip)]
+    pub memory_budget: Option<u64>,
+
+    /// Time after which a device that shows no sign of life counts as lost: longer than the longest step of a mesh of
+    /// 50,000,000 faces. Tests change it.
+    #[arg(skip = Self::default().device_timeout)]
+    pub device_timeout: Duration,
+}
+
+impl Default for WorkSettings {
+    fn default() -> Self {
+        Self {
+            work: Switch::On,
+            max_job_seconds: 3600,
+            max_attempts: 3,
+            crash_pause: 5,
+            memory_budget: None,
+            device_timeout: Duration::from_secs(180),
+        }
+    }
+}
+
+impl WorkSettings {
+    /// [`max_job_seconds`](Self::max_job_seconds) as a duration; none for any.
+    pub(crate) fn max_job(&self) -> Option<Duration> {
+        (self.max_job_seconds > 0).then(|| Duration::from_secs(self.max_job_seconds))
+    }
+}
+
+/// What is kept.
+#[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
+#[command(next_help_heading = "Places")]
+pub struct StorageSettings {
+    /// Database that keeps the jobs of several services together, postgres://USER:PASSWORD@HOST/DATABASE; in the data
+    /// folder when left out. Connections to other machines are encrypted, and the server is verified, unless the URL
+    /// says ?sslmode=disable
+    #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true, hide_short_help = true)]
+    pub store: Option<StoreUrl>,
+
+    /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with
+    /// keys, region and endpoint in the usual variables AWS_…; in the data folder when left out
+    #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE", hide_short_help = true)]
+    pub blobs: Option<BlobPlace>,
+
+    /// Where jobs may name meshes that lie in a bucket (mesh_url): s3://BUCKET/PREFIX, with the keys of --blobs.
+    /// {tenant} in it stands for the name of the tenant. Nowhere when left out
+    #[arg(long, env = "TESSERAE_MESH_PREFIXES", value_name = "URL,…", value_delimiter = ',', hide_short_help = true)]
+    pub mesh_prefixes: Vec<BlobPlace>,
+
+    /// Time for which a job that has ended is kept with its results, in seconds; 0 until it is deleted
+    #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS", help_heading = "Room",
+          default_value_t = Self::default().retention)]
+    pub retention: u64,
+
+    /// Free bytes of the disk of the data folder that no upload takes, so that accepted jobs can end: at least 8 MiB.
+    /// The default is enough for 1024 small jobs
+    #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES", hide_short_help = true, help_heading = "Room",
+          default_value_t = Self::default().min_free_bytes)]
+    pub min_free_bytes: u64,
+}
+
+impl Default for StorageSettings {
+    fn default() -> Self {
+        Self { store: None, blobs: None, mesh_prefixes: Vec::new(), retention: 7 * 86_400, min_free_bytes: 256 << 20 }
+    }
+}
+
+impl StorageSettings {
+    /// [`retention`](Self::retention) as a duration; none for ever.
+    pub(crate) fn retention(&self) -> Option<Duration> {
+        (self.retention > 0).then(|| Duration::from_secs(self.retention))
     }
 }
 

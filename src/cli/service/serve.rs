@@ -31,7 +31,7 @@ pub struct Arguments {
     #[command(flatten)]
     settings: Settings,
 
-    #[command(flatten, next_help_heading = service::heading::WORK)]
+    #[command(flatten, next_help_heading = "Work")]
     device: DeviceArguments,
 
     #[command(flatten)]

@@ -1,8 +1,6 @@
-//! What stands between a connection and a handler: tokens and tenants, limits of traffic, what errors look like, and
-//! what is logged about requests.
+//! What stands between a connection and a handler: tokens and tenants, limits of traffic, what errors look like.
 
 pub mod access;
-pub mod access_log;
 pub mod problem;
 pub mod query;
 pub mod traffic;

@@ -6,11 +6,10 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::sync::Arc;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use percent_encoding::percent_decode_str;
@@ -117,13 +116,8 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
     if !response.status().is_client_error() && !response.status().is_server_error() {
         return response;
     }
-    let failure = match response.extensions_mut().remove::<Failure>() {
-        Some(failure) => failure,
-        None => {
-            let allowed = response.headers().get(header::ALLOW);
-            refused_by_framework(response.status(), &method, &path, allowed).into()
-        }
-    };
+    let known = response.extensions_mut().remove::<Failure>();
+    let failure = known.unwrap_or_else(|| refused_by_framework(&response, &method, &path).into());
     metrics.rejected(failure.error.kind);
     match failure.error.kind {
         // What every probe and every client gets while the service stops, and what any client gets for a large upload.
@@ -149,37 +143,28 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
 }
 
 /// The error for a response that the router or a layer made by itself.
-fn refused_by_framework(
-    status: StatusCode,
-    method: &axum::http::Method,
-    path: &str,
-    allowed: Option<&HeaderValue>,
-) -> Error {
-    match status {
+fn refused_by_framework(response: &Response, method: &Method, path: &str) -> Error {
+    let shown = cut_path(path);
+    let (kind, message) = match response.status() {
         // an id that is no text: what cannot be written cannot be there
-        StatusCode::BAD_REQUEST if percent_decode_str(path).decode_utf8().is_err() => Error::new(
-            Kind::NotFound,
-            format_args!(
-                "there is nothing at this path, which is not UTF-8 once its percent signs are decoded: {}",
-                cut_path(path)
-            ),
-        ),
-        StatusCode::NOT_FOUND => Error::new(
-            Kind::NotFound,
-            format_args!("there is nothing at this path; /openapi.yaml lists what there is: {}", cut_path(path)),
-        ),
-        StatusCode::METHOD_NOT_ALLOWED => Error::new(
-            Kind::MethodNotAllowed,
-            format_args!(
-                "this resource answers {}, not {method}",
-                allowed.and_then(|value| value.to_str().ok()).unwrap_or("no method")
-            ),
-        ),
-        status if status.is_server_error() => {
-            Error::new(Kind::Internal, "the service ran into a defect while it answered; its log says more")
+        StatusCode::BAD_REQUEST if percent_decode_str(path).decode_utf8().is_err() => {
+            let message = "there is nothing at this path, which is not UTF-8 once its percent signs are decoded";
+            (Kind::NotFound, format!("{message}: {shown}"))
         }
-        status => Error::new(Kind::BadRequest, format_args!("the request cannot be read: {status}")),
-    }
+        StatusCode::NOT_FOUND => {
+            (Kind::NotFound, format!("there is nothing at this path; /openapi.yaml lists what there is: {shown}"))
+        }
+        StatusCode::METHOD_NOT_ALLOWED => {
+            let allowed = response.headers().get(header::ALLOW).and_then(|value| value.to_str().ok());
+            let allowed = allowed.unwrap_or("no method");
+            (Kind::MethodNotAllowed, format!("this resource answers {allowed}, not {method}"))
+        }
+        status if status.is_server_error() => {
+            (Kind::Internal, "the service ran into a defect while it answered; its log says more".to_owned())
+        }
+        status => (Kind::BadRequest, format!("the request cannot be read: {status}")),
+    };
+    Error::new(kind, message)
 }
 
 fn status(kind: Kind) -> StatusCode {

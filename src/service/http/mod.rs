@@ -5,7 +5,6 @@ pub mod conditional;
 pub mod negotiate;
 pub mod openapi;
 pub mod page;
-pub mod prefer;
 pub mod results;
 pub mod router;
 pub mod state;

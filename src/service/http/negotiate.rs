@@ -10,22 +10,15 @@ const MAX_RANGES: usize = 64;
 
 /// The form of an output that the query names, or else the one that the client prefers.
 pub(crate) fn form(headers: &HeaderMap, format: Option<&str>, artifact: &'static Artifact) -> Result<&'static Form> {
-    match format {
-        None => choose(headers, artifact),
-        Some(name) => artifact.form(name).ok_or_else(|| {
-            let known: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
-            Error::parameter(format_args!("the formats of {} are {}, not {name:?}", artifact.name, known.join(", ")))
-        }),
-    }
+    let Some(name) = format else { return choose(headers, artifact, artifact.forms.iter()) };
+    artifact.form(name).ok_or_else(|| {
+        let known: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
+        Error::parameter(format_args!("the formats of {} are {}, not {name:?}", artifact.name, known.join(", ")))
+    })
 }
 
-/// The form of an output that the client prefers; the earlier one if it likes several alike.
-pub(crate) fn choose(headers: &HeaderMap, artifact: &'static Artifact) -> Result<&'static Form> {
-    choose_among(headers, artifact, artifact.forms.iter())
-}
-
-/// The same among some of its forms.
-pub(crate) fn choose_among(
+/// The form that the client prefers among some of an output; the earlier one if it likes several alike.
+pub(crate) fn choose(
     headers: &HeaderMap,
     artifact: &'static Artifact,
     forms: impl Iterator<Item = &'static Form>,
@@ -37,13 +30,8 @@ pub(crate) fn choose_among(
     if accepted.trim().is_empty() {
         ranges.push(mime::STAR_STAR);
     }
-    let mut best = None;
-    for form in forms {
-        let weight = weight(&ranges, form.media_type);
-        if weight > 0.0 && best.is_none_or(|(_, other)| weight > other) {
-            best = Some((form, weight));
-        }
-    }
+    let weighed = forms.map(|form| (form, weight(&ranges, form.media_type))).filter(|(_, weight)| *weight > 0.0);
+    let best = weighed.reduce(|best, other| if other.1 > best.1 { other } else { best });
     best.map(|(form, _)| form).ok_or_else(|| {
         let media_types: Vec<&str> = artifact.forms.iter().map(|form| form.media_type).collect();
         Error::new(
@@ -69,9 +57,9 @@ fn weight(ranges: &[Mime], media_type: &str) -> f32 {
 #[cfg(test)]
 mod tests {
     use axum::http::HeaderValue;
+    use tesserae_mesh::artifacts::LABELS;
 
     use super::*;
-    use tesserae_mesh::artifacts::LABELS;
 
     #[test]
     fn the_best_liked_format_is_chosen() {
@@ -95,9 +83,9 @@ mod tests {
         ] {
             let mut headers = HeaderMap::new();
             headers.insert(header::ACCEPT, HeaderValue::from_str(accept).expect("a value"));
-            let chosen = choose(&headers, &LABELS).ok();
+            let chosen = form(&headers, None, &LABELS).ok();
             assert_eq!(chosen.map(|form| form.file), expected.map(|form| form.file), "{accept}");
         }
-        assert_eq!(choose(&HeaderMap::new(), &LABELS).map(|form| form.file), Ok(json.file));
+        assert_eq!(form(&HeaderMap::new(), None, &LABELS).map(|form| form.file), Ok(json.file));
     }
 }

@@ -21,8 +21,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::guard::problem::{Answer, Problematic};
-use crate::http::api::binary::Binary;
-use crate::http::api::derived::DerivedQuery;
+use crate::http::api::create::Binary;
+use crate::http::api::outputs::DerivedQuery;
 use crate::http::api::{self, events};
 use crate::http::state::Shared;
 use crate::store::PRIORITIES;

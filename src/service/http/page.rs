@@ -2,29 +2,32 @@
 //! pictures. The first script is small, so that the page is there at once; it loads the second, which draws.
 //!
 //! Its sources are in `web/`. `make bundle` makes seven files of them, and the feature `page` compiles these in; the
-//! mesh of the first visit is made here ([`knot`]). Without the feature, the paths are a 404 that says so.
+//! mesh of the first visit is made here ([`KNOT`]). Without the feature, the paths are a 404 that says so.
 //!
 //! The page needs no token to be read, and holds no data; a token that it is given stays in the browser's session. The
 //! content security policy admits what comes from here and nothing else: no inline script or style, no `eval`, no other
 //! host, no frame. Files have an `ETag` and are validated before each use, so that a new release is a new page.
 
+use std::sync::LazyLock;
+use std::thread;
+
 use axum::Router;
+use axum::body::Bytes;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use tesserae_mesh::error::{Error, Kind};
+use sha2::{Digest, Sha256};
+use tesserae_mesh::dev::sample::{Sample, generate, write_glb};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::job;
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::{Algorithm, Parameters};
 
-use crate::guard::problem::Failure;
+use crate::guard::problem::{Answer, Failure};
 use crate::http::conditional::Content;
-
-mod knot;
-
-#[derive(Debug, Clone, Copy)]
-struct File {
-    path: &'static str,
-    media_type: &'static str,
-    bytes: &'static [u8],
-}
+use crate::ops::blocking::blocking;
 
 /// What the page may load. Textures and downloads are `blob:`.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \
@@ -37,20 +40,27 @@ macro_rules! bundled {
     };
 }
 
+/// Path, media type and bytes of each file.
 #[cfg(feature = "page")]
-const FILES: [File; 7] = [
-    File { path: "/", media_type: "text/html; charset=utf-8", bytes: bundled!("index.html") },
-    File { path: "/page.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("page.js") },
-    File { path: "/scene.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("scene.js") },
-    File { path: "/page.css", media_type: "text/css; charset=utf-8", bytes: bundled!("page.css") },
-    File { path: "/mark.svg", media_type: "image/svg+xml", bytes: bundled!("mark.svg") },
-    File { path: "/share.jpg", media_type: "image/jpeg", bytes: bundled!("share.jpg") },
-    File { path: "/licences.txt", media_type: "text/plain; charset=utf-8", bytes: bundled!("licences.txt") },
+const FILES: [(&str, &str, &[u8]); 7] = [
+    ("/", "text/html; charset=utf-8", bundled!("index.html")),
+    ("/page.js", "text/javascript; charset=utf-8", bundled!("page.js")),
+    ("/scene.js", "text/javascript; charset=utf-8", bundled!("scene.js")),
+    ("/page.css", "text/css; charset=utf-8", bundled!("page.css")),
+    ("/mark.svg", "image/svg+xml", bundled!("mark.svg")),
+    ("/share.jpg", "image/jpeg", bundled!("share.jpg")),
+    ("/licences.txt", "text/plain; charset=utf-8", bundled!("licences.txt")),
 ];
 
 /// None: the page was not compiled in.
 #[cfg(not(feature = "page"))]
-const FILES: [File; 0] = [];
+const FILES: [(&str, &str, &[u8]); 0] = [];
+
+/// Faces of the knot that the page shows before there is a job.
+const FACES: u64 = 20_000;
+
+/// The knot and its hierarchy, each with its digest; made once, when the service has started.
+static KNOT: LazyLock<Result<[(Content, Bytes); 2]>> = LazyLock::new(make_knot);
 
 pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     if FILES.is_empty() {
@@ -58,17 +68,19 @@ pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
         let refusal = move || async move { Failure::from(Error::new(Kind::NotFound, missing)).into_response() };
         return Router::new().route("/", get(refusal));
     }
-    FILES.into_iter().fold(knot::routes(), |routes, file| {
+    let knot =
+        Router::new().route("/knot.glb", get(async || knot(0).await)).route("/knot.tsr", get(async || knot(1).await));
+    FILES.into_iter().fold(knot, |routes, (path, media_type, bytes)| {
         // the same in every answer of this process, so it is made once
-        let content = Content(digest(file.bytes));
-        routes.route(file.path, get(async move || serve(file.media_type, file.bytes, content)))
+        let content = digest(bytes);
+        routes.route(path, get(async move || serve(media_type, bytes, content)))
     })
 }
 
 /// Makes what the page shows first, in the background.
 pub(crate) fn start() {
     if !FILES.is_empty() {
-        knot::start();
+        thread::spawn(|| LazyLock::force(&KNOT));
     }
 }
 
@@ -85,7 +97,26 @@ fn serve(media_type: &'static str, bytes: impl IntoResponse, content: Content) -
 }
 
 /// SHA-256 of a file, in hexadecimal.
-fn digest(bytes: &[u8]) -> String {
-    use sha2::{Digest, Sha256};
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+fn digest(bytes: &[u8]) -> Content {
+    Content(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+async fn knot(file: usize) -> Answer {
+    // a request may arrive before the knot is made
+    let made = blocking(move || KNOT.as_ref().map(|files| files[file].clone()).map_err(Error::clone));
+    let (content, bytes) = made.await??;
+    Ok(serve("application/octet-stream", bytes, content))
+}
+
+fn make_knot() -> Result<[(Content, Bytes); 2]> {
+    let failed = |error| Error::new(Kind::Internal, format_args!("the knot of the page: {error}"));
+    let (mut glb, mut tsr) = (Vec::new(), Vec::new());
+    write_glb(&mut glb, &generate(Sample::Knot, FACES)?).map_err(failed)?;
+    let parameters = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };
+    let prepared = job::prepare(&job::Request::new(&glb, Format::Glb, &parameters))?;
+    let outcome = job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})?;
+    if let Some(hierarchy) = outcome.hierarchy {
+        hierarchy.write(&mut tsr).map_err(failed)?;
+    }
+    Ok([glb, tsr].map(|bytes| (digest(&bytes), Bytes::from(bytes))))
 }

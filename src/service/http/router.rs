@@ -15,34 +15,35 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::csrf::CsrfLayer;
+use tracing::Instrument as _;
 
-use crate::guard::access_log;
+use crate::guard::access::Caller;
 use crate::guard::problem;
-use crate::guard::traffic::{self, heads, sites};
+use crate::guard::traffic::{self, heads, origin};
 use crate::http::state::Shared;
 use crate::http::{conditional, openapi, page};
-use crate::metrics::Metrics;
+use crate::ops::trace::{Origin, TraceParent};
+
+/// Paths that probes and monitoring read every few seconds.
+const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Bytes from which on an answer is compressed if the client can read that.
 const COMPRESSED_FROM: u64 = 1024;
 
 /// All routes, and around them, from the outside in:
 ///
-/// 1. its origin, its trace, and a span for what is logged about it; its line in the access log;
-/// 2. what every answer has, and counting it;
-/// 3. compression, of all but event streams, and tags that differ with it;
-/// 4. problem documents, of all that is refused further in;
-/// 5. a net for panics;
-/// 6. heads that are not valid HTTP/1.1, and query strings that are too long;
-/// 7. web pages that may not use a service without tokens;
-/// 8. access and traffic limits;
-/// 9. the routes; around those of results, ETag and Range.
+/// 1. what every request and every answer has, counting and the access log;
+/// 2. compression, of all but event streams, and tags that differ with it;
+/// 3. problem documents, of all that is refused further in;
+/// 4. a net for panics;
+/// 5. heads that are not valid HTTP/1.1, query strings that are too long, and web pages that may not use a service
+///    without tokens;
+/// 6. access and traffic limits;
+/// 7. the routes; around those of results, ETag and Range.
 pub(crate) fn router(shared: Arc<Shared>) -> Router {
-    let proxies = shared.settings.traffic.trusted_proxies.clone().into();
     let (is_open, accepts_names) = (shared.settings.access.tokens.is_none(), shared.settings.access.insecure_no_auth);
     let layers = ServiceBuilder::new()
-        .layer(from_fn_with_state(proxies, access_log::log))
-        .layer(from_fn_with_state(Arc::clone(&shared.metrics), every_answer))
+        .layer(from_fn_with_state(Arc::clone(&shared), every_request))
         .layer(from_fn(conditional::distinguish_codings))
         .layer(
             CompressionLayer::new()
@@ -52,9 +53,8 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
         // the panic hook logs them
         .layer(CatchPanicLayer::custom(|_: Box<dyn Any + Send>| StatusCode::INTERNAL_SERVER_ERROR.into_response()))
-        .layer(from_fn(heads::check))
-        .option_layer((is_open && !accepts_names).then(|| from_fn(sites::check)))
-        .option_layer(is_open.then(|| CsrfLayer::new().with_rejection_response(sites::foreign)))
+        .layer(from_fn_with_state(is_open && !accepts_names, heads::check))
+        .option_layer(is_open.then(|| CsrfLayer::new().with_rejection_response(heads::foreign)))
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
@@ -73,16 +73,44 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
     response
 }
 
-/// Counts answers, and adds the headers that every answer has: browsers must not guess types, show answers as pages, or
-/// cache the data of a tenant. A route may set its own content security policy and caching. The connection of a refused
-/// request with a body ends after the answer, since the rest of the body may not have been read.
-async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
+/// Gives a request its [`Origin`] and its span; counts its answer, logs it, and adds the headers that every answer has:
+/// browsers must not guess types, show answers as pages, or cache the data of a tenant. A route may set its own content
+/// security policy and caching. The connection of a refused request with a body ends after the answer, since the rest
+/// of the body may not have been read.
+///
+/// The access log has a line a request, of the target `tesserae::access` and without span, whose fields it holds itself.
+/// Probes have none. A line names a token by its id, never by its secret.
+async fn every_request(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
+    let client = origin::client(&request, &shared.settings.traffic.trusted_proxies);
+    let origin = Origin { client, trace: TraceParent::of_request(request.headers()) };
+    request.extensions_mut().insert(origin.clone());
     let (method, has_body) = (request.method().clone(), !request.body().is_end_stream());
-    let mut response = next.run(request).await;
+    let (path, trace) = (problem::cut_path(request.uri().path()).to_owned(), origin.trace.trace());
+    let span = tracing::info_span!("request", %method, path, trace, tenant = tracing::field::Empty);
+    let mut response = next.run(request).instrument(span).await;
+    let (status, elapsed) = (response.status().as_u16(), started.elapsed());
     let route = response.extensions().get().map_or("none", MatchedPath::as_str);
-    let status = response.status().as_u16();
-    metrics.answered(&method, route, status, started.elapsed());
+    shared.metrics.answered(&method, route, status, elapsed);
+    if !PROBES.contains(&path.as_str()) {
+        let tenant = response.extensions().get::<Caller>().map(|caller| &caller.0);
+        let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok());
+        tracing::info!(
+            target: "tesserae::access",
+            parent: None,
+            %method,
+            path,
+            status,
+            latency_ms = elapsed.as_micros() as f64 / 1000.0,
+            bytes = header(header::CONTENT_LENGTH),
+            location = header(header::LOCATION),
+            client = %origin.client,
+            tenant = tenant.map(|tenant| &tenant.name),
+            token = tenant.and_then(|tenant| tenant.token.as_ref()).map(|token| &token.id),
+            trace,
+            "answered"
+        );
+    }
     let headers = response.headers_mut();
     if has_body && status >= 400 {
         headers.insert(header::CONNECTION, HeaderValue::from_static("close"));

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
+use axum::extract::{FromRequestParts, Path, State};
+use axum::http::request::Parts;
+use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use tesserae_mesh::device::select::AdapterReport;
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -15,6 +17,7 @@ use crate::files::Files;
 use crate::files::storage::Storage;
 use crate::guard::access::tokens::Tenant;
 use crate::guard::access::{Access, Caller};
+use crate::guard::problem::Failure;
 use crate::guard::traffic::Traffic;
 use crate::metrics::Metrics;
 use crate::ops::health::Health;
@@ -69,8 +72,7 @@ impl Shared {
     /// from an id to a job.
     pub async fn job(&self, caller: &Caller, id: &str) -> Result<Job> {
         let id: JobId = id.parse()?;
-        let tenant = caller.tenant()?;
-        let job = self.store.get(id).await?.filter(|job| job.spec.tenant == tenant.name);
+        let job = self.store.get(id).await?.filter(|job| job.spec.tenant == caller.0.name);
         job.ok_or_else(|| no_such_job(id))
     }
 
@@ -80,8 +82,27 @@ impl Shared {
         tenant.quotas.max_queued_jobs.or((tenant.name != LOCAL_TENANT).then_some(most))
     }
 
-    /// The error of a service that is about to end.
-    pub fn stopping() -> Error {
-        Error::new(Kind::Unavailable, "the service is stopping")
+    pub fn refuse_when_stopping(&self) -> Result<()> {
+        match self.stop.is_cancelled() {
+            true => Err(Error::new(Kind::Unavailable, "the service is stopping")),
+            false => Ok(()),
+        }
+    }
+}
+
+/// The job that the path names.
+pub(crate) struct Found {
+    pub shared: Arc<Shared>,
+    pub job: Job,
+}
+
+impl FromRequestParts<Arc<Shared>> for Found {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, shared: &Arc<Shared>) -> Result<Self, Response> {
+        let caller = Caller::from_request_parts(parts, shared).await.map_err(IntoResponse::into_response)?;
+        let id = Path::<String>::from_request_parts(parts, shared).await.map_err(IntoResponse::into_response)?;
+        let job = shared.job(&caller, &id).await.map_err(|error| Failure::from(error).into_response())?;
+        Ok(Self { shared: Arc::clone(shared), job })
     }
 }

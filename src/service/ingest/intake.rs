@@ -4,20 +4,22 @@
 //! body ─ arriving: bytes as sent, their number and pace ─ inflate: gzip, zstd ─ Content: bytes as meant, their number
 //! ```
 
-mod inflate;
-
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use async_compression::tokio::bufread::{GzipDecoder, ZstdDecoder};
+use async_compression::zstd::DParameter;
 use axum::body::{Body, Bytes};
 use futures_util::stream::{self, BoxStream};
-use futures_util::{Stream, StreamExt as _};
+use futures_util::{Stream, StreamExt as _, TryStreamExt as _};
 use tesserae_mesh::error::{Error, Kind, Result};
+use tokio::io::{AsyncBufRead, AsyncBufReadExt as _, AsyncReadExt as _};
 use tokio::task::yield_now;
 use tokio::time::timeout;
-
-pub(crate) use self::inflate::Coding;
+use tokio_util::either::Either;
+use tokio_util::io::StreamReader;
 
 /// Largest number of bytes between the contents of two parts: their headers, and what one read brings along.
 const BETWEEN_PARTS: u64 = 4 << 20;
@@ -30,9 +32,6 @@ const ANY_CHUNKS: u64 = 4096;
 /// and bytes that all chunks must have on average after that. A chunk takes some 2 µs.
 const BYTES_PER_CHUNK: u64 = 64;
 
-/// Bytes after which a stream gives way to other tasks.
-const TURN: usize = 1 << 16;
-
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
 const ANY_INFLATION: u64 = 1 << 20;
 
@@ -40,8 +39,31 @@ const ANY_INFLATION: u64 = 1 << 20;
 /// can reach.
 const MAX_INFLATION: u64 = 100;
 
+/// Bytes that a compressed body may have before it must have content,
+const ANY_SENT: u64 = 1 << 16;
+/// and how many times as many as its content it may have beyond that. No compressor makes content much larger; empty
+/// blocks, each with tables of its own, take time and give nothing.
+const SENT_PER_BYTE: u64 = 2;
+
 /// Bytes a second that an upload must bring on average: a GSM modem brings 1,200.
 const MIN_RATE: u64 = 1024;
+
+/// Bytes that are decompressed at once.
+const CHUNK: usize = 1 << 16;
+
+/// Binary logarithm of the largest window of zstd, in bytes: 8 MiB, which every decoder must have (RFC 8878
+/// §3.1.1.1.2).
+const ZSTD_WINDOW_LOG: u32 = 23;
+
+type Decoder<R> = Either<GzipDecoder<R>, ZstdDecoder<R>>;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Coding {
+    /// RFC 1952
+    Gzip,
+    /// RFC 8878
+    Zstd,
+}
 
 /// What a body may be like.
 #[derive(Debug, Clone)]
@@ -53,17 +75,15 @@ pub(crate) struct Rules {
 }
 
 impl Rules {
-    /// Refuses more bytes than allowed.
-    fn check(&self, bytes: u64) -> Result<()> {
-        if bytes > self.limit { Err(self.too_large(bytes)) } else { Ok(()) }
-    }
-
-    /// The error for more bytes than allowed: `length` is how many, as far as is known.
-    pub fn too_large(&self, length: u64) -> Error {
-        Error::too_large(format_args!(
-            "the upload has more bytes than the limit of {} (the service's --max-upload-bytes): {length}",
-            self.limit
-        ))
+    /// Refuses more bytes than allowed: `length` is how many, as far as is known.
+    pub fn check(&self, length: u64) -> Result<()> {
+        match length > self.limit {
+            true => Err(Error::too_large(format_args!(
+                "the upload has more bytes than the limit of {} (the service's --max-upload-bytes): {length}",
+                self.limit
+            ))),
+            false => Ok(()),
+        }
     }
 }
 
@@ -111,22 +131,29 @@ impl Allowance {
     }
 }
 
+/// Bytes so far, as sent and as meant.
+#[derive(Default)]
+struct Counts {
+    sent: AtomicU64,
+    meant: AtomicU64,
+}
+
 /// Takes over a body, of `length` bytes where that is declared, compressed by `coding` if at all.
 pub(crate) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rules: Rules) -> Result<Content> {
     rules.check(length.unwrap_or(0))?;
-    let sent = Arc::<AtomicU64>::default();
-    let body = paced(arriving(body, rules.clone(), Arc::clone(&sent)).boxed());
+    let counts = Arc::<Counts>::default();
+    let body = paced(arriving(body, coding.is_some(), rules.clone(), Arc::clone(&counts)));
     let bytes = match coding {
         None => body,
-        Some(coding) => paced(inflate::inflate(body, coding).boxed()),
+        Some(coding) => paced(inflate(body, coding)),
     };
     let allowance = Allowance(Arc::new(AtomicU64::new(u64::MAX)));
-    let (spent, mut meant) = (allowance.clone(), 0);
+    let spent = allowance.clone();
     let check = move |data: &Bytes| {
         let bytes = data.len() as u64;
-        meant += bytes;
+        let meant = counts.meant.fetch_add(bytes, Ordering::Relaxed) + bytes;
         rules.check(meant)?;
-        let sent = sent.load(Ordering::Relaxed);
+        let sent = counts.sent.load(Ordering::Relaxed);
         if meant > ANY_INFLATION.saturating_add(sent.saturating_mul(MAX_INFLATION)) {
             return Err(Error::too_large(format_args!(
                 "the compressed upload becomes more than {MAX_INFLATION} times as large: send it without compression, \
@@ -145,8 +172,13 @@ fn checked(
     bytes.map(move |item| item.and_then(|data| check(&data).map(|()| data)))
 }
 
-/// The bytes of a body as they are sent, which `sent` counts.
-fn arriving(body: Body, rules: Rules, sent: Arc<AtomicU64>) -> impl Stream<Item = Result<Bytes>> + Send {
+/// The bytes of a body as they are sent.
+fn arriving(
+    body: Body,
+    is_compressed: bool,
+    rules: Rules,
+    counts: Arc<Counts>,
+) -> impl Stream<Item = Result<Bytes>> + Send {
     let (patience, began, mut chunks) = (rules.patience, Instant::now(), 0);
     let silent =
         move |_| Error::new(Kind::Timeout, format_args!("nothing of the upload came for {} s", patience.as_secs()));
@@ -157,8 +189,20 @@ fn arriving(body: Body, rules: Rules, sent: Arc<AtomicU64>) -> impl Stream<Item 
     });
     checked(body, move |data| {
         let bytes = data.len() as u64;
-        let received = sent.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        let before = counts.sent.fetch_add(bytes, Ordering::Relaxed);
+        let received = before + bytes;
         rules.check(received)?;
+        // what was sent before was decompressed before more is read
+        let meant = counts.meant.load(Ordering::Relaxed);
+        if is_compressed && before > ANY_SENT.saturating_add(meant.saturating_mul(SENT_PER_BYTE)) {
+            return Err(Error::new(
+                Kind::BadRequest,
+                format_args!(
+                    "the compressed body is more than {SENT_PER_BYTE} times as large as its content; send it without \
+                     compression; {meant} bytes of content after {before}"
+                ),
+            ));
+        }
         chunks += 1;
         if chunks > ANY_CHUNKS && received < chunks * BYTES_PER_CHUNK {
             return Err(Error::new(
@@ -180,17 +224,54 @@ fn arriving(body: Body, rules: Rules, sent: Arc<AtomicU64>) -> impl Stream<Item 
     })
 }
 
-/// A stream that gives way to other tasks after each [`TURN`]: the multipart reader polls until nothing is ready, and
-/// keeps everything.
-fn paced(bytes: BoxStream<'static, Result<Bytes>>) -> BoxStream<'static, Result<Bytes>> {
-    let next = |(mut bytes, mut given): (BoxStream<'static, Result<Bytes>>, usize)| async move {
-        if given >= TURN {
-            yield_now().await;
-            given = 0;
-        }
-        let item = bytes.next().await?;
-        given += item.as_ref().map_or(0, Bytes::len);
-        Some((item, (bytes, given)))
+/// Decompresses a body, in bounded steps; it must give way to other tasks while it is read.
+fn inflate(
+    body: impl Stream<Item = Result<Bytes>> + Send + Unpin,
+    coding: Coding,
+) -> impl Stream<Item = Result<Bytes>> + Send {
+    let body = StreamReader::new(body.map_err(io::Error::other));
+    let decoder = match coding {
+        Coding::Gzip => Either::Left(GzipDecoder::new(body)),
+        Coding::Zstd => Either::Right(ZstdDecoder::with_params(body, &[DParameter::window_log_max(ZSTD_WINDOW_LOG)])),
     };
-    stream::unfold((bytes, 0), next).boxed()
+    stream::try_unfold(decoder, next).map_err(unreadable)
+}
+
+/// The next chunk, and what reads the one after it; none at the end of the body. A body has one member or frame: empty
+/// ones take time and give nothing.
+async fn next<R: AsyncBufRead + Unpin>(mut decoder: Decoder<R>) -> io::Result<Option<(Bytes, Decoder<R>)>> {
+    let mut chunk = Vec::with_capacity(CHUNK);
+    if decoder.read_buf(&mut chunk).await? > 0 {
+        return Ok(Some((Bytes::from(chunk), decoder)));
+    }
+    let mut rest = match decoder {
+        Either::Left(gzip) => gzip.into_inner(),
+        Either::Right(zstd) => zstd.into_inner(),
+    };
+    match rest.fill_buf().await?.is_empty() {
+        true => Ok(None),
+        false => {
+            let message = "the compressed body has more than one member or frame, or other bytes after the first; \
+                           compress the upload as a whole";
+            Err(io::Error::other(Error::new(Kind::BadRequest, message)))
+        }
+    }
+}
+
+/// The error of a compressed body: one of this crate from further in, or what is wrong with the compression.
+fn unreadable(error: io::Error) -> Error {
+    let ours = error.get_ref().and_then(|cause| cause.downcast_ref::<Error>()).cloned();
+    ours.unwrap_or_else(|| {
+        Error::new(Kind::BadRequest, format_args!("the body is not as its Content-Encoding says: {error}"))
+    })
+}
+
+/// A stream that gives way to other tasks before each chunk: the multipart reader polls until nothing is ready, and
+/// keeps everything.
+fn paced(bytes: impl Stream<Item = Result<Bytes>> + Send + 'static) -> BoxStream<'static, Result<Bytes>> {
+    let later = |item| async {
+        yield_now().await;
+        item
+    };
+    bytes.then(later).boxed()
 }

@@ -13,8 +13,8 @@ use tesserae_mesh::job::{self, InputFormat};
 use tesserae_mesh::parameters::{Parameters, Seeds};
 
 use crate::guard::query;
-use crate::store::PRIORITIES;
 use crate::store::kept::{self, Kept};
+use crate::store::{PRIORITIES, Spec};
 
 /// Largest JSON part with parameters, in bytes.
 pub(crate) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
@@ -28,8 +28,8 @@ pub(crate) struct Wanted {
     /// URL that receives the end of the job.
     webhook: Option<String>,
     /// Of the tenant's waiting jobs, those with a higher one start first.
-    pub priority: i8,
-    pub kept: Kept,
+    priority: i8,
+    kept: Kept,
     parameters: Parameters,
     /// Names of the parameters that were given.
     given: Vec<String>,
@@ -49,31 +49,22 @@ const OF_JOB: [&str; 4] = ["webhook", "priority", "outputs", "keep_mesh"];
 
 impl Wanted {
     pub fn from_query(uri: &Uri) -> Result<Self> {
-        let whole = uri.query().unwrap_or_default();
-        let given = query::names(whole)?;
-        let (format, rest) = query::take(whole, "format");
-        let format = format.as_deref().map(InputFormat::from_name).transpose()?;
-        let (mesh_url, mut rest) = query::take(&rest, "mesh_url");
-        let mut of_job = Vec::new();
-        for name in OF_JOB {
-            let (text, others) = query::take(&rest, name);
-            of_job.extend(text.map(|text| (name, text)));
-            rest = others;
-        }
-        let rest: Uri = format!("/?{rest}")
-            .parse()
-            .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
-        let parameters: Parameters = query::read(&rest)?;
+        let mut rest = query::pairs(uri)?;
+        let given = rest.iter().map(|(name, _)| name.clone()).collect();
+        let format = query::take(&mut rest, "format").as_deref().map(InputFormat::from_name).transpose()?;
+        let mesh_url = query::take(&mut rest, "mesh_url");
+        let of_job = OF_JOB.map(|name| (name, query::take(&mut rest, name)));
+        let parameters: Parameters = query::parse(&rest)?;
         refuse_path(&parameters)?;
         let (webhook, priority, kept) = Default::default();
         let mut this = Self { format, mesh_url, webhook, priority, kept, parameters, given };
-        for (name, text) in of_job {
+        for (name, text) in of_job.into_iter().filter_map(|(name, text)| Some((name, text?))) {
             let value = match name {
-                "priority" => text.parse::<i64>().map_or_else(|_| text.into(), Value::from),
-                "keep_mesh" => text.parse::<bool>().map_or_else(|_| text.into(), Value::from),
-                _ => text.into(),
+                "priority" => text.parse::<i64>().ok().map(Value::from),
+                "keep_mesh" => text.parse::<bool>().ok().map(Value::from),
+                _ => None,
             };
-            this.set(name, &value)?;
+            this.set(name, &value.unwrap_or_else(|| text.into()))?;
         }
         Ok(this)
     }
@@ -140,13 +131,12 @@ impl Wanted {
         if form { self.parameters.check_values() } else { self.parameters.check(false) }
     }
 
-    /// The parameters, checked as far as they can be without the mesh, and the webhook, which is not checked. `parts`
-    /// says what came beside a file of this format.
-    pub fn finish(mut self, format: InputFormat, parts: Beside) -> Result<(Parameters, Option<String>)> {
-        let Beside { listed_seeds: listed, has_weights, has_graph } = parts;
-        if listed {
-            let given = self.given.iter().any(|name| name == "seeds");
-            if given && self.parameters.seeds != Seeds::Listed {
+    /// The job, checked as far as it can be without the mesh, but for its webhook; the caller adds what it knows of the
+    /// files. `beside` says what came with a file of this format.
+    pub fn finish(mut self, format: InputFormat, beside: Beside) -> Result<Spec> {
+        let Beside { listed_seeds, has_weights, has_graph } = beside;
+        if listed_seeds {
+            if self.given.iter().any(|name| name == "seeds") && self.parameters.seeds != Seeds::Listed {
                 return Err(Error::parameter(format_args!(
                     "a list of seeds came as a part, so the parameter seeds must be left out or listed, not {}",
                     self.parameters.seeds
@@ -154,17 +144,34 @@ impl Wanted {
             }
             self.parameters.seeds = Seeds::Listed;
         }
-        self.parameters.check(listed)?;
-        self.kept.check_format(format)?;
+        let Self { parameters, webhook, priority, kept, .. } = self;
+        parameters.check(listed_seeds)?;
+        kept.check_format(format)?;
         match format {
-            InputFormat::Points(format) => job::check_points(&self.parameters, format, has_graph, has_weights)?,
+            InputFormat::Points(format) => job::check_points(&parameters, format, has_graph, has_weights)?,
             InputFormat::Mesh(_) if has_graph => {
                 return Err(Error::parameter("the part graph goes with points, not with a mesh: leave it out"));
             }
-            InputFormat::Mesh(_) => self.parameters.check_mesh()?,
+            InputFormat::Mesh(_) => parameters.check_mesh()?,
         }
-        self.kept.check(&self.parameters, format)?;
-        Ok((self.parameters, self.webhook))
+        kept.check(&parameters, format)?;
+        Ok(Spec {
+            tenant: String::new(),
+            trace_parent: None,
+            webhook,
+            parameters,
+            file_name: None,
+            format,
+            bytes: 0,
+            buffers: Vec::new(),
+            listed_seeds,
+            has_weights,
+            has_graph,
+            is_small: false,
+            priority,
+            kept,
+            referred: None,
+        })
     }
 }
 

@@ -1,19 +1,19 @@
 //! Uploads: the body of a job request, from its first byte to a folder of files and a [`Spec`].
 //!
 //! What the head of the request says is checked before the body is read, every part as soon as it is there; the mesh
-//! goes to disk as it comes. When anything is refused, or the client hangs up, the folder is removed. Of a mesh
-//! that lies in a bucket only the head is read (`referred`).
+//! goes to disk as it comes. When anything is refused, or the client hangs up, the folder is removed. Of a mesh that
+//! lies in a bucket (`mesh_url`) only the head is read.
 
 mod form;
-mod referred;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::Request;
-use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
+use object_store::GetRange;
 use sha2::{Digest, Sha256};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::InputFormat;
@@ -21,7 +21,7 @@ use tesserae_mesh::mesh::HEAD_BYTES;
 
 use crate::files::{self, Files, Incoming};
 use crate::guard::problem::{ACCEPTED, ENCODINGS};
-use crate::ingest::intake::{self, Coding, Content, Rules};
+use crate::ingest::intake::{self, Coding, Rules};
 use crate::ingest::request::{Beside, Wanted};
 use crate::store::{Referred, Spec};
 
@@ -32,11 +32,10 @@ const MAX_NAME: usize = 255;
 pub(crate) struct Upload {
     pub folder: Incoming,
     pub spec: Spec,
-    /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty unless requested.
+    /// SHA-256 of each file: the mesh, what came beside it by name, the buffers. Empty unless requested.
     pub digests: Vec<[u8; 32]>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum BodyKind {
     /// The mesh or the points, of this format if the media type says so.
     Mesh(Option<InputFormat>),
@@ -57,28 +56,40 @@ pub(crate) async fn receive(
     let wanted = Wanted::from_query(&parts.uri)?;
     let coding = coding(&parts.headers)?;
     let kind = body_kind(&parts.headers)?;
-    wanted.check_early(kind == BodyKind::Form)?;
+    wanted.check_early(matches!(kind, BodyKind::Form))?;
     let length = content_length(&parts.headers);
-    let content = intake::open(body, coding, length, rules.clone())?;
+    let mut content = intake::open(body, coding, length, rules.clone())?;
     let length = length.filter(|_| coding.is_none());
-    let mut folder = files.incoming();
-    let referred = match &wanted.mesh_url {
-        None => None,
-        Some(url) => Some(referred::find(url, wanted.format, files, &mut folder, tenant, &rules).await?),
+    let mut received = Received {
+        folder: files.incoming(),
+        with_digests,
+        wanted,
+        mesh: None,
+        buffers: Vec::new(),
+        digests: Vec::new(),
+        beside: BTreeMap::new(),
     };
-    let into = Destination { folder, with_digests };
-    let mut upload = match (kind, referred) {
-        (BodyKind::Form, referred) => form::receive(parts, content, wanted, into, referred).await,
-        (BodyKind::Mesh(_), Some(mesh)) => referred::without_body(content, wanted, into, mesh).await,
-        (BodyKind::Mesh(format), None) => raw(&parts, content, wanted, format, length, into).await,
-    }?;
-    upload.spec.tenant = tenant.to_owned();
-    Ok(upload)
-}
-
-/// A file name of a client's, as it is kept.
-fn kept_name(name: &str) -> String {
-    name.chars().take(MAX_NAME).collect()
+    if let Some(url) = received.wanted.mesh_url.take() {
+        received.refer(url, files, tenant, &rules).await?;
+    }
+    match kind {
+        BodyKind::Form => form::receive(parts, content, &mut received).await?,
+        BodyKind::Mesh(format) if received.mesh.is_none() => {
+            received.add_mesh(content.bytes, None, format, length, None).await?;
+        }
+        BodyKind::Mesh(_) => {
+            while let Some(chunk) = content.bytes.next().await {
+                if !chunk?.is_empty() {
+                    return Err(Error::new(
+                        Kind::BadRequest,
+                        "mesh_url in the query says where the mesh lies, so the body must be empty, or a form without \
+                         a part named mesh",
+                    ));
+                }
+            }
+        }
+    }
+    received.finish(tenant)
 }
 
 fn coding(headers: &HeaderMap) -> Result<Option<Coding>> {
@@ -94,51 +105,6 @@ fn coding(headers: &HeaderMap) -> Result<Option<Coding>> {
             format_args!("Content-Encoding must be one of {ENCODINGS}, once, not {encoding:?}"),
         )),
     }
-}
-
-/// Receives a body that is the mesh itself.
-async fn raw(
-    parts: &Parts,
-    content: Content,
-    wanted: Wanted,
-    format: Option<InputFormat>,
-    length: Option<u64>,
-    mut into: Destination,
-) -> Result<Upload> {
-    let format = agreed(format, wanted.format)?;
-    let early = |head: &[u8]| match format {
-        Some(format) => format.check_head(head, length),
-        None => InputFormat::recognise(None, head, length)?.check_head(head, length),
-    };
-    let saved = into.save(content.bytes, files::MESH, early).await?;
-    let mesh = Mesh { saved, file_name: None, format, referred: None };
-    let spec = spec_of(wanted, mesh.format()?, mesh.saved.bytes, Beside::default())?;
-    tracing::debug!(bytes = mesh.saved.bytes, path = parts.uri.path(), "received a mesh");
-    Ok(Upload { folder: into.folder, digests: mesh.saved.digest.into_iter().collect(), spec })
-}
-
-/// A mesh of so many bytes without a name, and what came beside it.
-fn spec_of(wanted: Wanted, format: InputFormat, bytes: u64, parts: Beside) -> Result<Spec> {
-    let (priority, kept) = (wanted.priority, wanted.kept.clone());
-    let (parameters, webhook) = wanted.finish(format, parts)?;
-    let Beside { listed_seeds, has_weights, has_graph } = parts;
-    Ok(Spec {
-        tenant: String::new(),
-        trace_parent: None,
-        webhook,
-        parameters,
-        file_name: None,
-        format,
-        bytes,
-        buffers: Vec::new(),
-        listed_seeds,
-        has_weights,
-        has_graph,
-        is_small: false,
-        priority,
-        kept,
-        referred: None,
-    })
 }
 
 fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
@@ -179,13 +145,18 @@ pub(crate) fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
-#[derive(Debug)]
-struct Saved {
-    bytes: u64,
-    /// Its first bytes, by which its format is recognised.
-    head: Vec<u8>,
-    /// Its SHA-256, if that is wanted.
-    digest: Option<[u8; 32]>,
+/// What came so far.
+struct Received {
+    folder: Incoming,
+    with_digests: bool,
+    wanted: Wanted,
+    mesh: Option<Mesh>,
+    /// Names of the buffers.
+    buffers: Vec<String>,
+    /// Of the buffers.
+    digests: Vec<[u8; 32]>,
+    /// By their names, which are those of the parts.
+    beside: BTreeMap<&'static str, Saved>,
 }
 
 /// The mesh or the points of an upload.
@@ -194,39 +165,67 @@ struct Mesh {
     file_name: Option<String>,
     /// What the request says that it is, if it does.
     format: Option<InputFormat>,
+    /// Name of the part that it was, of a form.
+    part: Option<&'static str>,
     /// Where it lies, of one in a bucket.
     referred: Option<Referred>,
 }
 
-impl Mesh {
-    /// The format, once it was checked that the file can be of it.
-    fn format(&self) -> Result<InputFormat> {
-        let Saved { bytes, head, .. } = &self.saved;
-        if *bytes == 0 {
-            return Err(Error::mesh("the file is empty"));
-        }
-        let recognise = || InputFormat::recognise(self.file_name.as_deref(), head, Some(*bytes));
-        let format = self.format.map_or_else(recognise, Ok)?;
-        format.check_head(head, Some(*bytes))?;
-        Ok(format)
+struct Saved {
+    bytes: u64,
+    /// Its first bytes, by which its format is recognised.
+    head: Vec<u8>,
+    /// Its SHA-256, if that is wanted.
+    digest: Option<[u8; 32]>,
+}
+
+impl Received {
+    /// Finds a mesh in a bucket, and reads its head.
+    async fn refer(&mut self, url: String, files: &Files, tenant: &str, rules: &Rules) -> Result<()> {
+        let found = files.find_referred(tenant, &url).await?;
+        rules.check(found.bytes)?;
+        let file_name = url.rsplit('/').next().map(kept_name);
+        let referred = Referred { url, tag: found.tag };
+        let head = match found.bytes {
+            0 => Vec::new(),
+            bytes => {
+                let range = GetRange::Bounded(0..bytes.min(HEAD_BYTES as u64));
+                files.read_referred(tenant, &referred, Some(range)).await?.bytes().await?.into()
+            }
+        };
+        self.folder.is_referred();
+        let saved = Saved { bytes: found.bytes, head, digest: None };
+        let format = self.wanted.format;
+        self.mesh = Some(Mesh { saved, file_name, format, part: None, referred: Some(referred) });
+        Ok(())
     }
-}
 
-struct Destination {
-    folder: Incoming,
-    with_digests: bool,
-}
+    async fn add_mesh(
+        &mut self,
+        bytes: impl Stream<Item = Result<Bytes>> + Unpin,
+        file_name: Option<String>,
+        by_type: Option<InputFormat>,
+        length: Option<u64>,
+        part: Option<&'static str>,
+    ) -> Result<()> {
+        let format = agreed(by_type, self.wanted.format)?;
+        let early = |head: &[u8]| check_mesh(head, file_name.as_deref(), format, length, part).map(drop);
+        let saved = self.save(bytes, files::MESH, early).await?;
+        self.mesh = Some(Mesh { saved, file_name, format, part, referred: None });
+        Ok(())
+    }
 
-impl Destination {
     /// Writes a stream to a new blob. `early` sees the first bytes as soon as they are there and may refuse them.
-    async fn save<S>(&mut self, mut stream: S, name: &str, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
-    where
-        S: Stream<Item = Result<Bytes>> + Unpin,
-    {
+    async fn save(
+        &mut self,
+        mut bytes: impl Stream<Item = Result<Bytes>> + Unpin,
+        name: &str,
+        early: impl Fn(&[u8]) -> Result<()>,
+    ) -> Result<Saved> {
         let mut blob = self.folder.blob(name);
         let mut saved = Saved { bytes: 0, head: Vec::new(), digest: None };
         let mut digest = self.with_digests.then(Sha256::new);
-        while let Some(chunk) = stream.next().await {
+        while let Some(chunk) = bytes.next().await {
             let chunk = chunk?;
             saved.bytes += chunk.len() as u64;
             let more = HEAD_BYTES - saved.head.len();
@@ -243,4 +242,62 @@ impl Destination {
         saved.digest = digest.map(|digest| digest.finalize().into());
         Ok(saved)
     }
+
+    fn finish(self, tenant: &str) -> Result<Upload> {
+        let Mesh { saved, file_name, format, part, referred } = self.mesh.ok_or_else(|| {
+            Error::parameter(
+                "the form has no part named mesh or points: send the mesh or the points as one, or name them in the \
+                 query (mesh_url)",
+            )
+        })?;
+        if saved.bytes == 0 {
+            return Err(Error::mesh("the file is empty"));
+        }
+        let format = check_mesh(&saved.head, file_name.as_deref(), format, Some(saved.bytes), part)?;
+        if let Some(buffer) = self.buffers.first().filter(|_| !format.has_buffers()) {
+            return Err(Error::parameter(format_args!(
+                "{} refers to no buffers: leave out the part buffer with file name {buffer:?}",
+                format.noun()
+            )));
+        }
+        let has = |name| self.beside.contains_key(name);
+        let beside =
+            Beside { listed_seeds: has(files::SEEDS), has_weights: has(files::WEIGHTS), has_graph: has(files::GRAPH) };
+        let spec = self.wanted.finish(format, beside)?;
+        if let Some(name) = spec.parameters.weight_attribute.as_ref().filter(|_| beside.has_weights) {
+            return Err(Error::parameter(format_args!(
+                "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
+            )));
+        }
+        let files = std::iter::once(&saved).chain(self.beside.values());
+        let digests = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
+        let (tenant, bytes, buffers) = (tenant.to_owned(), saved.bytes, self.buffers);
+        Ok(Upload { folder: self.folder, spec: Spec { tenant, file_name, bytes, buffers, referred, ..spec }, digests })
+    }
+}
+
+/// The format of a mesh, which is recognised where the request does not say it, once its first bytes and the part that
+/// it came as go with it.
+fn check_mesh(
+    head: &[u8],
+    file_name: Option<&str>,
+    format: Option<InputFormat>,
+    length: Option<u64>,
+    part: Option<&str>,
+) -> Result<InputFormat> {
+    let format = format.map_or_else(|| InputFormat::recognise(file_name, head, length), Ok)?;
+    let right = if format.is_of_points() { "points" } else { "mesh" };
+    if let Some(part) = part.filter(|part| *part != right) {
+        return Err(Error::parameter(format_args!(
+            "the part {part} is {} file: send it as a part named {right}",
+            format.noun()
+        )));
+    }
+    format.check_head(head, length)?;
+    Ok(format)
+}
+
+/// A file name of a client's, as it is kept.
+fn kept_name(name: &str) -> String {
+    name.chars().take(MAX_NAME).collect()
 }

@@ -9,8 +9,6 @@ use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
-use crate::settings::heading;
-
 /// What the lines of the log look like.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum LogFormat {
@@ -23,10 +21,10 @@ pub enum LogFormat {
 
 /// Settings of the log.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
+#[command(next_help_heading = "Log")]
 pub struct LogSettings {
     /// What the lines of the log look like
-    #[arg(long, env = "TESSERAE_LOG_FORMAT", value_enum,
-          hide_short_help = true, help_heading = heading::LOG, default_value_t)]
+    #[arg(long, env = "TESSERAE_LOG_FORMAT", value_enum, hide_short_help = true, default_value_t)]
     pub log_format: LogFormat,
 
     /// What is logged: a level, or a list such as `info,tesserae::access=warn`, which is no access log
@@ -34,7 +32,6 @@ pub struct LogSettings {
         long,
         env = "TESSERAE_LOG",
         value_name = "FILTER",
-        help_heading = heading::LOG,
         default_value = "info,wgpu_core=warn,wgpu_hal=warn,naga=warn"
     )]
     pub log: String,

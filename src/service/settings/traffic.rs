@@ -6,8 +6,6 @@ use std::time::Duration;
 use ipnet::IpNet;
 use tesserae_mesh::error::{Error, Result};
 
-use super::heading;
-
 /// Connections at a time that have not begun, or wait for a place. More stay with the system.
 pub(crate) const BEGINNINGS: usize = 256;
 
@@ -19,17 +17,18 @@ const FILES_OF_CONNECTION: u64 = 2;
 
 /// Settings of traffic. A client is a tenant, or an address where there are no tokens.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
+#[command(next_help_heading = "Limits")]
 pub struct TrafficSettings {
     /// Jobs of one tenant that may wait; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N", help_heading = heading::LIMITS,
-          hide_short_help = true, default_value_t = Self::default().max_queued_jobs_per_tenant,
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N", hide_short_help = true,
+          default_value_t = Self::default().max_queued_jobs_per_tenant,
           value_parser = clap::value_parser!(u64).range(1..))]
     pub max_queued_jobs_per_tenant: u64,
 
     /// Addresses of proxies, such as 10.0.0.0/8, whose X-Forwarded-For says where requests come from; without any the
     /// other end of a connection is the client
     #[arg(long, env = "TESSERAE_TRUSTED_PROXIES", value_name = "NETWORK,…", value_delimiter = ',',
-          value_parser = network, help_heading = heading::ACCESS, hide_short_help = true)]
+          value_parser = network, help_heading = "Access", hide_short_help = true)]
     pub trusted_proxies: Vec<IpNet>,
 
     /// What is the same in every service.

@@ -7,20 +7,17 @@ use std::str::FromStr;
 use reqwest::Url;
 use tesserae_mesh::error::{Error, Result};
 
-use super::heading;
-
 /// Settings of webhooks.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
+#[command(next_help_heading = "Webhooks")]
 pub struct WebhookSettings {
     /// Hosts that webhooks may go to: HOST or HOST:PORT by https, with http:// before it in the clear; a name that
     /// leads to a private address needs that address listed too. None when left out
-    #[arg(long, env = "TESSERAE_WEBHOOK_HOSTS", value_name = "HOST,…", value_delimiter = ',',
-          help_heading = heading::WEBHOOKS, hide_short_help = true)]
+    #[arg(long, env = "TESSERAE_WEBHOOK_HOSTS", value_name = "HOST,…", value_delimiter = ',', hide_short_help = true)]
     pub webhook_hosts: Vec<WebhookHost>,
 
     /// File with the secret that webhooks are signed with: `whsec_` and 24 to 64 bytes in base64
-    #[arg(long, env = "TESSERAE_WEBHOOK_SECRET", value_name = "FILE", help_heading = heading::WEBHOOKS,
-          hide_short_help = true)]
+    #[arg(long, env = "TESSERAE_WEBHOOK_SECRET", value_name = "FILE", hide_short_help = true)]
     pub webhook_secret: Option<PathBuf>,
 }
 
@@ -53,15 +50,10 @@ impl FromStr for WebhookHost {
 impl WebhookHost {
     /// The host of a URL without a name and a password.
     pub(crate) fn of(url: &Url) -> Option<Self> {
-        let scheme = match url.scheme() {
-            "https" => "https",
-            "http" => "http",
-            _ => return None,
-        };
-        if !url.username().is_empty() || url.password().is_some() {
-            return None;
-        }
-        Some(Self { scheme, host: url.host_str()?.to_owned(), port: url.port_or_known_default()? })
+        let scheme = ["https", "http"].into_iter().find(|scheme| *scheme == url.scheme())?;
+        let is_anonymous = url.username().is_empty() && url.password().is_none();
+        let host = url.host_str().filter(|_| is_anonymous)?.to_owned();
+        Some(Self { scheme, host, port: url.port_or_known_default()? })
     }
 
     /// The address that stands in place of a name.

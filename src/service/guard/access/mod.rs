@@ -20,7 +20,7 @@ use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use self::file::{Stamp, stamp};
-use self::tokens::{Tenant, TokenName, Tokens};
+use self::tokens::{Quotas, Tenant, Tokens};
 use crate::guard::problem::Failure;
 use crate::ops::blocking::blocking;
 use crate::ops::health::{Health, Part};
@@ -31,63 +31,23 @@ use crate::store::LOCAL_TENANT;
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
-const OPEN: [&str; 13] = [
-    "/healthz",
-    "/readyz",
-    "/v1/version",
-    "/openapi.yaml",
-    "/",
-    "/page.js",
-    "/scene.js",
-    "/page.css",
-    "/mark.svg",
-    "/share.jpg",
-    "/licences.txt",
-    "/knot.glb",
-    "/knot.tsr",
-];
+const OPEN: &str = "/healthz /readyz /v1/version /openapi.yaml / /page.js /scene.js /page.css /mark.svg /share.jpg \
+                    /licences.txt /knot.glb /knot.tsr";
 
 /// Paths with data of all tenants.
 const OF_ALL_TENANTS: [&str; 2] = ["/metrics", "/v1/workers"];
 
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Caller {
-    /// The tenant; none for a path that needs no token.
-    pub tenant: Option<Tenant>,
-    /// Its token, where there are tokens.
-    token: Option<TokenName>,
-}
+/// The sender of a request. A path that needs no token has none.
+#[derive(Debug, Clone)]
+pub(crate) struct Caller(pub Arc<Tenant>);
 
 impl<S: Send + Sync> FromRequestParts<S> for Caller {
     type Rejection = Failure;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Failure> {
-        parts.extensions.get::<Self>().cloned().ok_or_else(|| missing().into())
+        let missing = || Error::new(Kind::Internal, "it is not known who asks").into();
+        parts.extensions.get::<Self>().cloned().ok_or_else(missing)
     }
-}
-
-impl Caller {
-    pub fn tenant_name(&self) -> Option<&str> {
-        self.tenant.as_ref().map(|tenant| tenant.name.as_str())
-    }
-
-    /// The sender of a request that needs no token.
-    pub fn anybody() -> Self {
-        Self { tenant: None, token: None }
-    }
-
-    pub fn token_id(&self) -> Option<&str> {
-        self.token.as_ref().map(|token| &*token.id)
-    }
-
-    pub fn tenant(&self) -> Result<&Tenant> {
-        self.tenant.as_ref().ok_or_else(missing)
-    }
-}
-
-/// A handler that needs a tenant at a path that has none.
-fn missing() -> Error {
-    Error::new(Kind::Internal, "it is not known who asks")
 }
 
 #[derive(Debug)]
@@ -113,22 +73,21 @@ impl Access {
         Ok(Self { file, tokens: watch::Sender::new(Arc::new(tokens)) })
     }
 
-    /// The tokens, now and whenever they change.
     pub fn tokens(&self) -> watch::Receiver<Arc<Tokens>> {
         self.tokens.subscribe()
     }
 
     /// The caller of a request with these headers to `path`; an error where access is denied.
-    pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
+    pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Option<Caller>> {
         if self.file.is_none() {
-            let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
-            return Ok(Caller { tenant: Some(local), token: None });
+            let name = LOCAL_TENANT.to_owned();
+            let quotas = Quotas::default();
+            return Ok(Some(Caller(Arc::new(Tenant { name, quotas, metrics: true, token: None }))));
         }
-        if OPEN.contains(&path) {
-            return Ok(Caller::anybody());
+        if OPEN.split(' ').any(|open| open == path) {
+            return Ok(None);
         }
-        let tokens = self.tokens.borrow().clone();
-        let (tenant, token) = tokens.tenant(bearer(headers)?).ok_or_else(|| {
+        let tenant = self.tokens.borrow().tenant(bearer(headers)?).ok_or_else(|| {
             Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
         })?;
         if OF_ALL_TENANTS.contains(&path) && !tenant.metrics {
@@ -141,7 +100,7 @@ impl Access {
                 ),
             ));
         }
-        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token) })
+        Ok(Some(Caller(tenant)))
     }
 
     /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
@@ -157,19 +116,14 @@ impl Access {
 
     /// Whether the token of an earlier caller is still valid.
     pub fn still_knows(&self, caller: &Caller) -> bool {
-        let (Some(token), Some(tenant)) = (&caller.token, &caller.tenant) else { return true };
-        self.tokens.borrow().has(token, &tenant.name)
+        self.tokens.borrow().has(&caller.0)
     }
 
     /// Reads the tokens again whenever they change, until `stop`. Tokens that cannot be read change nothing.
     pub async fn follow(&self, health: &Health, stop: CancellationToken) {
         let Some((path, first)) = &self.file else { return };
         let mut seen = *first;
-        loop {
-            tokio::select! {
-                () = stop.cancelled() => return,
-                () = tokio::time::sleep(LOOK_EVERY) => {}
-            }
+        while stop.run_until_cancelled(tokio::time::sleep(LOOK_EVERY)).await.is_some() {
             let Ok(now) = on_file(path, stamp).await else { continue };
             if now == seen {
                 continue;

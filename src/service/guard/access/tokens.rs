@@ -36,8 +36,7 @@ pub struct Quotas {
     /// Jobs that may run at a time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_running_jobs: Option<u64>,
-    /// Share of the running jobs, from 1 on: a tenant of weight 2 gets twice as much as one of
-    /// weight 1, which is what a tenant has when this is left out.
+    /// Share of the running jobs, from 1 on: a tenant of weight 2 gets twice as much as one of weight 1, the default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weight: Option<NonZeroU32>,
 }
@@ -140,19 +139,16 @@ impl TokenFile {
     /// Adds a token for a tenant, which is new or known.
     pub fn add(&mut self, tenant: &str) -> Result<Token> {
         Self::check_name(tenant)?;
-        let (mut id, mut secret) = ([0; 8], [0; 32]);
-        for bytes in [&mut id[..], &mut secret] {
-            getrandom::fill(bytes)
-                .map_err(|error| Error::new(Kind::Internal, format_args!("no random bytes can be had: {error}")))?;
-        }
-        let id: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
-        let secret = URL_SAFE_NO_PAD.encode(secret);
-        let entry = TokenEntry { id: id.clone(), sha256: URL_SAFE_NO_PAD.encode(digest(&secret)) };
+        let mut secret = [0; 32];
+        let id = getrandom::fill(&mut secret).and_then(|()| getrandom::u64());
+        let id = id.map_err(|error| Error::new(Kind::Internal, format_args!("no random bytes can be had: {error}")))?;
+        let (id, secret) = (format!("{id:016x}"), URL_SAFE_NO_PAD.encode(secret));
+        let entry = TokenEntry { id: id.clone(), sha256: digest(&secret) };
         self.tenants.entry(tenant.to_owned()).or_default().tokens.push(entry);
         Ok(Token { id, secret })
     }
 
-    /// Takes a token back. The tenant stays, with its quotas. Its name; none when there is no such token.
+    /// Takes a token back; its tenant, which stays with its quotas, or none when there is no such token.
     pub fn revoke(&mut self, id: &str) -> Option<&str> {
         self.tenants.iter_mut().find_map(|(name, tenant)| {
             let place = tenant.tokens.iter().position(|token| token.id == id)?;
@@ -161,23 +157,25 @@ impl TokenFile {
         })
     }
 
-    fn index(&self) -> Result<HashMap<[u8; 32], Known>> {
+    /// Every token with its tenant, by the digest of its secret.
+    fn index(&self) -> Result<HashMap<String, Arc<Tenant>>> {
         let mut index = HashMap::new();
-        for (name, tenant) in &self.tenants {
+        for (name, TenantEntry { quotas, metrics, tokens }) in &self.tenants {
             Self::check_name(name)?;
-            if tenant.quotas.max_running_jobs == Some(0) {
+            if quotas.max_running_jobs == Some(0) {
                 return Err(Error::parameter(format_args!(
                     "with max_running_jobs 0 no job of a tenant would ever run: give at least 1, leave it out for any \
                      number, or set max_queued_jobs to 0 to take no jobs of {name:?}"
                 )));
             }
-            let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
-            for token in &tenant.tokens {
-                let digest = token.digest().ok_or_else(|| {
-                    Error::parameter(format_args!("a token is not as this program writes them, of {name:?}"))
-                })?;
-                let known = Known { id: token.id.as_str().into(), tenant: owner.clone() };
-                if index.insert(digest, known).is_some() {
+            for token in tokens {
+                if !token.is_sound() {
+                    let message = format_args!("a token is not as this program writes them, of {name:?}");
+                    return Err(Error::parameter(message));
+                }
+                let tenant =
+                    Tenant { name: name.clone(), quotas: *quotas, metrics: *metrics, token: Some(token.clone()) };
+                if index.insert(token.sha256.clone(), Arc::new(tenant)).is_some() {
                     return Err(Error::parameter(format_args!("a token is listed twice: {:?}", token.id)));
                 }
             }
@@ -187,38 +185,28 @@ impl TokenFile {
 }
 
 impl TokenEntry {
-    fn digest(&self) -> Option<[u8; 32]> {
+    fn is_sound(&self) -> bool {
         let is_id = self.id.len() == 16 && self.id.bytes().all(|byte| byte.is_ascii_hexdigit());
-        URL_SAFE_NO_PAD.decode(&self.sha256).ok().filter(|_| is_id)?.try_into().ok()
+        is_id && URL_SAFE_NO_PAD.decode(&self.sha256).is_ok_and(|digest| digest.len() == 32)
     }
 }
 
 #[derive(Debug, Default)]
 pub(crate) struct Tokens {
-    by_digest: HashMap<[u8; 32], Known>,
+    by_digest: HashMap<String, Arc<Tenant>>,
     /// What each tenant may use of the queue.
     pub shares: Arc<Shares>,
 }
 
-#[derive(Debug)]
-struct Known {
-    id: Arc<str>,
-    tenant: Tenant,
-}
-
-/// Which token a request came with. Neither id nor digest is a secret.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct TokenName {
-    pub id: Arc<str>,
-    digest: [u8; 32],
-}
-
-#[derive(Debug, Clone, PartialEq)]
+/// A tenant, as one of its tokens lets it in.
+#[derive(Debug, Clone)]
 pub(crate) struct Tenant {
     pub name: String,
     pub quotas: Quotas,
     /// Whether it may read `/metrics` and `/v1/workers`.
     pub metrics: bool,
+    /// That token, where there are tokens.
+    pub token: Option<TokenEntry>,
 }
 
 impl Tokens {
@@ -227,17 +215,17 @@ impl Tokens {
         Ok(Self { by_digest: file.index()?, shares: Arc::new(shares.collect()) })
     }
 
-    /// The tenant of a token, and which token it is. How long that takes tells of the digest, not of the secret.
-    pub fn tenant(&self, token: &str) -> Option<(&Tenant, TokenName)> {
-        let (id, secret) = token.strip_prefix(TOKEN_PREFIX).and_then(|rest| rest.split_once('_'))?;
-        let digest = digest(secret);
-        let known = self.by_digest.get(&digest).filter(|known| *known.id == *id)?;
-        Some((&known.tenant, TokenName { id: Arc::clone(&known.id), digest }))
+    /// The tenant of a token. How long that takes tells of the digest, not of the secret.
+    pub fn tenant(&self, token: &str) -> Option<Arc<Tenant>> {
+        let (id, secret) = token.strip_prefix(TOKEN_PREFIX)?.split_once('_')?;
+        let known = self.by_digest.get(&digest(secret))?;
+        known.token.as_ref().is_some_and(|token| token.id == id).then(|| Arc::clone(known))
     }
 
-    /// Whether that token is still there, and the tenant's.
-    pub fn has(&self, token: &TokenName, tenant: &str) -> bool {
-        self.by_digest.get(&token.digest).is_some_and(|known| known.tenant.name == tenant)
+    /// Whether the token of a tenant is still there, and its own.
+    pub fn has(&self, tenant: &Tenant) -> bool {
+        let known = tenant.token.as_ref().map(|token| self.by_digest.get(&token.sha256));
+        known.is_none_or(|known| known.is_some_and(|known| known.name == tenant.name))
     }
 
     pub fn len(&self) -> usize {
@@ -245,8 +233,9 @@ impl Tokens {
     }
 }
 
-fn digest(secret: &str) -> [u8; 32] {
-    Sha256::digest(secret).into()
+/// SHA-256 of a secret, base64url.
+fn digest(secret: &str) -> String {
+    URL_SAFE_NO_PAD.encode(Sha256::digest(secret))
 }
 
 #[cfg(test)]
@@ -254,8 +243,7 @@ mod tests {
     use super::*;
 
     fn ask(file: &TokenFile, token: &str) -> Option<String> {
-        let tokens = Tokens::of(file).expect("valid");
-        tokens.tenant(token).map(|(tenant, _)| tenant.name.clone())
+        Tokens::of(file).expect("valid").tenant(token).map(|tenant| tenant.name.clone())
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! its answer of nothing, and no other request is served here, also not the next one of the same connection.
 
 use std::io;
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -26,8 +26,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt;
 
-use super::counts::Counts;
-use super::origin;
+use super::{Counts, enter, origin};
 use crate::metrics::Metrics;
 use crate::settings::{BEGINNINGS, TrafficSettings};
 
@@ -88,7 +87,7 @@ async fn accept(listener: TcpListener, serving: Arc<Serving>) {
     let tasks = TaskTracker::new();
     let places = Arc::new(Semaphore::new(settings.constants.connections as usize));
     let beginnings = Arc::new(Semaphore::new(BEGINNINGS));
-    let by_address = Arc::<Counts<IpAddr>>::default();
+    let by_address = Counts::default();
     loop {
         let accepted = async {
             let beginning = Arc::clone(&beginnings).acquire_owned().await;
@@ -110,7 +109,7 @@ async fn accept(listener: TcpListener, serving: Arc<Serving>) {
             true => u32::MAX,
             false => settings.constants.connections_per_address,
         };
-        let Some(counted) = by_address.enter(ip, limit) else {
+        let Some(counted) = enter(&by_address, ip, limit) else {
             metrics.families.connections_refused.inc();
             continue;
         };

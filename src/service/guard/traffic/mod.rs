@@ -4,18 +4,18 @@
 //! |---|---|---|
 //! | connections, and how long heads and answers may take | `connections` | closed |
 //! | heads that are not valid or not supported | `heads`, hyper | answered with 400, 414, 431 or 501 |
-//! | web pages that may not use a service without tokens | `sites` | answered with 403 or 421 |
+//! | web pages that may not use a service without tokens | `heads` | answered with 403 or 421 |
 //! | requests and streams of a client at a time | [`admit`] | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
 //!
 //! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `queue`.
 
 pub(crate) mod connections;
-mod counts;
 pub(crate) mod heads;
 pub(crate) mod origin;
-pub(crate) mod sites;
 
+use std::collections::HashMap;
+use std::hash::Hash;
 use std::net::{IpAddr, Ipv6Addr};
 use std::sync::Arc;
 
@@ -24,10 +24,10 @@ use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
 use http_body_util::BodyExt as _;
+use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use self::counts::{Counted, Counts};
 use crate::guard::access::{Access, Caller};
 use crate::guard::problem::{Answer, Failure};
 use crate::ops::faults::{FaultPoint, Faults};
@@ -43,8 +43,8 @@ pub(crate) struct Traffic {
     access: Arc<Access>,
     settings: TrafficSettings,
     faults: Faults,
-    requests: Arc<Counts<Client>>,
-    streams_of_clients: Arc<Counts<Client>>,
+    requests: Counts<Client>,
+    streams_of_clients: Counts<Client>,
     streams: Arc<Semaphore>,
 }
 
@@ -71,8 +71,8 @@ impl Traffic {
             access,
             settings: settings.traffic.clone(),
             faults,
-            requests: Arc::default(),
-            streams_of_clients: Arc::default(),
+            requests: Counts::default(),
+            streams_of_clients: Counts::default(),
             streams: Arc::new(Semaphore::new(settings.traffic.constants.streams as usize)),
         }
     }
@@ -86,15 +86,14 @@ impl Traffic {
 /// of a request are held until its answer was sent.
 pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Request, next: Next) -> Answer {
     if PROBES.contains(&request.uri().path()) {
-        request.extensions_mut().insert(Caller::anybody());
         return Ok(next.run(request).await);
     }
     traffic.faults.pass(FaultPoint::Request);
     let (caller, held) = check(&traffic, &request)?;
-    if let Some(tenant) = &caller.tenant {
-        tracing::Span::current().record("tenant", &tenant.name);
+    if let Some(caller) = &caller {
+        tracing::Span::current().record("tenant", &caller.0.name);
+        request.extensions_mut().insert(caller.clone());
     }
-    request.extensions_mut().insert(caller.clone());
     // the closure owns what is held, which so ends with the body
     let mut response = next.run(request).await.map(|body| {
         Body::new(body.map_err(move |error| {
@@ -102,20 +101,22 @@ pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
             error
         }))
     });
-    // for the layers further out, which count and log the request
-    response.extensions_mut().insert(caller);
+    // for the access log, which is further out
+    if let Some(caller) = caller {
+        response.extensions_mut().insert(caller);
+    }
     Ok(response)
 }
 
 /// The permits of a request: its client's, and one of all streams.
 type Holding = (Counted<Client>, Option<OwnedSemaphorePermit>);
 
-fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Failure> {
+fn check(traffic: &Traffic, request: &Request) -> Result<(Option<Caller>, Holding), Failure> {
     let path = request.uri().path();
     let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");
     let caller = traffic.access.caller(path, request.headers());
     // a client without a token is known by its address, as is every client of a service without tokens
-    let tenant = caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref());
+    let tenant = caller.as_ref().ok().and_then(Option::as_ref).map(|caller| &caller.0);
     let client = match tenant {
         Some(tenant) if tenant.name != LOCAL_TENANT => Client::Tenant(tenant.name.clone()),
         _ => {
@@ -131,7 +132,7 @@ fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Fail
         }
         false => (&traffic.requests, quotas.max_requests_at_once.unwrap_or(constants.requests_at_once), "requests"),
     };
-    let permit = counts.enter(client, limit).ok_or_else(|| {
+    let permit = enter(counts, client, limit).ok_or_else(|| {
         let message = format_args!("as many {what} at a time as a client may have; try again later: {limit}");
         Error::new(Kind::RateLimited, message)
     })?;
@@ -141,6 +142,37 @@ fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Fail
         Error::new(Kind::Overloaded, format_args!("as many event streams are open as may; try again later: {limit}"))
     })?;
     Ok((caller, (permit, stream)))
+}
+
+/// How many of something each client has at a time, none of them 0.
+type Counts<K> = Arc<Mutex<HashMap<K, u32>>>;
+
+/// One that is counted until this is dropped.
+struct Counted<K: Hash + Eq> {
+    counts: Counts<K>,
+    key: K,
+}
+
+/// Counts one more, unless there are as many as may be.
+fn enter<K: Hash + Eq + Clone>(counts: &Counts<K>, key: K, limit: u32) -> Option<Counted<K>> {
+    let mut locked = counts.lock();
+    if locked.get(&key).copied().unwrap_or_default() >= limit {
+        return None;
+    }
+    *locked.entry(key.clone()).or_default() += 1;
+    Some(Counted { counts: Arc::clone(counts), key })
+}
+
+impl<K: Hash + Eq> Drop for Counted<K> {
+    fn drop(&mut self) {
+        let mut counts = self.counts.lock();
+        if let Some(count) = counts.get_mut(&self.key) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.key);
+            }
+        }
+    }
 }
 
 #[cfg(test)]

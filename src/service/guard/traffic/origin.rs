@@ -45,38 +45,31 @@ fn address(entry: &str) -> Option<IpAddr> {
 mod tests {
     use super::*;
 
-    fn networks(texts: &[&str]) -> Vec<IpNet> {
-        texts.iter().map(|text| text.parse().expect("a network")).collect()
-    }
-
     #[test]
     fn only_trusted_proxies_are_believed() {
-        let proxies = networks(&["10.0.0.0/8", "127.0.0.1/32"]);
-        let client = |peer: &str, lines: &[&'static str]| {
+        let proxies = ["10.0.0.0/8", "127.0.0.1/32"].map(|network| network.parse().expect("a network"));
+        for (peer, lines, expected) in [
+            // a client says what it likes
+            ("203.0.113.7", &["1.2.3.4"][..], "203.0.113.7"),
+            ("127.0.0.1", &[], "127.0.0.1"),
+            ("127.0.0.1", &["1.2.3.4"], "1.2.3.4"),
+            ("127.0.0.1", &["9.9.9.9, 1.2.3.4, 10.1.1.1"], "1.2.3.4"),
+            ("127.0.0.1", &["9.9.9.9", "1.2.3.4", "10.1.1.1"], "1.2.3.4"),
+            ("10.0.0.2", &["[2001:db8::1]:443"], "2001:db8::1"),
+            ("10.0.0.2", &["1.2.3.4:5678"], "1.2.3.4"),
+            ("10.0.0.2", &["1.2.3.4, unknown"], "10.0.0.2"),
+            ("10.0.0.2", &["6.6.6.6", "\u{ff}, 1.2.3.4"], "1.2.3.4"),
+            // an unreadable entry ends the list
+            ("10.0.0.2", &["6.6.6.6", "1.2.3.4, \u{ff}"], "10.0.0.2"),
+            // a proxy may be a client itself
+            ("10.0.0.2", &["10.0.0.3"], "10.0.0.3"),
+        ] {
             let mut headers = HeaderMap::new();
             for line in lines {
                 headers.append(FORWARDED, HeaderValue::from_bytes(line.as_bytes()).expect("a value"));
             }
-            behind(peer.parse().expect("an address"), &headers, &proxies).to_string()
-        };
-        assert_eq!(client("203.0.113.7", &["1.2.3.4"]), "203.0.113.7", "a client says what it likes");
-        assert_eq!(client("127.0.0.1", &[]), "127.0.0.1");
-        assert_eq!(client("127.0.0.1", &["1.2.3.4"]), "1.2.3.4");
-        assert_eq!(
-            client("127.0.0.1", &["9.9.9.9, 1.2.3.4, 10.1.1.1"]),
-            "1.2.3.4",
-            "what it says before is not believed"
-        );
-        assert_eq!(client("127.0.0.1", &["9.9.9.9", "1.2.3.4", "10.1.1.1"]), "1.2.3.4");
-        assert_eq!(client("10.0.0.2", &["[2001:db8::1]:443"]), "2001:db8::1");
-        assert_eq!(client("10.0.0.2", &["1.2.3.4:5678"]), "1.2.3.4");
-        assert_eq!(client("10.0.0.2", &["1.2.3.4, unknown"]), "10.0.0.2");
-        assert_eq!(client("10.0.0.2", &["6.6.6.6", "\u{ff}, 1.2.3.4"]), "1.2.3.4");
-        assert_eq!(
-            client("10.0.0.2", &["6.6.6.6", "1.2.3.4, \u{ff}"]),
-            "10.0.0.2",
-            "an unreadable entry ends the list"
-        );
-        assert_eq!(client("10.0.0.2", &["10.0.0.3"]), "10.0.0.3", "a proxy may be a client itself");
+            let client = behind(peer.parse().expect("an address"), &headers, &proxies);
+            assert_eq!(client.to_string(), expected, "{peer} {lines:?}");
+        }
     }
 }

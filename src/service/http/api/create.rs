@@ -4,18 +4,16 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Request, State as Extract};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::InputFormat;
 use tracing::Instrument as _;
 use utoipa::ToSchema;
 
-use super::binary::Binary;
-use super::view::{JobView, answer};
+use super::jobs::{JobView, answer};
 use crate::guard::access::Caller;
 use crate::guard::problem::{Answer, Failure, Problematic};
-use crate::http::prefer;
 use crate::http::state::{App, Shared};
 use crate::ingest::idempotency;
 use crate::ingest::intake::Rules;
@@ -24,30 +22,33 @@ use crate::ops::trace::Origin;
 use crate::store::{Created, Job, NewJob};
 use crate::work::urls;
 
+/// Longest wait for the end of a job: proxies give up on an answer after a minute.
+const LONGEST_WAIT: Duration = Duration::from_secs(60);
+
+/// Bytes.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "describes bodies for openapi.yaml")]
+pub(crate) struct Binary(String);
+
 /// The form of an upload.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "describes the form for openapi.yaml; the parts are read one by one")]
 pub(crate) struct UploadForm {
     /// The mesh: OBJ, GLB, glTF, PLY, STL or OFF, recognised by media type, file name or content.
-    #[schema(value_type = Option<Binary>)]
     mesh: Option<Binary>,
     /// In place of a mesh, points with neighbours: `.npy`, `.npz`, PNG or JPEG, recognised by their first bytes.
-    #[schema(value_type = Option<Binary>)]
     points: Option<Binary>,
     /// What to do; the same names as in the query. A parameter stands in one of the two.
     parameters: Option<JobParameters>,
     /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
-    #[schema(value_type = Option<Vec<Binary>>)]
     buffer: Option<Vec<Binary>>,
     /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
-    #[schema(value_type = Option<Binary>)]
     seeds: Option<Binary>,
     /// Edges between points: a sparse matrix, as `scipy.sparse.save_npz` writes it.
-    #[schema(value_type = Option<Binary>)]
     graph: Option<Binary>,
     /// Weights: `.npy` with floats above 0. Of a mesh, areas are multiplied by them, so that clusters are smaller where
     /// they are larger: one a face or one a vertex, whose mean a face takes. Of points, one an item.
-    #[schema(value_type = Option<Binary>)]
     weights: Option<Binary>,
 }
 
@@ -100,15 +101,12 @@ struct JobParameters;
         (status = 409, response = Problematic),
         (status = 413, response = Problematic),
         (status = 415, response = Problematic),
-        (status = 422, response = Problematic),
         (status = 507, response = Problematic),
     ),
 )]
 pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
-    if shared.stop.is_cancelled() {
-        return Err(Shared::stopping().into());
-    }
-    let tenant = caller.tenant()?;
+    shared.refuse_when_stopping()?;
+    let tenant = &caller.0;
     let most_waiting = shared.most_waiting(tenant);
     let key = idempotency::key(request.headers())?;
     let is_known = match &key {
@@ -121,12 +119,10 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
         shared.store.check_room(&tenant.name, most_waiting).await?;
         // before the disk: an upload over the limit says nothing about the disk
-        if bytes > rules.limit {
-            return Err(rules.too_large(bytes).into());
-        }
+        rules.check(bytes)?;
         shared.files.check_room(bytes, 0)?;
     }
-    let wait = prefer::wait(request.headers());
+    let wait = wait(request.headers());
     let parent = request.extensions().get::<Origin>().map(|origin| origin.trace.to_string());
     let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
     upload.spec.trace_parent = parent;
@@ -188,4 +184,42 @@ async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
         () = shared.stop.cancelled() => {}
     }
     shared.store.get(job.id).await.ok().flatten().unwrap_or(job)
+}
+
+/// The time that the client wants to wait, at most [`LONGEST_WAIT`]: `wait=N` of the `Prefer` header (RFC 7240). Everything
+/// else in it is ignored, as the standard requires.
+pub(crate) fn wait(headers: &HeaderMap) -> Option<Duration> {
+    let values = headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
+    let mut waits = values.flat_map(|value| value.split(',')).filter_map(|preference| {
+        let (name, rest) = preference.split_once('=')?;
+        let value = rest.split(';').next()?.trim().trim_matches('"');
+        name.trim().eq_ignore_ascii_case("wait").then(|| value.parse().ok())?
+    });
+    // the first one counts
+    waits.next().map(|seconds| Duration::from_secs(seconds).min(LONGEST_WAIT))
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::http::HeaderValue;
+
+    use super::*;
+
+    #[test]
+    fn the_first_wait_counts_up_to_the_cap() {
+        for (header, expected) in [
+            ("wait=5", Some(5)),
+            ("respond-async, Wait = \"7\"; x=y, wait=9", Some(7)),
+            ("wait=100000", Some(60)),
+            ("wait", None),
+            ("wait=soon", None),
+            ("wait=-1", None),
+            ("return=minimal", None),
+        ] {
+            let mut headers = HeaderMap::new();
+            headers.insert("prefer", HeaderValue::from_static(header));
+            assert_eq!(wait(&headers), expected.map(Duration::from_secs), "{header}");
+        }
+        assert_eq!(wait(&HeaderMap::new()), None);
+    }
 }

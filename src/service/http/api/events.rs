@@ -2,8 +2,7 @@
 //!
 //! A stream holds no events of its own but reads the job's log by number, a page at a time, and waits for the job's
 //! pulse when it has read all. So nothing is lost between the past and the present, a reader that drops can go on
-//! anywhere, and a slow one costs a page of memory. A stream whose token is taken back or
-//! replaced ends.
+//! anywhere, and a slow one costs a page of memory. A stream whose token is taken back or replaced ends.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -35,7 +34,6 @@ const PAGE: usize = 256;
 /// When a client of a stream that the service ended may come back.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// The query of a stream.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -108,7 +106,6 @@ pub(crate) struct StreamEvent {
         (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
         (status = 204, description = "The job has ended with that event"),
         (status = 400, response = Problematic),
-        (status = 422, response = Problematic),
     ),
 )]
 pub(crate) async fn stream(
@@ -129,11 +126,8 @@ pub(crate) async fn stream(
     if pulse.ended && after >= pulse.last_seq {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let mut tokens = shared.access.tokens();
-    // what changed since the caller was let in is not missed
-    tokens.mark_changed();
     let reader = Reader {
-        tokens,
+        tokens: shared.access.tokens(),
         caller,
         watcher: labels.then(|| shared.live.watch(id)).flatten(),
         shared,
@@ -170,7 +164,7 @@ struct Reader {
     pulses: watch::Receiver<Pulse>,
     /// Gets labels of the running job, if the client does.
     watcher: Option<Watcher>,
-    /// Who reads, and what changes when that may be over.
+    /// The client, and what changes when its token may be gone.
     caller: Caller,
     tokens: watch::Receiver<Arc<Tokens>>,
     /// Whether the last event was the last one.
@@ -181,7 +175,7 @@ impl Reader {
     /// The next event, once there is one; none at the end.
     async fn next(&mut self) -> Option<Sent> {
         loop {
-            if self.closing || (self.tokens.has_changed().unwrap_or(false) && !self.may_read()) {
+            if self.closing || !self.shared.access.still_knows(&self.caller) {
                 return None;
             }
             // the last labels come before the end; others when no event waits
@@ -207,7 +201,7 @@ impl Reader {
                         changed = self.pulses.changed() => changed.ok()?,
                         labels = next_labels(&mut self.watcher) => return labels_sent(&labels),
                         // looked at above
-                        _ = self.tokens.changed() => self.tokens.mark_changed(),
+                        _ = self.tokens.changed() => {}
                         () = stop.cancelled() => {
                             self.closing = true;
                             return Some(Sent::default().retry(RETRY).comment("the service is stopping"));
@@ -221,12 +215,6 @@ impl Reader {
                 }
             }
         }
-    }
-
-    /// Whether the token that the stream was opened with is still there.
-    fn may_read(&mut self) -> bool {
-        self.tokens.borrow_and_update();
-        self.shared.access.still_knows(&self.caller)
     }
 
     fn sent(&self, event: Event) -> Option<Sent> {

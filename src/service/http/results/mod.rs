@@ -2,9 +2,68 @@
 //! round.
 
 mod checked;
-pub(crate) mod derived;
-pub(crate) mod encoded;
-pub(crate) mod hierarchy;
-pub(crate) mod labels;
-pub(crate) mod snapshots;
+pub(crate) mod made;
 pub(crate) mod stored;
+
+use std::fmt::Display;
+use std::sync::Arc;
+
+use tesserae_mesh::artifacts::{HIERARCHY, LABELS, Need};
+use tesserae_mesh::error::{Error, Kind, Result};
+
+use crate::http::state::Shared;
+use crate::store::{Job, State, Summary};
+
+/// A job that has succeeded.
+pub(crate) struct Done {
+    pub shared: Arc<Shared>,
+    pub job: Job,
+    pub summary: Summary,
+}
+
+impl Done {
+    /// An error says why there is nothing yet, or never will be.
+    pub fn of(shared: Arc<Shared>, job: Job) -> Result<Arc<Self>> {
+        let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
+        match (job.state, job.summary.clone()) {
+            (State::Succeeded, Some(summary)) => Ok(Arc::new(Self { shared, job, summary })),
+            (State::Failed, _) => conflict(format!(
+                "the job failed and has no result: {}",
+                job.problem.as_ref().map_or("", |problem| &problem.message)
+            )),
+            (State::Cancelled, _) => Err(Error::new(Kind::Cancelled, "the job was cancelled and has no result")),
+            (State::Queued | State::Running | State::Succeeded, _) => conflict(format!(
+                "the job has no result yet; follow its events, or ask again later: it is {}",
+                job.state.name()
+            )),
+        }
+    }
+
+    /// Refuses a number of clusters for a flat job, and none for a whole hierarchy.
+    pub fn check_clusters(&self, clusters: Option<u64>) -> Result<()> {
+        let (parameters, summary) = (&self.job.spec.parameters, &self.summary);
+        match clusters {
+            Some(clusters) if !HIERARCHY.is_made(parameters) => Err(Error::new(
+                Kind::Conflict,
+                format_args!(
+                    "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
+                     clusters out, not {clusters}",
+                    summary.clusters
+                ),
+            )),
+            None if LABELS.lacks(parameters) == Some(Need::Labels) => Err(Error::new(
+                Kind::Conflict,
+                format_args!(
+                    "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, \
+                     from {} to {}",
+                    summary.clusters, summary.faces
+                ),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    fn damaged(&self, name: &str, why: impl Display) -> Error {
+        self.shared.files.damaged(self.job.id, name, why)
+    }
+}

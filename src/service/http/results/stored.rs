@@ -1,112 +1,71 @@
 //! The stored blobs of a result, and those of an upload, as responses.
 
+use std::future::Future;
 use std::ops::Range;
 use std::sync::Arc;
 
 use axum::body::Body;
 use axum::http::header;
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use futures_util::future::BoxFuture;
 use object_store::GetRange;
-use parking_lot::Mutex;
-use tesserae_mesh::artifacts::{HIERARCHY, LABELS, Need};
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::Result;
 
-use super::checked;
-use super::encoded::streamed;
+use super::{Done, checked};
+use crate::blobs::Blob;
 use crate::files::job_blobs;
 use crate::http::conditional::Opens;
 use crate::http::state::Shared;
-use crate::store::{Job, State, Summary};
+use crate::store::Job;
 
-/// What a job gave; an error that says why there is nothing yet, or never will be.
-pub(crate) fn succeeded(job: &Job) -> Result<Summary> {
-    let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
-    match (job.state, &job.summary) {
-        (State::Succeeded, Some(summary)) => Ok(summary.clone()),
-        (State::Failed, _) => conflict(format!(
-            "the job failed and has no result: {}",
-            job.problem.as_ref().map_or("", |problem| &problem.message)
-        )),
-        (State::Cancelled, _) => Err(Error::new(Kind::Cancelled, "the job was cancelled and has no result")),
-        (State::Queued | State::Running | State::Succeeded, _) => conflict(format!(
-            "the job has no result yet; follow its events, or ask again later: it is {}",
-            job.state.name()
-        )),
-    }
-}
-
-/// Refuses a number of clusters for a flat job, and none for a whole hierarchy.
-pub(crate) fn check_clusters(job: &Job, summary: &Summary, clusters: Option<u64>) -> Result<()> {
-    let parameters = &job.spec.parameters;
-    match clusters {
-        Some(clusters) if !HIERARCHY.is_made(parameters) => Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
-                 clusters out, not {clusters}",
-                summary.clusters
-            ),
-        )),
-        None if LABELS.lacks(parameters) == Some(Need::Labels) => Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, from {} \
-                 to {}",
-                summary.clusters, summary.faces
-            ),
-        )),
-        _ => Ok(()),
-    }
-}
-
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Of {
-    Upload,
-    Result,
-}
-
-/// A blob of a job from one of its bytes on, as a response that opens it once the client is known to need it.
-pub(crate) async fn stored(
-    shared: &Arc<Shared>,
-    job: &Job,
-    of: Of,
-    name: &str,
-    from: u64,
-    media_type: &'static str,
-) -> Result<Response> {
-    let (whole, upload) = match of {
-        Of::Upload => {
-            let blob = job_blobs::upload(&shared.files, shared.store.as_ref(), job, name, None).await?;
-            (blob.length(), Some(blob))
-        }
-        Of::Result => (checked::expected(job, name)?.bytes, None),
-    };
-    let upload = Mutex::new(upload);
-    let length = whole.saturating_sub(from);
-    let (shared, job, name) = (Arc::clone(shared), job.clone(), name.to_owned());
-    let open = move |range: Option<Range<u64>>| -> BoxFuture<'static, Result<Body>> {
-        let (shared, job, name) = (Arc::clone(&shared), job.clone(), name.clone());
-        let range = range.filter(|range| *range != (0..length));
-        let range = range.map(|range| GetRange::Bounded(from + range.start..from + range.end));
-        let opened = upload.lock().take().filter(|_| range.is_none());
-        Box::pin(async move {
-            if let Some(upload) = opened {
-                return Ok(upload.into_body());
-            }
-            let blob = match (of, range) {
-                (Of::Upload, range) => {
-                    job_blobs::upload(&shared.files, shared.store.as_ref(), &job, &name, range).await
+/// A blob of a result from one of its bytes on.
+pub(crate) fn stored(done: &Arc<Done>, name: &'static str, from: u64, media_type: &'static str) -> Result<Response> {
+    let length = checked::expected(done, name)?.bytes.saturating_sub(from);
+    let done = Arc::clone(done);
+    Ok(opened_when_needed(length, media_type, move |range| {
+        let done = Arc::clone(&done);
+        async move {
+            match range {
+                None => checked::whole(&done, name, from).await,
+                Some(Range { start, end }) => {
+                    checked::part(&done, name, GetRange::Bounded(from + start..from + end)).await
                 }
-                (Of::Result, None) => checked::whole(&shared, &job, &name, from).await,
-                (Of::Result, Some(range)) => checked::part(&shared, &job, &name, range).await,
-            };
-            Ok(blob?.into_body())
-        })
+            }
+        }
+    }))
+}
+
+/// A blob of an upload.
+pub(crate) async fn of_upload(shared: &Arc<Shared>, job: &Job, name: String) -> Result<Response> {
+    let length = job_blobs::upload(&shared.files, &shared.store, job, &name, None).await?.length();
+    let of = Arc::new((Arc::clone(shared), job.clone(), name));
+    Ok(opened_when_needed(length, "application/octet-stream", move |range| {
+        let of = Arc::clone(&of);
+        async move {
+            let (shared, job, name) = &*of;
+            job_blobs::upload(&shared.files, &shared.store, job, name, range.map(GetRange::Bounded)).await
+        }
+    }))
+}
+
+/// A response that opens its blob, or a part of it, once the client is known to need it.
+fn opened_when_needed<F: Future<Output = Result<Blob>> + Send + 'static>(
+    length: u64,
+    media_type: &'static str,
+    open: impl Fn(Option<Range<u64>>) -> F + Send + Sync + 'static,
+) -> Response {
+    let open = move |range: Option<Range<u64>>| -> BoxFuture<'static, Result<Body>> {
+        let blob = open(range.filter(|range| *range != (0..length)));
+        Box::pin(async { Ok(blob.await?.into_body()) })
     };
-    let mut response = streamed(length, Body::empty(), media_type);
+    let mut response = with_length(length, Body::empty(), media_type);
     response.extensions_mut().insert(Opens(Arc::new(open)));
-    Ok(response)
+    response
+}
+
+pub(super) fn with_length(length: u64, body: Body, media_type: &'static str) -> Response {
+    let headers = [(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())];
+    (headers, body).into_response()
 }
 
 /// Says under which name a result is best kept, and that there are others.

@@ -14,7 +14,7 @@ fn wanted(query: &str) -> Result<Wanted> {
 fn with_json(query: &str, json: &str) -> Result<Parameters> {
     let mut wanted = wanted(query)?;
     wanted.add_json(json.as_bytes())?;
-    wanted.finish(OBJ, Beside::default()).map(|(parameters, _)| parameters)
+    wanted.finish(OBJ, Beside::default()).map(|spec| spec.parameters)
 }
 
 #[test]
@@ -42,8 +42,7 @@ fn what_is_kept_means_the_same_in_every_form() {
     let kept = |query: &str, json: &str| {
         let mut wanted = wanted(query)?;
         wanted.add_json(json.as_bytes())?;
-        let kept = wanted.kept.clone();
-        wanted.finish(OBJ, Beside::default()).map(|_| kept)
+        wanted.finish(OBJ, Beside::default()).map(|spec| spec.kept)
     };
     let both = Kept { outputs: vec!["mesh.glb".to_owned(), "mesh.ply".to_owned()], mesh: true };
     for (query, json) in [
@@ -139,8 +138,8 @@ fn malformed_json_is_a_bad_request_and_wrong_json_a_wrong_parameter() {
 
 #[test]
 fn a_list_of_seeds_stands_for_clusters_and_excludes_seeds() {
-    let parameters = wanted("seeds=listed").and_then(|wanted| wanted.finish(OBJ, LISTED));
-    assert_eq!(parameters.map(|(found, _)| found.seeds), Ok(Seeds::Listed));
+    let spec = wanted("seeds=listed").and_then(|wanted| wanted.finish(OBJ, LISTED));
+    assert_eq!(spec.map(|spec| spec.parameters.seeds), Ok(Seeds::Listed));
     assert!(wanted("").and_then(|wanted| wanted.finish(OBJ, LISTED)).is_ok());
     assert!(wanted("").and_then(|wanted| wanted.finish(OBJ, Beside::default())).is_err());
     assert!(wanted("seeds=random").and_then(|wanted| wanted.finish(OBJ, LISTED)).is_err());
