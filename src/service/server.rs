@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use tesserae_mesh::device::Device;
 use tesserae_mesh::error::{Error, Result};
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
@@ -83,7 +83,7 @@ impl Server {
         // an error says that it was chosen before
         let _ = rustls::crypto::ring::default_provider().install_default();
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
-        let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
+        let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let (place, reserve) = (settings.storage.blobs.as_ref(), settings.storage.min_free_bytes);
         let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, extras.faults.clone())?;
@@ -260,4 +260,15 @@ async fn open_store(settings: &Settings, files: &Files, faults: Faults) -> Resul
         files.check_store()?;
     }
     Store::open(&files.database(), is_temporary, rules, faults).await
+}
+
+/// Connections that the system keeps until they are accepted: those of a second's rush; it may have a lower limit.
+const BACKLOG: u32 = 1024;
+
+fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // a restarted service takes its address again at once
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
 }

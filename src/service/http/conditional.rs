@@ -2,8 +2,7 @@
 //!
 //! A layer around the routes of results. A result never changes while its job is there, and an id is never used again:
 //! path, query and media type say which bytes they are, so the tag is made of these, and no result is read for it.
-//! Labels whose digest is known have a tag made of that instead, which is the same wherever and whenever they were
-//! made.
+//! Labels whose digest is known have a tag made of that instead, which is the same wherever they were made.
 
 use std::io;
 use std::ops::Range;

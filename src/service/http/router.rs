@@ -78,8 +78,8 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
 /// security policy and caching. The connection of a refused request with a body ends after the answer, since the rest
 /// of the body may not have been read.
 ///
-/// The access log has a line a request, of the target `tesserae::access` and without span, whose fields it holds itself.
-/// Probes have none. A line names a token by its id, never by its secret.
+/// The access log has a line a request, of the target `tesserae::access` and without a span, whose fields the line
+/// holds itself. Probes have none. A line names a token by its id, never by its secret.
 async fn every_request(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let client = origin::client(&request, &shared.settings.traffic.trusted_proxies);

@@ -32,6 +32,9 @@ const ANY_CHUNKS: u64 = 4096;
 /// and bytes that all chunks must have on average after that. A chunk takes some 2 µs.
 const BYTES_PER_CHUNK: u64 = 64;
 
+/// Bytes after which a stream gives way to other tasks.
+const TURN: usize = 1 << 16;
+
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
 const ANY_INFLATION: u64 = 1 << 20;
 
@@ -266,12 +269,17 @@ fn unreadable(error: io::Error) -> Error {
     })
 }
 
-/// A stream that gives way to other tasks before each chunk: the multipart reader polls until nothing is ready, and
+/// A stream that gives way to other tasks after each [`TURN`]: the multipart reader polls until nothing is ready, and
 /// keeps everything.
 fn paced(bytes: impl Stream<Item = Result<Bytes>> + Send + 'static) -> BoxStream<'static, Result<Bytes>> {
-    let later = |item| async {
-        yield_now().await;
-        item
+    let next = |(mut bytes, mut given): (BoxStream<'static, Result<Bytes>>, usize)| async move {
+        if given >= TURN {
+            yield_now().await;
+            given = 0;
+        }
+        let item = bytes.next().await?;
+        given += item.as_ref().map_or(0, Bytes::len);
+        Some((item, (bytes, given)))
     };
-    bytes.then(later).boxed()
+    stream::unfold((bytes.boxed(), 0), next).boxed()
 }

@@ -1,8 +1,7 @@
 //! Authentication: from tokens to tenants.
 //!
 //! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another
-//! tenant is not there. Without tokens all requests are of one tenant. A token is never logged, nor part of
-//! an error.
+//! tenant is not there. Without tokens all requests are of one tenant. A token is never logged, nor part of an error.
 
 mod file;
 pub(crate) mod tokens;

@@ -186,8 +186,8 @@ async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
     shared.store.get(job.id).await.ok().flatten().unwrap_or(job)
 }
 
-/// The time that the client wants to wait, at most [`LONGEST_WAIT`]: `wait=N` of the `Prefer` header (RFC 7240). Everything
-/// else in it is ignored, as the standard requires.
+/// The time that the client wants to wait, at most [`LONGEST_WAIT`]: `wait=N` of the `Prefer` header (RFC 7240).
+/// Everything else in it is ignored, as the standard requires.
 pub(crate) fn wait(headers: &HeaderMap) -> Option<Duration> {
     let values = headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
     let mut waits = values.flat_map(|value| value.split(',')).filter_map(|preference| {

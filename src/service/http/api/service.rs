@@ -1,4 +1,4 @@
-//! The service itself: the device, the formats, the limits, the version, the workers, the metrics, and what probes read.
+//! The service itself: the device, formats, limits, version, workers, metrics, and what probes read.
 
 use axum::Json;
 use axum::extract::{Request, State as Extract};
