@@ -13,7 +13,7 @@ fn run(connection: &Connection, sql: &str, values: &[Value]) -> rusqlite::Result
     // SQLite numbers `$1` by the order in which parameters appear, and `?1` by its number
     let text = sql.strip_suffix(" FOR UPDATE").unwrap_or(sql).replace('$', "?");
     let mut statement = connection.prepare_cached(&text)?;
-    let names: Arc<[String]> = statement.column_names().into_iter().map(ToOwned::to_owned).collect();
+    let names: Arc<[String]> = statement.column_names().map(ToOwned::to_owned).collect();
     let mut rows = statement.query(params_from_iter(values))?;
     let mut found = Vec::new();
     while let Some(row) = rows.next()? {
