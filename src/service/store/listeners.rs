@@ -86,7 +86,7 @@ impl Pulses {
         jobs.entry(id).or_default().subscribe()
     }
 
-    /// Wakes the receivers of a job, unless the last pulse was a later one. An ended job that runs again has more events.
+    /// Wakes the receivers of a job, unless the last pulse was a later one.
     pub fn publish(&self, id: JobId, pulse: Pulse) {
         if let Some(waiting) = self.0.lock().get(&id) {
             waiting.send_if_modified(|last| {

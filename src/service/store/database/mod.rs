@@ -183,7 +183,7 @@ columns! {
     i16: Integer(i64), i64::from, |number| (*number).try_into().ok();
     bool: Integer(i64), i64::from, |number| Some(*number != 0);
     SystemTime: Integer(i64), micros, |micros| Some(time(*micros));
-    Duration: Integer(i64), |length| micros(UNIX_EPOCH + length), |micros| time(*micros).duration_since(UNIX_EPOCH).ok();
+    Duration: Integer(i64), |long| micros(UNIX_EPOCH + long), |micros| time(*micros).duration_since(UNIX_EPOCH).ok();
     f64: Real(f64), |number| number, |number| Some(*number);
     String: Text(String), |text| text, |text| Some(text.clone());
     JobId: Text(String), |id| id.to_string(), |text| text.parse().ok();
