@@ -152,9 +152,9 @@ async fn look(connections: Connections, listeners: Arc<Listeners>) {
         for row in &rows {
             if let (Ok(id), Ok(pulse)) = (row.get("id"), Pulse::of(row)) {
                 deleted.remove(&id);
-                listeners.pulses.publish(id, pulse);
+                listeners.pulses.publish(id, Some(pulse));
             }
         }
-        deleted.into_iter().for_each(|id| listeners.pulses.forget(id));
+        deleted.into_iter().for_each(|id| listeners.pulses.publish(id, None));
     }
 }
