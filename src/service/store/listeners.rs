@@ -48,17 +48,12 @@ impl Listeners {
         }
     }
 
-    /// Counts a transaction of so many commands.
-    pub fn committed(&self, commands: usize, time: Duration) {
+    /// Counts a transaction of so many commands, or one that failed.
+    pub fn count(&self, commands: Option<usize>, time: Duration) {
         let mut statistics = self.statistics.lock();
-        statistics.commits += 1;
-        statistics.commands += commands as u64;
-        statistics.commit_seconds += time.as_secs_f64();
-    }
-
-    pub fn failed(&self, time: Duration) {
-        let mut statistics = self.statistics.lock();
-        statistics.failures += 1;
+        statistics.commits += u64::from(commands.is_some());
+        statistics.commands += commands.unwrap_or(0) as u64;
+        statistics.failures += u64::from(commands.is_none());
         statistics.commit_seconds += time.as_secs_f64();
     }
 }

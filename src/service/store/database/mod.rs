@@ -8,9 +8,7 @@
 pub mod postgres;
 pub mod sqlite;
 
-use std::convert::Infallible;
 use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -218,11 +216,9 @@ impl<T: FromValue> FromValue for Option<T> {
 #[derive(Clone, PartialEq, Eq)]
 pub struct StoreUrl(pub(crate) String);
 
-impl FromStr for StoreUrl {
-    type Err = Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(Self(text.to_owned()))
+impl From<&str> for StoreUrl {
+    fn from(text: &str) -> Self {
+        Self(text.to_owned())
     }
 }
 

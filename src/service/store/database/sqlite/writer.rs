@@ -135,12 +135,12 @@ impl Worker {
         let started = Instant::now();
         match self.transaction(batch) {
             Ok(effects) => {
-                self.listeners.committed(batch.len(), started.elapsed());
+                self.listeners.count(Some(batch.len()), started.elapsed());
                 self.listeners.publish(effects);
                 Ok(())
             }
             Err(error) => {
-                self.listeners.failed(started.elapsed());
+                self.listeners.count(None, started.elapsed());
                 // its state is unknown: the next transaction gets a new one
                 self.connection = None;
                 Err(self.place.note(error))
