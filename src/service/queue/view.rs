@@ -34,13 +34,11 @@ pub(crate) struct Tenant {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Waiting {
     pub urgency: i16,
-    /// Counts the jobs ever created.
     pub number: i64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Suspect {
-    /// Counts the jobs ever created.
     pub number: i64,
     pub crashes: u32,
     pub not_before: SystemTime,

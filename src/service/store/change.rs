@@ -134,7 +134,7 @@ impl Transaction<'_> {
         let rest = ending.and_then(|ending| ending.rest.as_ref());
         let whats = rest.into_iter().flat_map(|(events, _)| events).chain(&event);
         self.tell(live.number, &mut live.last_seq, whats)?;
-        let mut end = [Value::Null, Value::Null, Value::Null, Value::Null];
+        let mut end = vec![Value::Null; 4];
         match &event {
             Some(What::Queued) => live.worker_id = None,
             Some(What::Started(_, worker)) => {
@@ -145,7 +145,7 @@ impl Transaction<'_> {
                 let summary = ending.and_then(|ending| ending.end.parts().2).map(json).transpose()?;
                 let progress = rest.map(|(_, progress)| json(progress)).transpose()?;
                 let text = problem.as_ref().map(json).transpose()?;
-                end = [text.into(), summary.into(), now.into(), progress.into()];
+                end = values![text, summary, now, progress];
                 self.ended(&live, problem.as_ref(), ending, now)?;
             }
             _ => {}
@@ -153,8 +153,14 @@ impl Transaction<'_> {
         let Standing { state, attempt, uncounted, has_begun, suspicion, .. } = standing;
         let Standing { not_before, started_at, lease_until, cancel_requested, .. } = standing;
         let mut values = values![live.number, state, attempt, uncounted, has_begun, suspicion, not_before, started_at];
-        values.extend(values![lease_until, cancel_requested, live.worker.clone(), live.worker_id, live.last_seq]);
-        values.push(live.ends.into());
+        values.extend(values![
+            lease_until,
+            cancel_requested,
+            live.worker.clone(),
+            live.worker_id,
+            live.last_seq,
+            live.ends
+        ]);
         values.extend(end);
         self.rows.write(SAVE, values)?;
         self.effects.arrivals |= matches!(event, Some(What::Queued | What::End(..)));
@@ -204,7 +210,7 @@ impl Transaction<'_> {
     ) -> Result<(), Abort> {
         for what in whats {
             *last_seq += 1;
-            let [kind, data] = what.columns()?;
+            let (kind, data) = what.columns()?;
             let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
             self.rows.write(sql, values![job, *last_seq, kind, data])?;
         }
@@ -215,6 +221,6 @@ impl Transaction<'_> {
     pub fn pulse(&mut self, live: &Live) {
         let Standing { state, cancel_requested, .. } = live.standing;
         let pulse = Pulse { last_seq: live.last_seq, cancel_requested, ended: state.is_ended() };
-        self.effects.pulses.push((live.id, pulse));
+        self.effects.pulses.push((live.id, Some(pulse)));
     }
 }

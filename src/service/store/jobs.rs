@@ -212,7 +212,7 @@ impl Store {
         let receiver = self.listeners.pulses.subscribe(id);
         let sql = "SELECT last_seq, cancel_requested, state FROM jobs WHERE id = $1";
         let Some(row) = self.query("watch", sql, values![id]).await?.pop() else { return Ok(None) };
-        self.listeners.pulses.publish(id, Pulse::of(&row)?);
+        self.listeners.pulses.publish(id, Some(Pulse::of(&row)?));
         Ok(Some(receiver))
     }
 
@@ -237,10 +237,8 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     let urgency = -i16::from(spec.priority);
     let place = place(change.rows, &change.rules, &spec.tenant, *most_waiting, urgency)?;
     let mut values = values![*id, &*spec.tenant, json(spec)?, spec.webhook.clone(), spec.is_small];
-    values.push(json(&Progress::default())?.into());
-    values.push(idempotency.map(|wanted| &*wanted.key).into());
-    values.push(idempotency.map(|wanted| &*wanted.request).into());
-    values.extend(values![change.now()?, urgency]);
+    let (key, request) = (idempotency.map(|wanted| &*wanted.key), idempotency.map(|wanted| &*wanted.request));
+    values.extend(values![json(&Progress::default())?, key, request, change.now()?, urgency]);
     let Some(row) = change.rows.first(CREATE, values)? else {
         // this job was created before, and the answer was lost; or another service took the key in this moment
         if let Some(job) = find(change.rows, *id)? {
@@ -296,6 +294,6 @@ fn delete(change: &mut Transaction<'_>, id: JobId) -> Result<Deletion, Abort> {
     {
         change.rows.write(sql, values![number])?;
     }
-    change.effects.deleted.push(id);
+    change.effects.pulses.push((id, None));
     Ok(Deletion::Deleted)
 }

@@ -10,7 +10,6 @@ use tesserae_mesh::parameters::{Name, Parameters};
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct Kept {
-    /// Names of the files that are made of it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub outputs: Vec<String>,
     /// Whether the mesh or the image is kept.

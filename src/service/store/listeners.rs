@@ -12,8 +12,8 @@ use super::terms::{Pulse, Statistics};
 /// What a change leaves to be done when it is committed.
 #[derive(Debug, Default)]
 pub struct Effects {
-    pub pulses: Vec<(JobId, Pulse)>,
-    pub deleted: Vec<JobId>,
+    /// None for a job that was deleted.
+    pub pulses: Vec<(JobId, Option<Pulse>)>,
     /// Whether a job may be claimed that could not be before: it waits, or another one ended.
     pub arrivals: bool,
     pub endings: bool,
@@ -40,9 +40,6 @@ impl Listeners {
         for (id, pulse) in effects.pulses {
             self.pulses.publish(id, pulse);
         }
-        for id in effects.deleted {
-            self.pulses.forget(id);
-        }
         if effects.arrivals {
             self.arrivals.send_replace(());
         }
@@ -51,17 +48,12 @@ impl Listeners {
         }
     }
 
-    /// Counts a transaction of so many commands.
-    pub fn committed(&self, commands: usize, time: Duration) {
+    /// Counts a transaction of so many commands, or one that failed.
+    pub fn count(&self, commands: Option<usize>, time: Duration) {
         let mut statistics = self.statistics.lock();
-        statistics.commits += 1;
-        statistics.commands += commands as u64;
-        statistics.commit_seconds += time.as_secs_f64();
-    }
-
-    pub fn failed(&self, time: Duration) {
-        let mut statistics = self.statistics.lock();
-        statistics.failures += 1;
+        statistics.commits += u64::from(commands.is_some());
+        statistics.commands += commands.unwrap_or(0) as u64;
+        statistics.failures += u64::from(commands.is_none());
         statistics.commit_seconds += time.as_secs_f64();
     }
 }
@@ -86,14 +78,17 @@ impl Pulses {
         jobs.entry(id).or_default().subscribe()
     }
 
-    /// Wakes the receivers of a job, unless the last pulse was a later one. An ended job that runs again has more events.
-    pub fn publish(&self, id: JobId, pulse: Pulse) {
-        if let Some(waiting) = self.0.lock().get(&id) {
-            waiting.send_if_modified(|last| {
+    /// Wakes the receivers of a job, unless the last pulse was a later one. Without a pulse, they end.
+    pub fn publish(&self, id: JobId, pulse: Option<Pulse>) {
+        let mut jobs = self.0.lock();
+        match (pulse, jobs.get(&id)) {
+            (Some(pulse), Some(waiting)) => drop(waiting.send_if_modified(|last| {
                 let is_later = pulse > *last;
                 *last = pulse.max(*last);
                 is_later
-            });
+            })),
+            (None, Some(_)) => drop(jobs.remove(&id)),
+            (_, None) => {}
         }
     }
 
@@ -101,10 +96,6 @@ impl Pulses {
     pub fn waited_for(&self) -> Vec<JobId> {
         let jobs = self.0.lock();
         jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
-    }
-
-    pub fn forget(&self, id: JobId) {
-        self.0.lock().remove(&id);
     }
 }
 
@@ -121,18 +112,18 @@ mod tests {
             drop(pulses.subscribe(JobId::random()));
         }
         assert!(pulses.0.lock().len() < 200);
-        pulses.publish(kept, Pulse { last_seq: 7, ..Pulse::default() });
-        pulses.publish(kept, Pulse { last_seq: 3, ended: true, ..Pulse::default() });
+        pulses.publish(kept, Some(Pulse { last_seq: 7, ..Pulse::default() }));
+        pulses.publish(kept, Some(Pulse { last_seq: 3, ended: true, ..Pulse::default() }));
         assert_eq!(*waiting.borrow(), Pulse { last_seq: 7, ended: false, cancel_requested: false }, "an older one");
         for (last_seq, ended) in [(8, true), (9, false)] {
-            pulses.publish(kept, Pulse { last_seq, ended, ..Pulse::default() });
+            pulses.publish(kept, Some(Pulse { last_seq, ended, ..Pulse::default() }));
             assert_eq!(
                 *waiting.borrow(),
                 Pulse { last_seq, ended, cancel_requested: false },
                 "a job that is run again"
             );
         }
-        pulses.forget(kept);
+        pulses.publish(kept, None);
         assert!(waiting.has_changed().is_err());
     }
 }

@@ -51,7 +51,7 @@ impl Store {
             Some(State::Queued) => page!("AND state = 'queued' "),
             Some(State::Running) => page!("AND state = 'running' "),
             Some(ended) => {
-                values.push(ended.into());
+                values.extend(values![ended]);
                 page!("AND ended_at IS NOT NULL AND state = $5 ")
             }
         };

@@ -39,7 +39,6 @@ type Shown = watch::Sender<Labels>;
 #[derive(Debug, Default)]
 pub(crate) struct Live(Mutex<HashMap<JobId, Weak<Shown>>>);
 
-/// A running job, for the thread that works on it.
 #[derive(Debug)]
 pub(crate) struct Channel {
     labels: Arc<Shown>,
@@ -47,7 +46,6 @@ pub(crate) struct Channel {
     next: Mutex<Instant>,
 }
 
-/// A client that watches a job.
 #[derive(Debug)]
 pub(crate) struct Watcher {
     labels: watch::Receiver<Labels>,

@@ -4,7 +4,7 @@ use std::time::SystemTime;
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::database::{Row, Value, json, read};
+use super::database::{Row, json, read};
 use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
 use crate::queue::{State, What};
 
@@ -91,15 +91,14 @@ pub(crate) struct Event {
 }
 
 impl What {
-    pub(super) fn columns(&self) -> Result<[Value; 2]> {
-        let (kind, data) = match self {
+    pub(super) fn columns(&self) -> Result<(&'static str, String)> {
+        Ok(match self {
             Self::Queued => ("state", State::Queued.name().to_owned()),
             Self::Started(attempt, worker) => ("started", json(&(attempt, worker))?),
             Self::Iteration(row) => ("iteration", row.clone()),
             Self::Round(row) => ("round", row.clone()),
             Self::End(state, problem) => ("end", json(&(state, problem))?),
-        };
-        Ok([kind.into(), data.into()])
+        })
     }
 }
 

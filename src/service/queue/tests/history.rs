@@ -34,7 +34,7 @@ pub enum Step {
 }
 
 /// A new job, which kills its worker that many seconds after it began, if it is a killer.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct New {
     pub tenant: &'static str,
     pub priority: i8,
@@ -87,7 +87,7 @@ pub trait Stored {
 }
 
 /// A job as its client and its worker know it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Job {
     new: New,
     state: State,
@@ -129,8 +129,7 @@ impl<S: Stored> Play<'_, S> {
         match *step {
             Step::Create(new) => {
                 self.stored.create(new).await;
-                let (state, faults, is_cancelled) = (State::Queued, 0, false);
-                self.jobs.push(Job { new, state, faults, is_cancelled, worker: 0, attempt: 0, begun: None });
+                self.jobs.push(Job { new, ..Job::default() });
             }
             Step::Claim(worker, limit, newcomers) => self.claim(worker % self.stored.workers(), limit, newcomers).await,
             Step::Act(job, act) => self.act(job, act).await,
@@ -178,34 +177,30 @@ impl<S: Stored> Play<'_, S> {
         let Some(job) = job.checked_rem(self.jobs.len()) else { return };
         let Job { attempt, state, begun, .. } = self.jobs[job];
         let end = |attempt| Change::End(attempt, State::Succeeded, None);
-        let failure = || Error::new(Kind::DeviceLost, "the card fell out");
-        let change = match act {
-            Act::Begin => Change::Begin(attempt),
-            Act::End => end(attempt),
-            Act::Stale => end(attempt.wrapping_sub(1)),
-            Act::Fail => Change::Release(attempt, Some(failure())),
-            Act::Free => Change::Release(attempt, None),
-            Act::LeaseOver => Change::LeaseOver,
-            Act::Cancel => Change::Cancel,
-            Act::Retry => Change::Retry,
-        };
-        let is_allowed = match act {
-            Act::Cancel => true,
-            Act::Stale => false,
-            Act::Retry => state == State::Failed,
-            _ => state == State::Running,
+        let failure = Error::new(Kind::DeviceLost, "the card fell out");
+        let is_running = state == State::Running;
+        // with what comes of it if it is allowed: whether the job was given back by a fault
+        let (change, is_allowed, is_fault) = match act {
+            Act::Begin => (Change::Begin(attempt), is_running, None),
+            Act::End => (end(attempt), is_running, None),
+            Act::Stale => (end(attempt.wrapping_sub(1)), false, None),
+            Act::Fail => (Change::Release(attempt, Some(failure)), is_running, Some(begun.is_some())),
+            Act::Free => (Change::Release(attempt, None), is_running, Some(false)),
+            Act::LeaseOver => (Change::LeaseOver, is_running, Some(begun.is_some())),
+            Act::Cancel => (Change::Cancel, true, None),
+            Act::Retry => (Change::Retry, state == State::Failed, None),
         };
         assert_eq!(self.stored.change(job, change).await, is_allowed, "{act:?} of {job}, {state:?}");
         self.seen.push(format!("{act:?} of {job} {is_allowed}"));
         let known = &mut self.jobs[job];
         match act {
-            _ if !is_allowed => {}
-            Act::Begin => known.begun = begun.or(Some(self.elapsed)),
+            Act::Begin if is_allowed => known.begun = begun.or(Some(self.elapsed)),
             Act::Cancel => known.is_cancelled |= !state.is_ended(),
-            Act::Retry => known.faults = 0,
-            Act::Fail | Act::LeaseOver => self.gave_back(job, begun.is_some()).await,
-            Act::Free => self.gave_back(job, false).await,
-            Act::End | Act::Stale => {}
+            Act::Retry if is_allowed => known.faults = 0,
+            _ => {}
+        }
+        if let Some(is_fault) = is_fault.filter(|_| is_allowed) {
+            self.gave_back(job, is_fault).await;
         }
         self.look(job).await;
     }

@@ -27,7 +27,7 @@ mod lists;
 mod postgres;
 mod sqlite;
 
-/// Runs the suite on a database: `empty` makes a store, and `after_crash` opens what the last one has on disk right now.
+/// Runs the suite: `empty` makes a store, and `after_crash` opens what the last one has on disk right now.
 async fn run(empty: impl AsyncFn(Rules) -> Store, after_crash: impl AsyncFn() -> Store) {
     let make = async |max_queued| empty(Rules { max_queued, ..RULES }).await;
     life::a_new_job_is_as_it_was_created(&make(9).await).await;

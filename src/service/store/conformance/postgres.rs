@@ -314,7 +314,7 @@ impl Server {
         let folder = self.folder.path().display().to_string();
         self.run("createdb", &["-h", &folder, "-U", "tesserae", "--strategy=file_copy", &name]);
         let host = folder.replace('/', "%2F");
-        format!("postgres://tesserae@{host}/{name}").parse().expect("any text")
+        format!("postgres://tesserae@{host}/{name}").as_str().into()
     }
 
     fn data(&self) -> String {

@@ -8,9 +8,7 @@
 pub mod postgres;
 pub mod sqlite;
 
-use std::convert::Infallible;
 use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -23,19 +21,12 @@ use uuid::Uuid;
 use super::job::JobId;
 use crate::queue::State;
 
-#[derive(Debug, Clone, PartialEq)]
-pub enum Value {
-    Null,
-    Integer(i64),
-    Real(f64),
-    Text(String),
-    Bytes(Bytes),
-}
+pub use rusqlite::types::Value;
 
 pub type Query = (&'static str, Vec<Value>);
 
 macro_rules! values {
-    ($($value:expr),* $(,)?) => { vec![$($crate::store::database::Value::from($value)),*] };
+    ($($value:expr),* $(,)?) => { vec![$($crate::store::database::ToValue::to_value($value)),*] };
 }
 pub(in crate::store) use values;
 
@@ -149,6 +140,10 @@ pub fn time(micros: i64) -> SystemTime {
     UNIX_EPOCH + Duration::from_micros(u64::try_from(micros).unwrap_or_default())
 }
 
+pub trait ToValue {
+    fn to_value(self) -> Value;
+}
+
 pub trait FromValue: Sized {
     fn from_value(value: &Value) -> Option<Self>;
 }
@@ -156,10 +151,10 @@ pub trait FromValue: Sized {
 /// Types of columns: the kind of their values, how they are written, and how they are read.
 macro_rules! columns {
     ($($type:ty: $kind:ident($stored:ty), $write:expr, $read:expr;)*) => {
-        $(impl From<$type> for Value {
-            fn from(value: $type) -> Self {
+        $(impl ToValue for $type {
+            fn to_value(self) -> Value {
                 let write: fn($type) -> $stored = $write;
-                Self::$kind(write(value))
+                Value::$kind(write(self))
             }
         }
 
@@ -183,7 +178,7 @@ columns! {
     i16: Integer(i64), i64::from, |number| (*number).try_into().ok();
     bool: Integer(i64), i64::from, |number| Some(*number != 0);
     SystemTime: Integer(i64), micros, |micros| Some(time(*micros));
-    Duration: Integer(i64), |length| micros(UNIX_EPOCH + length), |micros| time(*micros).duration_since(UNIX_EPOCH).ok();
+    Duration: Integer(i64), |long| micros(UNIX_EPOCH + long), |micros| time(*micros).duration_since(UNIX_EPOCH).ok();
     f64: Real(f64), |number| number, |number| Some(*number);
     String: Text(String), |text| text, |text| Some(text.clone());
     JobId: Text(String), |id| id.to_string(), |text| text.parse().ok();
@@ -191,18 +186,18 @@ columns! {
     State: Text(String), |state| state.name().to_owned(), |text| {
         State::ALL.into_iter().find(|state| state.name() == text)
     };
-    Bytes: Bytes(Bytes), |bytes| bytes, |bytes| Some(bytes.clone());
+    Bytes: Blob(Vec<u8>), |bytes| bytes.into(), |bytes| Some(Bytes::copy_from_slice(bytes));
 }
 
-impl From<&str> for Value {
-    fn from(text: &str) -> Self {
-        Self::Text(text.to_owned())
+impl ToValue for &str {
+    fn to_value(self) -> Value {
+        Value::Text(self.to_owned())
     }
 }
 
-impl<T: Into<Value>> From<Option<T>> for Value {
-    fn from(value: Option<T>) -> Self {
-        value.map_or(Self::Null, Into::into)
+impl<T: ToValue> ToValue for Option<T> {
+    fn to_value(self) -> Value {
+        self.map_or(Value::Null, T::to_value)
     }
 }
 
@@ -216,16 +211,14 @@ impl<T: FromValue> FromValue for Option<T> {
 }
 
 /// Where a store is that several services share: a URL, which nothing shows, because of its password. Every text is
-/// taken here, because messages of the command line show what they refuse; the
-/// check of the settings refuses what is no such URL.
+/// taken here, because messages of the command line show what they refuse; the check of the settings refuses what is no
+/// such URL.
 #[derive(Clone, PartialEq, Eq)]
 pub struct StoreUrl(pub(crate) String);
 
-impl FromStr for StoreUrl {
-    type Err = Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(Self(text.to_owned()))
+impl From<&str> for StoreUrl {
+    fn from(text: &str) -> Self {
+        Self(text.to_owned())
     }
 }
 

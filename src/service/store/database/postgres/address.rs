@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     fn parsed(text: &str) -> Result<Config> {
-        parse(&text.parse().expect("any text"))
+        parse(&text.into())
     }
 
     #[test]

@@ -76,11 +76,12 @@ impl Postgres {
     ) -> Result<T> {
         let started = Instant::now();
         let outcome = run(&self.connections, is_change, work).await;
-        if outcome.is_ok() && is_change {
-            self.listeners.committed(1, started.elapsed());
-        }
-        if outcome.as_ref().is_err_and(|error| error.is_of_storage() || error.kind == Kind::Internal) {
-            self.listeners.failed(started.elapsed());
+        match &outcome {
+            Ok(_) if is_change => self.listeners.count(Some(1), started.elapsed()),
+            Err(error) if error.is_of_storage() || error.kind == Kind::Internal => {
+                self.listeners.count(None, started.elapsed());
+            }
+            _ => {}
         }
         let (done, effects) = outcome?;
         self.listeners.publish(effects);
@@ -137,7 +138,7 @@ async fn look(connections: Connections, listeners: Arc<Listeners>) {
             Ok((queue.get::<i64>("newest")?, queue.get::<bool>("waits")?, watched))
         });
         let Ok(((newest, waits, rows), _)) = found.await else {
-            listeners.failed(started.elapsed());
+            listeners.count(None, started.elapsed());
             continue;
         };
         let is_seldom = turn.is_multiple_of(SELDOM);
@@ -152,9 +153,9 @@ async fn look(connections: Connections, listeners: Arc<Listeners>) {
         for row in &rows {
             if let (Ok(id), Ok(pulse)) = (row.get("id"), Pulse::of(row)) {
                 deleted.remove(&id);
-                listeners.pulses.publish(id, pulse);
+                listeners.pulses.publish(id, Some(pulse));
             }
         }
-        deleted.into_iter().for_each(|id| listeners.pulses.forget(id));
+        deleted.into_iter().for_each(|id| listeners.pulses.publish(id, None));
     }
 }

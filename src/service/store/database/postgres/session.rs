@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use deadpool_postgres::Object;
+use futures_util::TryStreamExt as _;
 use futures_util::future::join_all;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
@@ -14,7 +15,7 @@ use tokio::time::{Instant, timeout_at};
 use tokio_postgres::types::{IsNull, ToSql, Type, to_sql_checked};
 use tokio_util::bytes::{Bytes, BytesMut};
 
-use super::super::{Abort, Query, Row, Rows, Value};
+use super::super::{Abort, Query, Row, Rows, ToValue as _, Value};
 use super::connections::{Connections, failure};
 
 const CLOCK: &str = "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now";
@@ -69,8 +70,10 @@ async fn send(client: &Object, queries: &[&Query]) -> Result<Vec<Vec<Row>>, toki
     let mut requests = Vec::new();
     for (sql, values) in queries {
         let statement = client.prepare_cached(sql).await?;
-        let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
-        requests.push(async move { client.query(&statement, &values).await });
+        requests.push(async move {
+            let rows = client.query_raw(&statement, values.iter().map(Bound)).await?;
+            rows.try_collect::<Vec<_>>().await
+        });
     }
     // the first polls, which send the statements, are in this order; the first statement that failed says why
     join_all(requests).await.into_iter().map(|rows| read(rows?)).collect()
@@ -88,23 +91,26 @@ fn read(rows: Vec<tokio_postgres::Row>) -> Result<Vec<Row>, tokio_postgres::Erro
 
 fn value(row: &tokio_postgres::Row, place: usize, kind: &Type) -> Result<Value, tokio_postgres::Error> {
     Ok(match *kind {
-        Type::INT8 => row.try_get::<_, Option<i64>>(place)?.into(),
-        Type::BOOL => row.try_get::<_, Option<bool>>(place)?.into(),
-        Type::FLOAT8 => row.try_get::<_, Option<f64>>(place)?.into(),
-        Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(place)?.map(Bytes::from).into(),
+        Type::INT8 => row.try_get::<_, Option<i64>>(place)?.to_value(),
+        Type::BOOL => row.try_get::<_, Option<bool>>(place)?.to_value(),
+        Type::FLOAT8 => row.try_get::<_, Option<f64>>(place)?.to_value(),
+        Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(place)?.map(Bytes::from).to_value(),
         Type::VOID => Value::Null,
-        _ => row.try_get::<_, Option<String>>(place)?.into(),
+        _ => row.try_get::<_, Option<String>>(place)?.to_value(),
     })
 }
 
-impl ToSql for Value {
+#[derive(Debug)]
+struct Bound<'v>(&'v Value);
+
+impl ToSql for Bound<'_> {
     fn to_sql(&self, kind: &Type, out: &mut BytesMut) -> Result<IsNull, Box<dyn std::error::Error + Sync + Send>> {
-        match self {
-            Self::Null => Ok(IsNull::Yes),
-            Self::Integer(number) => number.to_sql(kind, out),
-            Self::Real(number) => number.to_sql(kind, out),
-            Self::Text(text) => text.to_sql(kind, out),
-            Self::Bytes(bytes) => (&bytes[..]).to_sql(kind, out),
+        match self.0 {
+            Value::Null => Ok(IsNull::Yes),
+            Value::Integer(number) => number.to_sql(kind, out),
+            Value::Real(number) => number.to_sql(kind, out),
+            Value::Text(text) => text.to_sql(kind, out),
+            Value::Blob(bytes) => bytes.to_sql(kind, out),
         }
     }
 

@@ -2,7 +2,6 @@
 
 use std::fs::{File, TryLockError};
 use std::path::PathBuf;
-use std::time::Duration;
 
 use parking_lot::Mutex;
 use rusqlite::config::DbConfig;
@@ -18,8 +17,6 @@ const READ_CACHE: i32 = 512;
 
 /// Size to which the write-ahead log is cut back after it grew larger.
 const LOG_BYTES: u32 = 64 << 20;
-
-const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Statements that a connection keeps prepared: more than there are.
 const STATEMENTS: usize = 64;
@@ -151,7 +148,6 @@ impl DatabasePlace {
 
     fn open(&self, flags: OpenFlags) -> rusqlite::Result<Connection> {
         let connection = Connection::open_with_flags(&self.path, flags | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
-        connection.busy_timeout(PATIENCE)?;
         connection.set_prepared_statement_cache_capacity(STATEMENTS);
         // plans do not depend on what is bound; without this, some statements are prepared anew whenever something else
         // is

@@ -24,9 +24,11 @@ use crate::ops::faults::{FaultPoint, Faults};
 /// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
 const BATCH: usize = 256;
 
+/// An error means that the transaction failed.
+type Work = dyn FnMut(&mut Connection, &mut Effects) -> Result<()> + Send;
+
 struct Command {
-    /// An error means that the transaction failed.
-    run: Box<dyn FnMut(&mut Connection, &mut Effects) -> Result<()> + Send>,
+    work: Box<Work>,
     /// Gets the outcome of the transaction.
     reply: oneshot::Sender<Result<()>>,
 }
@@ -64,7 +66,7 @@ impl Writer {
     ) -> Result<T> {
         let outcome = Arc::new(Mutex::new(None));
         let kept = Arc::clone(&outcome);
-        let run = move |connection: &mut Connection, effects: &mut Effects| {
+        let work = move |connection: &mut Connection, effects: &mut Effects| {
             // a panic rolls the transaction back
             *kept.lock() = Some(match catch_unwind(AssertUnwindSafe(|| command(connection, effects))) {
                 Ok(Ok(output)) => Ok(output),
@@ -78,7 +80,7 @@ impl Writer {
             Ok(())
         };
         let (reply, answer) = oneshot::channel();
-        let sent = Command { run: Box::new(run), reply };
+        let sent = Command { work: Box::new(work), reply };
         self.commands.lock().as_ref().and_then(|commands| commands.send(sent).ok()).ok_or_else(closed)?;
         answer.await.map_err(|_| closed())??;
         outcome.lock().take().ok_or_else(closed)?
@@ -133,12 +135,12 @@ impl Worker {
         let started = Instant::now();
         match self.transaction(batch) {
             Ok(effects) => {
-                self.listeners.committed(batch.len(), started.elapsed());
+                self.listeners.count(Some(batch.len()), started.elapsed());
                 self.listeners.publish(effects);
                 Ok(())
             }
             Err(error) => {
-                self.listeners.failed(started.elapsed());
+                self.listeners.count(None, started.elapsed());
                 // its state is unknown: the next transaction gets a new one
                 self.connection = None;
                 Err(self.place.note(error))
@@ -154,7 +156,7 @@ impl Worker {
         connection.execute_batch("BEGIN IMMEDIATE").map_err(failure)?;
         let mut effects = Effects::default();
         for command in batch {
-            (command.run)(connection, &mut effects)?;
+            (command.work)(connection, &mut effects)?;
         }
         self.faults
             .hit(FaultPoint::Commit)
