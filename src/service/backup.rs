@@ -15,6 +15,7 @@ use rusqlite::types::{ToSqlOutput, Type, ValueRef};
 use rusqlite::{Connection, OpenFlags};
 use tesserae_mesh::artifacts::REPORT_JSON;
 use tesserae_mesh::error::{Error, Kind, Result};
+use walkdir::WalkDir;
 
 use crate::blobs::folder::{link, whole_files};
 use crate::files::{self, Folder, OWNER, RESULTS, UPLOADS};
@@ -224,14 +225,7 @@ fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
 
 /// Waits until a folder and everything in it is on the disk.
 fn sync(folder: &Path) -> io::Result<()> {
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        match entry.file_type()?.is_dir() {
-            true => sync(&entry.path())?,
-            false => File::open(entry.path())?.sync_all()?,
-        }
-    }
-    File::open(folder)?.sync_all()
+    WalkDir::new(folder).contents_first(true).into_iter().try_for_each(|entry| File::open(entry?.path())?.sync_all())
 }
 
 #[cfg(test)]

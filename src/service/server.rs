@@ -24,7 +24,6 @@ use crate::http::page;
 use crate::http::router::router;
 use crate::http::state::{DeviceDescription, Shared};
 use crate::metrics::Metrics;
-use crate::metrics::lag;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 use crate::ops::health::{Health, Part};
@@ -214,7 +213,7 @@ impl Server {
         let _close = close.clone().drop_guard();
         let mut serving = connections::serve(listener, router(Arc::clone(&shared)), traffic, metrics, close.clone())
             .map_err(|error| Error::io("connections cannot be accepted", error))?;
-        tasks.spawn(lag::watch(Arc::clone(&shared.metrics), close.clone()));
+        tasks.spawn(Arc::clone(&shared.metrics).watch_lag(close.clone()));
         let (followed, until) = (Arc::clone(&shared), stop.clone());
         tasks.spawn(async move { followed.access.follow(&followed.health, until).await });
         let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));

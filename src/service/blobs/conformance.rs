@@ -129,8 +129,8 @@ async fn replaced(blobs: &Blobs) {
     assert_eq!(blobs.find(&path).await.expect_err("none").kind, Kind::NotFound);
     blobs.put(&path, content(9)).await.expect("stored");
     let found = blobs.find(&path).await.expect("there");
-    assert!(found.bytes == 9 && found.tag.is_some(), "{found:?}");
-    let tag = found.tag.as_deref();
+    assert!(found.size == 9 && found.e_tag.is_some(), "{found:?}");
+    let tag = found.e_tag.as_deref();
     let range = Some(GetRange::Bounded(2..5));
     let read = async || blobs.get_tagged(&path, range.clone(), tag).await?.bytes().await;
     assert_eq!(read().await, Ok(content(9).slice(2..5)));

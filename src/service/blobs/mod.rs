@@ -76,8 +76,8 @@ impl Blobs {
         Ok(Blob(Source::Found(Box::new(found))))
     }
 
-    /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its [tag](Found::tag) is another one,
-    /// and [`Kind::Forbidden`] if it may not be read.
+    /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its tag, which changes with its
+    /// content, is another one, and [`Kind::Forbidden`] if it may not be read.
     pub async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
         let options = GetOptions { range, if_match: tag.map(str::to_owned), ..GetOptions::default() };
         let found = self.store.get_opts(path, options).await.map_err(may_not_read)?;
@@ -86,9 +86,8 @@ impl Blobs {
 
     /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there, [`Kind::Forbidden`] if it may
     /// not be read.
-    pub async fn find(&self, path: &Path) -> Result<Found> {
-        let ObjectMeta { size, e_tag, .. } = self.store.head(path).await.map_err(may_not_read)?;
-        Ok(Found { bytes: size, tag: e_tag })
+    pub async fn find(&self, path: &Path) -> Result<ObjectMeta> {
+        self.store.head(path).await.map_err(may_not_read)
     }
 
     /// The next segment of every path below a path, once each, in no order.
@@ -125,22 +124,13 @@ impl Blobs {
     /// Stores a blob, finds it, and removes it; returns the time by the clock of the place. A place that fails here is
     /// one that does not work.
     pub async fn probe(&self) -> Result<SystemTime> {
-        let below = Path::from_iter([PROBES, &Uuid::new_v4().to_string()]);
+        let below = Path::from_iter(["probes", &Uuid::new_v4().to_string()]);
         self.put(&below.clone().join("probe"), Bytes::from_static(b"probe")).await?;
         let time = self.newest(&below).await?;
         self.remove(&below).await?;
         time.ok_or_else(|| Error::new(Kind::Unavailable, "a file that was stored cannot be found"))
     }
 }
-
-#[derive(Debug, Clone)]
-pub(crate) struct Found {
-    pub bytes: u64,
-    /// Changes with its content; none where the place has none.
-    pub tag: Option<String>,
-}
-
-const PROBES: &str = "probes";
 
 /// A blob that is stored in parts. It is there when [complete](Self::complete); the parts of one that is dropped before
 /// are removed.

@@ -10,9 +10,9 @@ use sha2::{Digest, Sha256};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
 
-use super::failure::storage_error;
 use super::folder::Files;
 use super::names::Folder;
+use super::root::storage_error;
 use crate::blobs::{Blob, Parts};
 use crate::ops::faults::FaultPoint;
 use crate::store::{Contents, JobId, SmallBlob};
@@ -29,19 +29,14 @@ pub(crate) struct BlobWriter {
     buffer: Vec<u8>,
     parts: Option<Parts>,
     written: u64,
-    /// Bytes of an upload that count as long as it comes in.
-    counted: u64,
     /// Of all bytes so far; of a result only.
     sha256: Sha256,
-    /// Bytes that are held before they are written: a smaller blob is written at once.
-    part: usize,
 }
 
 impl BlobWriter {
     pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
-        let part = files.blobs.part;
         let (name, buffer, sha256) = (name.to_owned(), Vec::new(), Sha256::new());
-        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, counted: 0, sha256, part }
+        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, sha256 }
     }
 
     pub(super) fn bytes(&self) -> u64 {
@@ -72,9 +67,10 @@ impl BlobWriter {
         if !self.is_upload {
             self.sha256.update(bytes);
         }
-        let mut rest = bytes;
-        while self.buffer.len() + rest.len() >= self.part {
-            let (now, later) = rest.split_at(self.part - self.buffer.len());
+        // a smaller blob is written at once
+        let (mut rest, part) = (bytes, self.files.blobs.part);
+        while self.buffer.len() + rest.len() >= part {
+            let (now, later) = rest.split_at(part - self.buffer.len());
             self.buffer.extend_from_slice(now);
             self.write_part().await?;
             rest = later;
@@ -114,7 +110,7 @@ impl BlobWriter {
             }
         }
         // they stay
-        self.counted = 0;
+        self.written = 0;
         Ok(())
     }
 
@@ -141,7 +137,6 @@ impl BlobWriter {
         self.written += bytes;
         if self.is_upload {
             self.files.disk.uploaded(bytes);
-            self.counted += bytes;
         }
         Ok(std::mem::take(&mut self.buffer).into())
     }
@@ -149,7 +144,9 @@ impl BlobWriter {
 
 impl Drop for BlobWriter {
     fn drop(&mut self) {
-        self.files.disk.removed(self.counted);
+        if self.is_upload {
+            self.files.disk.removed(self.written);
+        }
     }
 }
 

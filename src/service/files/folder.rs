@@ -10,11 +10,9 @@ use object_store::path::Path as BlobPath;
 use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::ballast::{BALLAST, Ballast, LAST};
-use super::disk::{self, Disk};
-use super::failure::{CANNOT_REACH, cannot_make, storage_error};
+use super::disk::{self, BALLAST, Disk, LAST};
 use super::names::{Folder, RESULTS, UPLOADS};
-use super::root::{self, Root};
+use super::root::{CANNOT_REACH, Root, cannot_make, storage_error};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
 use crate::ops::blocking::blocking;
@@ -36,7 +34,6 @@ pub(crate) struct Files {
     /// Name of the store that the place of the blobs belongs to.
     pub(super) owner: Option<String>,
     pub(super) disk: Disk,
-    pub(super) ballast: Ballast,
     /// Uploads in progress; the store has no row for them.
     pub(super) incoming: Mutex<HashSet<JobId>>,
     /// Blobs that could not be written or read for reasons of the disk.
@@ -72,8 +69,7 @@ impl Files {
                 blobs.map_err(|error| cannot_make(&root.path, error))?
             }
         };
-        let ballast = Ballast::new(&root.path, disk::total_bytes(&root.path), root.is_kept());
-        let disk = Disk::new(root.path.clone(), reserve, elsewhere.is_none());
+        let disk = Disk::new(root.path.clone(), root.is_kept(), reserve, elsewhere.is_none());
         let files = Self {
             root,
             blobs,
@@ -81,7 +77,6 @@ impl Files {
             elsewhere: elsewhere.cloned(),
             owner: None,
             disk,
-            ballast,
             incoming: Mutex::default(),
             failures: AtomicU64::default(),
             stuck: AtomicU64::default(),
@@ -91,14 +86,14 @@ impl Files {
         };
         // the store needs some room to be opened
         let is_full = || files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8);
-        if is_full() && (files.ballast.give_up(BALLAST) || files.ballast.give_up(LAST)) {
+        if is_full() && (files.disk.give_up(BALLAST) || files.disk.give_up(LAST)) {
             tracing::warn!("the disk is full: the service gives up ballast to start");
         }
         Ok(files)
     }
 
     pub fn database(&self) -> PathBuf {
-        self.root.path.join(root::STORE)
+        self.root.path.join("jobs.sqlite3")
     }
 
     pub fn scratch(&self) -> PathBuf {
@@ -128,7 +123,7 @@ impl Files {
 
     /// Makes the ballast if it is missing and there is room to spare. Blocks.
     pub fn make_ballast(&self) {
-        if let Err(error) = self.ballast.make(|| self.disk.spare()) {
+        if let Err(error) = self.disk.make_ballast() {
             tracing::warn!(%error, "the ballast cannot be made; without it, a full disk may stop deletions");
         }
     }
@@ -136,7 +131,7 @@ impl Files {
     /// Gives the ballast up, so that the store can write; whether there was any.
     pub async fn give_up_ballast(self: &Arc<Self>) -> bool {
         let this = Arc::clone(self);
-        let had_any = blocking(move || this.ballast.give_up(BALLAST)).await.unwrap_or(false);
+        let had_any = blocking(move || this.disk.give_up(BALLAST)).await.unwrap_or(false);
         if had_any {
             tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
         }

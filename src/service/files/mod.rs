@@ -19,11 +19,9 @@
 //! it is on the disk when its writing returns. Whether it means anything, the store of jobs decides: an upload before
 //! its job was accepted, and the result of an attempt before it was finished, are swept away after a crash.
 
-mod ballast;
 mod blob;
 pub(crate) mod deletion;
 mod disk;
-mod failure;
 mod folder;
 mod incoming;
 pub(crate) mod job_blobs;
@@ -34,7 +32,6 @@ mod referred;
 pub(crate) mod retention;
 mod root;
 pub(crate) mod storage;
-mod sweep;
 
 pub(crate) use self::blob::BlobWriter;
 pub(crate) use self::folder::Files;

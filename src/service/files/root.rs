@@ -1,6 +1,7 @@
-//! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start.
+//! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start. Its
+//! errors.
 
-use std::fs::{File, Metadata, Permissions, TryLockError};
+use std::fs::{File, Permissions, TryLockError};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
@@ -8,12 +9,18 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::failure::cannot_make;
 use crate::ops::private;
 
-pub(super) const LOCK: &str = "lock";
+/// What clients get when the storage cannot be reached; the log says why.
+pub(super) const CANNOT_REACH: &str = "the storage of the service cannot be reached; try again later";
 
-pub(super) const STORE: &str = "jobs.sqlite3";
+pub(super) fn storage_error(what: impl std::fmt::Display, error: io::Error) -> Error {
+    Error::new(Kind::of_storage(&error), format_args!("{what}: {error}"))
+}
+
+pub(super) fn cannot_make(path: &Path, error: io::Error) -> Error {
+    Error::io(format_args!("the data folder cannot be used: {}", path.display()), error)
+}
 
 #[derive(Debug)]
 pub(super) struct Root {
@@ -24,8 +31,7 @@ pub(super) struct Root {
     /// None of a temporary folder, which no other process knows.
     pub lock: Option<File>,
     /// The folder when it was taken. It is held open, so that no other one gets its number.
-    found: Metadata,
-    _open: Option<File>,
+    taken: File,
 }
 
 impl Root {
@@ -35,7 +41,7 @@ impl Root {
     /// it is for the owner only.
     pub fn keep(path: &Path) -> Result<Self> {
         private::make_folder(path).map_err(|error| cannot_make(path, error))?;
-        let name = path.join(LOCK);
+        let name = path.join("lock");
         let mut lock = private::options().open(&name).map_err(|error| cannot_make(&name, error))?;
         match lock.try_lock() {
             Ok(()) => {}
@@ -53,11 +59,11 @@ impl Root {
             }
             Err(TryLockError::Error(error)) => return Err(cannot_make(&name, error)),
         }
-        let noted = lock.set_len(0).and_then(|()| writeln!(lock, "{}", std::process::id()));
-        match noted {
-            // the number is for messages only
-            Err(error) if error.kind() != io::ErrorKind::StorageFull => return Err(cannot_make(&name, error)),
-            Ok(()) | Err(_) => {}
+        // the number is for messages only
+        if let Err(error) = lock.set_len(0).and_then(|()| writeln!(lock, "{}", std::process::id()))
+            && error.kind() != io::ErrorKind::StorageFull
+        {
+            return Err(cannot_make(&name, error));
         }
         let path = path.canonicalize().map_err(|error| cannot_make(path, error))?;
         if let Some(mode) = private::open_mode(&path) {
@@ -68,8 +74,8 @@ impl Root {
     }
 
     fn taken(path: PathBuf, lock: Option<File>, temporary: Option<TempDir>) -> Result<Self> {
-        let found = path.metadata().map_err(|error| cannot_make(&path, error))?;
-        Ok(Self { _open: File::open(&path).ok(), path, temporary, lock, found })
+        let taken = File::open(&path).map_err(|error| cannot_make(&path, error))?;
+        Ok(Self { path, temporary, lock, taken })
     }
 
     /// Makes a temporary folder in `among`. A process that is killed leaves it.
@@ -86,8 +92,8 @@ impl Root {
 
     /// Whether the folder is still the one that was opened: not removed, unmounted, or mounted over.
     pub fn check(&self) -> io::Result<()> {
-        let now = self.path.metadata()?;
-        match (now.dev(), now.ino()) == (self.found.dev(), self.found.ino()) {
+        let (now, taken) = (self.path.metadata()?, self.taken.metadata()?);
+        match (now.dev(), now.ino()) == (taken.dev(), taken.ino()) {
             true => Ok(()),
             false => Err(io::Error::other("it was replaced by another")),
         }

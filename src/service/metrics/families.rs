@@ -1,9 +1,7 @@
 //! All metrics of the service, each defined once.
 
-use std::borrow::Cow;
 use std::sync::atomic::AtomicU64;
 
-use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::{Family, MetricConstructor};
 use prometheus_client::metrics::gauge::Gauge;
@@ -23,6 +21,10 @@ impl MetricConstructor<Histogram> for Buckets {
         Histogram::new(self.0.iter().copied())
     }
 }
+
+/// Names and values of labels.
+pub(crate) type By<const N: usize> = [(&'static str, &'static str); N];
+pub(crate) type ByText<const N: usize> = [(&'static str, String); N];
 
 type Histograms<L> = Family<L, Histogram, Buckets>;
 
@@ -61,59 +63,35 @@ macro_rules! metrics {
 }
 pub(crate) use metrics;
 
-/// Defines sets of labels.
-macro_rules! labels {
-    ($($(#[$doc:meta])* $name:ident { $($label:ident: $kind:ty),+ })+) => {$(
-        $(#[$doc])*
-        #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-        pub(crate) struct $name { $(pub $label: $kind),+ }
-    )+};
-}
-
-labels! {
-    ByState { state: &'static str }
-    ByEnd { algorithm: &'static str, state: &'static str }
-    ByStage { algorithm: &'static str, stage: &'static str }
-    ByAlgorithm { algorithm: &'static str }
-    ByAnswer { method: &'static str, route: Cow<'static, str>, status: u16 }
-    ByRoute { route: Cow<'static, str> }
-    ByOperation { operation: &'static str }
-    ByReason { reason: &'static str }
-    ByPart { part: &'static str, severity: &'static str }
-    ByOutcome { outcome: &'static str }
-    DeviceLabels { kind: &'static str, name: String, backend: String }
-    BuildLabels { version: &'static str }
-}
-
 metrics! {
     /// What is counted and measured.
     Families {
-        build: Family<BuildLabels, Gauge>, "build_info", "The release that runs";
-        device: Family<DeviceLabels, Gauge>, "device_info", "The device that clusters here";
-        attempts_failed: Family<ByReason, Counter>, "attempts_failed",
+        build: Family<By<1>, Gauge>, "build_info", "The release that runs";
+        device: Family<ByText<3>, Gauge>, "device_info", "The device that clusters here";
+        attempts_failed: Family<By<1>, Counter>, "attempts_failed",
             "Attempts at a job that failed in a way that another may not, by kind of problem";
-        poison: Family<ByReason, Counter>, "poison",
+        poison: Family<By<1>, Counter>, "poison",
             "Jobs that were given up after as many attempts as may be made, by the kind of the last problem";
-        jobs: Family<ByState, Gauge>, "jobs", "Jobs that the service knows, by state";
+        jobs: Family<By<1>, Gauge>, "jobs", "Jobs that the service knows, by state";
         queue_wait: Histogram = LONG.new_metric(), "queue_wait" [Seconds],
             "Time between acceptance and claim of a job";
-        job_seconds: Histograms<ByEnd> = Family::new_with_constructor(LONG), "job" [Seconds],
+        job_seconds: Histograms<By<2>> = Family::new_with_constructor(LONG), "job" [Seconds],
             "Time between claim and end of a job";
-        stage_seconds: Histograms<ByStage> = Family::new_with_constructor(LONG), "job_stage" [Seconds],
+        stage_seconds: Histograms<By<2>> = Family::new_with_constructor(LONG), "job_stage" [Seconds],
             "Time in a stage of a job that succeeded";
-        iterations: Family<ByAlgorithm, Counter>, "iterations", "Iterations and rounds made by jobs that succeeded";
-        faces: Family<ByAlgorithm, Counter>, "faces", "Faces of jobs that succeeded";
+        iterations: Family<By<1>, Counter>, "iterations", "Iterations and rounds made by jobs that succeeded";
+        faces: Family<By<1>, Counter>, "faces", "Faces of jobs that succeeded";
         device_busy: Seconds, "device_busy" [Seconds],
             "Time for which the device worked on jobs that it is done with; several at once count each";
         device_lost: Counter, "device_lost", "Attempts at a job that ended because the device was lost";
         device_wrong: Counter, "device_wrong",
             "Jobs that the cpu ran again, because what the device gave contradicted itself";
-        answers: Family<ByAnswer, Counter>, "http_requests", "Requests answered, by route template";
-        answer_seconds: Histograms<ByRoute> = Family::new_with_constructor(SHORT), "http_request" [Seconds],
+        answers: Family<ByText<3>, Counter>, "http_requests", "Requests answered, by route template";
+        answer_seconds: Histograms<ByText<1>> = Family::new_with_constructor(SHORT), "http_request" [Seconds],
             "Time until the head of an answer";
-        store_seconds: Histograms<ByOperation> = Family::new_with_constructor(SHORT), "store" [Seconds],
+        store_seconds: Histograms<By<1>> = Family::new_with_constructor(SHORT), "store" [Seconds],
             "Time that the store took for an operation";
-        store_errors: Family<ByOperation, Counter>, "store_errors",
+        store_errors: Family<By<1>, Counter>, "store_errors",
             "Operations of the store that failed for its own reasons";
         store_commits: Counter, "store_commits", "Transactions that the store committed";
         store_commands: Counter, "store_commands", "Changes in committed transactions";
@@ -126,14 +104,14 @@ metrics! {
         request_lag: Histogram = SHORT.new_metric(), "request_thread_lag" [Seconds],
             "How late the threads that answer requests began what was due, looked at four times a second";
         store_commit_seconds: Seconds, "store_commit" [Seconds], "Time that the store spent in transactions";
-        rejections: Family<ByReason, Counter>, "rejections", "Requests answered with an error, by kind of problem";
+        rejections: Family<By<1>, Counter>, "rejections", "Requests answered with an error, by kind of problem";
         connections: Gauge, "connections", "Open connections";
         connections_refused: Counter, "connections_refused", "Connections closed because their address had too many";
         streams: Gauge, "event_streams", "Open event streams";
         upload_bytes: Counter, "upload" [Bytes], "Bytes of meshes of accepted jobs";
         ready: Gauge, "ready", "1 when jobs are taken";
-        conditions: Family<ByPart, Gauge>, "condition", "1 for each part that is degraded or failing";
-        webhooks: Family<ByOutcome, Counter>, "webhooks", "Attempts to tell the end of a job, by what came of them";
+        conditions: Family<By<2>, Gauge>, "condition", "1 for each part that is degraded or failing";
+        webhooks: Family<By<1>, Counter>, "webhooks", "Attempts to tell the end of a job, by what came of them";
         webhooks_pending: Gauge, "webhooks_pending", "Ends of jobs that are still to be told";
         device_memory: Gauge, "device_memory" [Bytes],
             "Memory of its own that the device has allocated; 0 where it has none, as on the cpu";

@@ -1,13 +1,12 @@
 //! Numbers of the process, under the names that every Prometheus client library gives them. Where the system does not
 //! tell a number (other systems than Linux), it is 0.
 
-use std::sync::atomic::AtomicU64;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use prometheus_client::metrics::gauge::Gauge;
-use prometheus_client::registry::Registry;
 
 use super::families::{Seconds, metrics};
+use crate::ops::proc_bytes;
 
 metrics! {
     /// The metrics `process_…`.
@@ -20,33 +19,19 @@ metrics! {
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Process {
-    registry: Registry,
-    families: Families,
-}
-
-impl Process {
-    /// Registers the metrics, in a registry of their own: their names have no prefix.
-    pub fn new() -> Self {
-        let mut registry = Registry::with_prefix("process");
-        let families = Families::register(&mut registry);
-        families.started.set(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64());
-        Self { registry, families }
-    }
-
-    pub fn measured(&self) -> &Registry {
-        self.families.cpu_seconds.inner().store(cpu_seconds().to_bits(), std::sync::atomic::Ordering::Relaxed);
+impl Families {
+    /// Sets what changes while the process runs.
+    pub fn measure(&self) {
+        self.cpu_seconds.inner().store(cpu_seconds().to_bits(), Ordering::Relaxed);
         // the folder that is read is one of them
         let open = std::fs::read_dir("/proc/self/fd").map_or(0, |entries| entries.count().saturating_sub(1));
-        self.families.open_fds.set(open as i64);
+        self.open_fds.set(open as i64);
         if let Ok((limit, _)) = rlimit::Resource::NOFILE.get() {
-            self.families.max_fds.set(i64::try_from(limit).unwrap_or(i64::MAX));
+            self.max_fds.set(i64::try_from(limit).unwrap_or(i64::MAX));
         }
-        if let Some(bytes) = resident_bytes() {
-            self.families.resident.set(bytes);
+        if let Some(bytes) = proc_bytes("/proc/self/status", "VmRSS:") {
+            self.resident.set(bytes.cast_signed());
         }
-        &self.registry
     }
 }
 
@@ -54,12 +39,4 @@ impl Process {
 fn cpu_seconds() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
-}
-
-/// Memory of this process that is in use, where the system tells (Linux).
-fn resident_bytes() -> Option<i64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-    let kilobytes: i64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kilobytes * 1024)
 }

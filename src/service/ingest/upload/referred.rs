@@ -22,11 +22,11 @@ pub(super) async fn find(
     rules: &Rules,
 ) -> Result<Mesh> {
     let found = files.find_referred(tenant, url).await?;
-    if found.bytes > rules.limit {
-        return Err(rules.too_large(found.bytes));
+    if found.size > rules.limit {
+        return Err(rules.too_large(found.size));
     }
-    let referred = Referred { url: url.to_owned(), tag: found.tag };
-    let head = match found.bytes {
+    let referred = Referred { url: url.to_owned(), tag: found.e_tag };
+    let head = match found.size {
         0 => Vec::new(),
         bytes => {
             let range = GetRange::Bounded(0..bytes.min(HEAD_BYTES as u64));
@@ -34,7 +34,7 @@ pub(super) async fn find(
         }
     };
     folder.is_referred();
-    let saved = Saved { bytes: found.bytes, head, digest: None };
+    let saved = Saved { bytes: found.size, head, digest: None };
     Ok(Mesh { saved, file_name: url.rsplit('/').next().map(kept_name), format, referred: Some(referred) })
 }
 

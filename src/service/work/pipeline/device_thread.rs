@@ -92,7 +92,7 @@ impl DeviceThread {
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
         let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics });
-        shared.opened(device.as_ref());
+        shared.metrics.device_opened(device.memory_meter());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let takes_several = device.info().kind == DeviceKind::Cpu && device.another().is_some();
@@ -207,7 +207,7 @@ impl Thread {
                             task.cancel = task.cancel.counting(Arc::clone(&looks));
                             task.run(|task| devices.run(task))
                         }
-                        None => devices.open().map(drop).and(Err(Error::cancelled())),
+                        None => devices.device().map(drop).and(Err(Error::cancelled())),
                     };
                     let _ = reply.send(outcome);
                 }
@@ -218,10 +218,6 @@ impl Thread {
 }
 
 impl Shared {
-    fn opened(&self, device: &dyn Device) {
-        self.metrics.device_opened(device.memory_meter());
-    }
-
     fn lost(&self, how: &str) {
         self.health.degrade(Part::Device, format!("the device was lost and is opened anew: {how}"));
     }
@@ -265,18 +261,13 @@ impl Devices {
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
             let outcome = run(cpu);
             if is_few {
-                // a device that was lost is opened though no mesh needs it now, so that its part of the health is
-                // cleared
-                let _ = self.open();
+                // a device that was lost is opened though no mesh needs it now, for its part of the health
+                let _ = self.device();
             }
             return outcome;
         }
-        let opened = self.open();
-        let outcome = match opened {
-            Ok(()) => match &mut self.device {
-                Some(device) => run(device.as_mut()),
-                None => Err(Error::new(Kind::Internal, "a device that was opened is not there")),
-            },
+        let outcome = match self.device() {
+            Ok(device) => run(device.as_mut()),
             Err(error) => match &mut self.cpu {
                 Some(cpu) => return run(cpu),
                 None => return Err(error),
@@ -312,11 +303,16 @@ impl Devices {
         }
     }
 
-    /// Opens the device, if it is not.
-    fn open(&mut self) -> Result<()> {
-        if self.device.is_some() {
-            return Ok(());
-        }
+    /// The device, opened if it is not.
+    fn device(&mut self) -> Result<&mut Box<dyn Device>> {
+        let device = match self.device.take() {
+            Some(device) => device,
+            None => self.open()?,
+        };
+        Ok(self.device.insert(device))
+    }
+
+    fn open(&mut self) -> Result<Box<dyn Device>> {
         let refuse = |why: &str| Error::new(Kind::DeviceLost, format_args!("the device cannot be opened again: {why}"));
         let error = match &self.shared.reopen {
             // not at every mesh: looking for a device takes its time
@@ -326,11 +322,10 @@ impl Devices {
             Some(reopen) => match caught(|| reopen()) {
                 Ok(device) => {
                     tracing::info!(device = device.info().name, "the device was opened anew");
-                    self.shared.opened(device.as_ref());
-                    self.device = Some(device);
+                    self.shared.metrics.device_opened(device.memory_meter());
                     self.next_attempt = None;
                     self.shared.health.clear(Part::Device);
-                    return Ok(());
+                    return Ok(device);
                 }
                 Err(error) => refuse(&error.message),
             },

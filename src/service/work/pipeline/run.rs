@@ -1,4 +1,4 @@
-//! The run of a pipeline: jobs are claimed, worked on and ended, or given back.
+//! A pipeline and its run: jobs are claimed, worked on and ended, or given back.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -8,22 +8,56 @@ use parking_lot::Mutex;
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::job::Outcome;
-use tokio::sync::{OwnedSemaphorePermit, watch};
+use tesserae_mesh::mesh::Limits;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
-use super::bounds::AGAIN;
-use super::leases::Lease;
-use super::memory::Slot;
-use super::parts::Pipeline;
-use super::patience::Patience;
+use super::bounds::{AGAIN, Patience};
+use super::device_thread::DeviceThread;
+use super::leases::{Lease, Leases};
+use super::memory::{Memory, Slot};
 use super::rows::Log;
+use super::small::SmallMeshes;
+use crate::files::Files;
+use crate::files::storage::Storage;
+use crate::guard::access::tokens::Tokens;
+use crate::metrics::Metrics;
+use crate::ops::faults::Faults;
 use crate::ops::trace::TraceParent;
-use crate::store::{self, Claiming, End, Ending, Job, Release, State, Summary, Ticket};
+use crate::store::live::Live;
+use crate::store::{self, Claiming, End, Ending, Job, Release, State, Store, Summary, Ticket};
 
 /// Least wait for the next start, so that a start that is due does not spin.
 const EARLY: Duration = Duration::from_millis(1);
+
+pub(crate) struct Pipeline {
+    pub store: Arc<Store>,
+    pub files: Arc<Files>,
+    pub storage: Arc<Storage>,
+    pub device: DeviceThread,
+    pub limits: Limits,
+    /// Time that the device may take for a job.
+    pub time: Option<Duration>,
+    /// Time after which a job fails that cannot read or write its files.
+    pub patience: Duration,
+    /// For each mesh in memory.
+    pub slots: Arc<Semaphore>,
+    /// The one slot for a tenant without a running job.
+    pub newcomer: Arc<Semaphore>,
+    /// With what each tenant may use of the queue.
+    pub tokens: watch::Receiver<Arc<Tokens>>,
+    /// Name of this process for clients, and that of its device.
+    pub worker: Arc<str>,
+    pub device_name: String,
+    pub faults: Faults,
+    pub memory: Memory,
+    pub small: SmallMeshes,
+    pub leases: Arc<Leases>,
+    pub metrics: Arc<Metrics>,
+    pub live: Arc<Live>,
+}
 
 #[derive(Debug)]
 enum Verdict {
@@ -42,10 +76,10 @@ impl Pipeline {
         let jobs = TaskTracker::new();
         let done = CancellationToken::new();
         let (keeper, until) = (Arc::clone(&this), done.clone());
-        let leases =
-            tokio::spawn(
-                async move { keeper.leases.keep(&keeper.store, &keeper.worker, &keeper.device_name, until).await },
-            );
+        let leases = tokio::spawn(async move {
+            let Self { store, worker, device_name, leases, .. } = &*keeper;
+            leases.keep(store, worker, device_name, until).await;
+        });
         let mut arrivals = this.store.arrivals();
         while let Some(claimed) = this.next(&mut arrivals, &stop).await {
             for (slot, ticket, job) in claimed {
@@ -198,7 +232,7 @@ impl Pipeline {
         tokio::select! {
             biased;
             () = self.cancel_requested(job) => Verdict::Ended(End::Cancelled.into()),
-            () = lease.lost() => Verdict::Lost,
+            () = lease.lost.cancelled() => Verdict::Lost,
             () = abort.cancelled() => self.stopped(),
         }
     }
@@ -253,7 +287,7 @@ impl Pipeline {
                     }
                 };
                 if let (Ok(State::Failed), Release::Failed(error)) = (&outcome, &release) {
-                    self.metrics.poisoned(error.kind);
+                    self.metrics.families.poison.get_or_create(&[("reason", error.kind.slug())]).inc();
                 }
                 outcome
             }
@@ -325,4 +359,15 @@ fn log_end(end: &End, milliseconds: u64) {
         End::Cancelled => tracing::info!(milliseconds, "cancelled"),
         End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
     }
+}
+
+/// Longest name of a host that a worker is named after, in bytes.
+const MAX_HOST: usize = 128;
+
+/// Name of this process in the jobs that it works on: host name and process id.
+pub(crate) fn worker_name() -> String {
+    let file = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    let host = file.or_else(|| std::env::var("HOSTNAME").ok()).unwrap_or_default();
+    let is_name = |host: &&str| (1..=MAX_HOST).contains(&host.len()) && host.chars().all(|c| c.is_ascii_graphic());
+    format!("{}-{}", Some(host.trim()).filter(is_name).unwrap_or("tesserae"), std::process::id())
 }

@@ -54,7 +54,8 @@ pub(crate) struct Webhooks {
 
 struct Sender {
     client: reqwest::Client,
-    key: Vec<u8>,
+    /// Knows the key.
+    mac: Hmac<Sha256>,
 }
 
 impl Webhooks {
@@ -79,7 +80,7 @@ impl Webhooks {
                             format_args!("webhooks cannot be sent (are there CA certificates?): {error:?}"),
                         )
                     })?;
-                Some(Sender { client, key: read_secret(path)? })
+                Some(Sender { client, mac: read_secret(path)? })
             }
             _ => None,
         };
@@ -92,12 +93,13 @@ impl Webhooks {
     }
 }
 
-fn read_secret(path: &Path) -> Result<Vec<u8>> {
+fn read_secret(path: &Path) -> Result<Hmac<Sha256>> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| Error::io(format_args!("the secret of webhooks cannot be read: {}", path.display()), error))?;
     let text = text.trim();
     let key = STANDARD.decode(text.strip_prefix(SECRET_PREFIX).unwrap_or(text)).ok();
-    key.filter(|key| (24..=64).contains(&key.len())).ok_or_else(|| {
+    let key = key.filter(|key| (24..=64).contains(&key.len()));
+    key.and_then(|key| Hmac::new_from_slice(&key).ok()).ok_or_else(|| {
         Error::parameter(format_args!(
             "the secret of webhooks must be {SECRET_PREFIX} and 24 to 64 bytes in base64 (`echo {SECRET_PREFIX}$(head \
              -c 32 /dev/urandom | base64)` makes one); it is not, in {}",
@@ -168,19 +170,16 @@ impl Teller {
             }
         };
         let age = notice.ended_at.elapsed().unwrap_or_default();
-        let failed = match self.send(&notice).await {
-            Ok(status) if status.is_success() => None,
-            Ok(status) => Some((status == StatusCode::GONE, format!("the receiver answered {status}"))),
-            Err(error) => Some((false, error.message)),
-        };
-        let outcome = match failed {
-            None => "delivered",
-            Some((is_gone, why)) => {
+        let outcome = match self.send(&notice).await {
+            Ok(status) if status.is_success() => "delivered",
+            failed => {
+                let is_gone = failed == Ok(StatusCode::GONE);
+                let why = failed.map_or_else(|error| error.message, |status| format!("the receiver answered {status}"));
                 tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
                 if is_gone || age > GIVEN_UP_AFTER { "given_up" } else { "failed" }
             }
         };
-        self.metrics.told(outcome);
+        self.metrics.families.webhooks.get_or_create(&[("outcome", outcome)]).inc();
         if outcome == "failed" {
             return false;
         }
@@ -219,8 +218,7 @@ impl Sender {
         let body = json!({ "type": "job.ended", "timestamp": rfc3339(notice.ended_at), "data": data }).to_string();
         let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         let id = webhook_id(notice);
-        let no_key = || Error::new(Kind::Internal, "a webhook cannot be signed: no key");
-        let signature = sign(&self.key, &id, timestamp, &body).ok_or_else(no_key)?;
+        let signature = sign(self.mac.clone(), &id, timestamp, &body);
         let mut request = self
             .client
             .post(url)
@@ -242,10 +240,9 @@ impl Sender {
 }
 
 /// The signature of a delivery: `v1,` and the HMAC-SHA256 of id, timestamp and body, joined by dots.
-fn sign(key: &[u8], id: impl std::fmt::Display, timestamp: u64, body: &str) -> Option<String> {
-    let mut mac = Hmac::<Sha256>::new_from_slice(key).ok()?;
-    mac.update(format!("{id}.{timestamp}.{body}").as_bytes());
-    Some(format!("v1,{}", STANDARD.encode(mac.finalize().into_bytes())))
+fn sign(mac: Hmac<Sha256>, id: &str, timestamp: u64, body: &str) -> String {
+    let signature = mac.chain_update(format!("{id}.{timestamp}.{body}")).finalize();
+    format!("v1,{}", STANDARD.encode(signature.into_bytes()))
 }
 
 /// Reads a URL and a host.
@@ -265,8 +262,9 @@ mod tests {
     #[test]
     fn deliveries_are_signed_as_the_standard_says() {
         let key = STANDARD.decode("MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").expect("base64");
-        let signature = sign(&key, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);
-        assert_eq!(signature.as_deref(), Some("v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="));
+        let mac = Hmac::new_from_slice(&key).expect("a key");
+        let signature = sign(mac, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);
+        assert_eq!(signature, "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE=");
     }
 
     #[test]
