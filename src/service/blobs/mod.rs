@@ -84,8 +84,7 @@ impl Blobs {
         Ok(Blob(Source::Found(Box::new(found))))
     }
 
-    /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there, [`Kind::Forbidden`] if it may
-    /// not be read.
+    /// What is known of a blob without opening it. Errors as of [`Self::get_tagged`].
     pub async fn find(&self, path: &Path) -> Result<ObjectMeta> {
         self.store.head(path).await.map_err(may_not_read)
     }
@@ -121,8 +120,7 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// Stores a blob, finds it, and removes it; returns the time by the clock of the place. A place that fails here is
-    /// one that does not work.
+    /// Stores a blob, finds it, and removes it; returns the time by the clock of the place.
     pub async fn probe(&self) -> Result<SystemTime> {
         let below = Path::from_iter(["probes", &Uuid::new_v4().to_string()]);
         self.put(&below.clone().join("probe"), Bytes::from_static(b"probe")).await?;
@@ -286,8 +284,7 @@ fn may_not_read(error: object_store::Error) -> Error {
     }
 }
 
-/// The error of a blob, for clients: the first error of the system among its causes, which names no path. The log gets
-/// all of them.
+/// The error of a blob, for clients: the first error of the system among its causes, which names no path.
 fn failed(what: &str, error: object_store::Error) -> Error {
     tracing::warn!(%error, "{what}");
     let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(&error);

@@ -1,8 +1,7 @@
 //! Where blobs lie when they do not lie in the data folder: a folder, or a part of a bucket.
 //!
 //! Several processes may have one place. Nothing locks it, and nothing depends on a conditional put, which not every
-//! S3 server has: the paths of uploads and results have the id of their job in them, and the store of jobs decides what
-//! they mean.
+//! S3 server has: paths have the id of their job in them, and the store of jobs decides what they mean.
 
 use std::fmt;
 use std::path::PathBuf;

@@ -1,9 +1,11 @@
-//! The writing of a blob: as its bytes come, never all of them in memory.
+//! The writing of blobs: as their bytes come, never all of them in memory. Those of an upload that is coming in, or of a
+//! result, are kept by the store when they are small together.
 
 use std::io::{self, Write};
 use std::sync::Arc;
 
 use axum::body::Bytes;
+use futures_util::future::try_join_all;
 use object_store::GetRange;
 use object_store::path::Path as BlobPath;
 use sha2::{Digest, Sha256};
@@ -15,7 +17,7 @@ use super::names::Folder;
 use super::root::storage_error;
 use crate::blobs::{Blob, Parts};
 use crate::ops::faults::FaultPoint;
-use crate::store::{Contents, JobId, SmallBlob};
+use crate::store::{Contents, JobId, SMALL_BLOBS, SmallBlob};
 
 const CHUNK: usize = 1 << 16;
 
@@ -24,7 +26,6 @@ pub(crate) struct BlobWriter {
     files: Arc<Files>,
     folder: Folder,
     name: String,
-    /// Whether it is refused when there is no room to spare.
     is_upload: bool,
     buffer: Vec<u8>,
     parts: Option<Parts>,
@@ -43,7 +44,6 @@ impl BlobWriter {
         self.written + self.buffer.len() as u64
     }
 
-    /// What the blob of a result holds, by its name.
     pub fn contents(&self) -> (String, Contents) {
         let sha256 = self.sha256.clone().finalize().iter().map(|byte| format!("{byte:02x}")).collect();
         (self.name.clone(), Contents { bytes: self.bytes(), sha256 })
@@ -174,12 +174,93 @@ impl Write for Filling<'_> {
     }
 }
 
+/// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
+pub(crate) struct Incoming {
+    files: Arc<Files>,
+    id: JobId,
+    /// Whole blobs, as long as all are small together.
+    held: Vec<BlobWriter>,
+    /// Whether they were not, and are files.
+    has_files: bool,
+    kept: bool,
+}
+
+impl Incoming {
+    /// The mesh lies in a bucket: what comes with it lies in files.
+    pub fn is_referred(&mut self) {
+        self.has_files = true;
+    }
+
+    pub fn id(&self) -> JobId {
+        self.id
+    }
+
+    /// Starts a blob, to be [added](Self::add) when it is whole.
+    pub fn blob(&self, name: &str) -> BlobWriter {
+        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
+    }
+
+    pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
+        self.held.push(blob);
+        if self.has_files || !are_small(&self.held) {
+            self.has_files = true;
+            for blob in self.held.drain(..) {
+                blob.finish().await?;
+            }
+        }
+        Ok(())
+    }
+
+    pub async fn settle(&mut self) -> Result<Vec<SmallBlob>> {
+        settle(std::mem::take(&mut self.held)).await
+    }
+
+    /// The job was accepted: the blobs are its upload.
+    pub fn keep(mut self) {
+        self.kept = true;
+    }
+}
+
+/// Ends blobs that belong together: gives them if they are small; else makes files of them all at once, and gives none.
+pub(crate) async fn settle(blobs: Vec<BlobWriter>) -> Result<Vec<SmallBlob>> {
+    if are_small(&blobs) {
+        return blobs.into_iter().map(BlobWriter::into_small).collect();
+    }
+    try_join_all(blobs.into_iter().map(BlobWriter::finish)).await?;
+    Ok(Vec::new())
+}
+
+fn are_small(blobs: &[BlobWriter]) -> bool {
+    blobs.iter().map(BlobWriter::bytes).sum::<u64>() <= SMALL_BLOBS
+}
+
+impl Drop for Incoming {
+    fn drop(&mut self) {
+        let (files, id) = (Arc::clone(&self.files), self.id);
+        if self.kept {
+            files.incoming.lock().remove(&id);
+            return;
+        }
+        if let Ok(runtime) = Handle::try_current() {
+            runtime.spawn(async move {
+                files.remove_upload(id).await;
+                files.incoming.lock().remove(&id);
+            });
+        }
+    }
+}
+
 impl Files {
+    pub fn incoming(self: &Arc<Self>) -> Incoming {
+        let id = JobId::random();
+        self.incoming.lock().insert(id);
+        Incoming { files: Arc::clone(self), id, held: Vec::new(), has_files: false, kept: false }
+    }
+
     pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
         BlobWriter::new(Arc::clone(self), Folder::Result(job, attempt), name, false)
     }
 
-    /// Opens a blob, or a range of one.
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
         let found = self.blobs.get(&folder.path().join(name), range).await;
@@ -190,7 +271,6 @@ impl Files {
         }
     }
 
-    /// A small blob that the store kept, or a range of it.
     pub fn held(&self, bytes: &Bytes, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
         Blob::held(bytes, range)

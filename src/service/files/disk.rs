@@ -42,7 +42,6 @@ pub(super) const STORE_ROOM: u64 = 8 << 20;
 /// its writing where there is no room.
 const RESULTS: u64 = 4;
 
-/// Refuses a reserve that the disk of a folder never has: no upload would be taken.
 pub(super) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
     match total_bytes(folder) {
         Some(total) if (1..=reserve).contains(&total) => Err(Error::parameter(format_args!(
@@ -101,7 +100,6 @@ impl Disk {
         }
     }
 
-    /// Bytes that this process may still write; none where that cannot be told.
     pub fn free(&self) -> Option<u64> {
         space(&self.root).map(|(free, _)| free)
     }
@@ -148,8 +146,7 @@ impl Disk {
     }
 }
 
-/// Bytes of the file system of a folder: those that this process may still write, and all. None where that cannot be
-/// told.
+/// Bytes of the file system of a folder, if known: those that this process may still write, and all.
 fn space(folder: &Path) -> Option<(u64, u64)> {
     let found = rustix::fs::statvfs(folder).ok()?;
     let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);

@@ -3,7 +3,6 @@
 use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use object_store::path::Path as BlobPath;
@@ -15,7 +14,6 @@ use super::names::{Folder, RESULTS, UPLOADS};
 use super::root::{CANNOT_REACH, Root, cannot_make, storage_error};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
-use crate::ops::blocking::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::private;
 use crate::store::JobId;
@@ -27,7 +25,7 @@ const STORE_PART: u64 = 8;
 pub(crate) struct Files {
     pub(super) root: Root,
     pub(super) blobs: Blobs,
-    /// Where meshes may lie that no request brings, and the bucket of each place.
+    /// Where meshes may lie that no request brings, each with its bucket.
     pub(super) prefixes: Vec<(BlobPlace, Blobs)>,
     /// Where the blobs lie when they are not in the root. Other processes may use them too.
     pub(super) elsewhere: Option<BlobPlace>,
@@ -114,14 +112,13 @@ impl Files {
         self.remove_below(&Folder::Results(id).path()).await;
     }
 
-    /// Refuses more bytes of an upload, of which some were written before, when there is no room for them or no folder
-    /// any more.
+    /// Refuses `more` bytes of an upload, of which `before` were written, without room for them or without the folder.
     pub fn check_room(&self, more: u64, before: u64) -> Result<()> {
         self.check_reachable()?;
         self.disk.check(more, before)
     }
 
-    /// Makes the ballast if it is missing and there is room to spare. Blocks.
+    /// Blocks.
     pub fn make_ballast(&self) {
         if let Err(error) = self.disk.make_ballast() {
             tracing::warn!(%error, "the ballast cannot be made; without it, a full disk may stop deletions");
@@ -129,9 +126,8 @@ impl Files {
     }
 
     /// Gives the ballast up, so that the store can write; whether there was any.
-    pub async fn give_up_ballast(self: &Arc<Self>) -> bool {
-        let this = Arc::clone(self);
-        let had_any = blocking(move || this.disk.give_up(BALLAST)).await.unwrap_or(false);
+    pub async fn give_up_ballast(&self) -> bool {
+        let had_any = tokio::fs::remove_file(self.root.path.join(BALLAST)).await.is_ok();
         if had_any {
             tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
         }
@@ -145,7 +141,6 @@ impl Files {
         Error::new(Kind::Damaged, format_args!("the stored {name} is damaged, submit the mesh again: {why}"))
     }
 
-    /// Bytes that may still be written to the file system of the folder; none where the system does not tell.
     pub fn free_bytes(&self) -> Option<u64> {
         self.disk.free()
     }
@@ -200,7 +195,7 @@ impl Files {
         error
     }
 
-    /// Lets go of the folder: removes a temporary one, and lets another process have one that stays.
+    /// Removes a temporary folder, and lets another process have one that stays.
     pub async fn close(&self) {
         if let Some(folder) = &self.root.temporary {
             let _ = tokio::fs::remove_dir_all(folder.path()).await;
@@ -209,8 +204,7 @@ impl Files {
         }
     }
 
-    /// Removes all blobs below a path, and gives the number of their bytes. What cannot be removed now is swept away
-    /// later.
+    /// Removes all blobs below a path; gives the number of their bytes. What cannot be removed now, a sweep removes.
     async fn remove_below(&self, path: &BlobPath) -> u64 {
         self.blobs.remove(path).await.unwrap_or_else(|error| {
             tracing::warn!("{error}");

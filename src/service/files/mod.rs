@@ -20,10 +20,8 @@
 //! its job was accepted, and the result of an attempt before it was finished, are swept away after a crash.
 
 mod blob;
-pub(crate) mod deletion;
 mod disk;
 mod folder;
-mod incoming;
 pub(crate) mod job_blobs;
 pub(crate) mod kept_mesh;
 mod names;
@@ -33,9 +31,8 @@ pub(crate) mod retention;
 mod root;
 pub(crate) mod storage;
 
-pub(crate) use self::blob::BlobWriter;
+pub(crate) use self::blob::{BlobWriter, Incoming, settle};
 pub(crate) use self::folder::Files;
-pub(crate) use self::incoming::{Incoming, settle};
 pub(crate) use self::names::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(crate) use self::referred::check_prefixes;
 

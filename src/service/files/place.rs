@@ -4,8 +4,7 @@
 //! another place the jobs have no files. So a place keeps the name of its store as a blob, [`OWNER`]. That the store of
 //! a data folder was lost is noticed by the same blob.
 //!
-//! The room of a place elsewhere is not counted: other processes fill it too. When it is full, what is written to it
-//! fails.
+//! The room of a place elsewhere is not counted: other processes fill it too.
 
 use axum::body::Bytes;
 use object_store::path::Path as BlobPath;
@@ -17,7 +16,6 @@ use super::names::{OWNER, RESULTS, UPLOADS};
 use super::root::CANNOT_REACH;
 
 impl Files {
-    /// Whether the blobs lie elsewhere, where other processes may have theirs.
     pub fn is_shared(&self) -> bool {
         self.elsewhere.is_some()
     }
@@ -49,8 +47,7 @@ impl Files {
         )
     }
 
-    /// Takes the place of the blobs for a store of this name: checks that they are each other's, from now on where the
-    /// place has no owner and the store no jobs.
+    /// Takes the place of the blobs for a store of this name. A place without an owner becomes that of a new store.
     pub async fn take_place(&mut self, store: &str, has_jobs: bool) -> Result<()> {
         let folder = self.root.path.display();
         let place = self.elsewhere.as_ref().map_or(folder.to_string(), ToString::to_string);
@@ -91,7 +88,6 @@ impl Files {
         Ok(())
     }
 
-    /// The name of the store that the place belongs to, if it belongs to one.
     async fn owner(&self) -> Result<Option<String>> {
         match self.blobs.get(&BlobPath::from(OWNER), None).await {
             Ok(found) => Ok(Some(String::from_utf8_lossy(&found.bytes().await?).trim().to_owned())),

@@ -23,7 +23,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::folder::Files;
 use super::names::{Folder, MESH, RESULTS, UPLOADS};
-use crate::files::deletion;
+use crate::files::job_blobs;
 use crate::store::{Deletion, Job, JobId, State, Store};
 
 const AT_ONCE: usize = 100;
@@ -84,11 +84,7 @@ impl Retention {
         let kept = self.kept;
         let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
         let (mut swept, mut pause) = (Instant::now(), FIRST_SWEEP);
-        loop {
-            tokio::select! {
-                () = stop.cancelled() => return,
-                () = tokio::time::sleep(interval) => {}
-            }
+        while stop.run_until_cancelled(tokio::time::sleep(interval)).await.is_some() {
             // one service does it for all that share the store
             if !self.store.may_clean_up().await.unwrap_or(false) {
                 continue;
@@ -139,7 +135,7 @@ impl Retention {
             let old = self.store.ended_before(before, AT_ONCE).await?;
             // at once: they share a transaction, as many jobs may end as begin
             let outcomes = join_all(old.iter().map(async |id| {
-                let outcome = deletion::delete(&self.files, self.store.as_ref(), *id).await?;
+                let outcome = job_blobs::delete(&self.files, self.store.as_ref(), *id).await?;
                 if outcome == Deletion::Deleted {
                     tracing::info!(job = %id, "forgotten");
                 }

@@ -1,5 +1,4 @@
-//! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start. Its
-//! errors.
+//! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start.
 
 use std::fs::{File, Permissions, TryLockError};
 use std::io::{self, Write as _};
@@ -25,8 +24,7 @@ pub(super) fn cannot_make(path: &Path, error: io::Error) -> Error {
 #[derive(Debug)]
 pub(super) struct Root {
     pub path: PathBuf,
-    /// The folder among the system's temporary files that goes with the process; none for `--data-dir`, where
-    /// everything stays.
+    /// None for `--data-dir`, where everything stays.
     pub temporary: Option<TempDir>,
     /// None of a temporary folder, which no other process knows.
     pub lock: Option<File>,
@@ -35,10 +33,8 @@ pub(super) struct Root {
 }
 
 impl Root {
-    /// Takes the folder at `path`, which is made if need be. [`Kind::Conflict`] when another process works in it.
-    ///
-    /// The mode of a folder that is there already stays, because it may hold more than jobs; what the service makes in
-    /// it is for the owner only.
+    /// Takes the folder at `path`, which is made if need be. [`Kind::Conflict`] when another process works in it. The
+    /// mode of a folder that is there already stays, because it may hold more than jobs.
     pub fn keep(path: &Path) -> Result<Self> {
         private::make_folder(path).map_err(|error| cannot_make(path, error))?;
         let name = path.join("lock");
@@ -66,11 +62,13 @@ impl Root {
             return Err(cannot_make(&name, error));
         }
         let path = path.canonicalize().map_err(|error| cannot_make(path, error))?;
-        if let Some(mode) = private::open_mode(&path) {
-            let (folder, mode) = (path.display(), format!("{mode:04o}"));
+        let root = Self::taken(path, Some(lock), None)?;
+        let mode = root.taken.metadata().map_or(0, |found| found.permissions().mode() & 0o777);
+        if mode & 0o077 != 0 {
+            let (folder, mode) = (root.path.display(), format!("{mode:04o}"));
             tracing::warn!(%folder, mode, "other users may enter the data folder; `chmod 700` takes that away");
         }
-        Self::taken(path, Some(lock), None)
+        Ok(root)
     }
 
     fn taken(path: PathBuf, lock: Option<File>, temporary: Option<TempDir>) -> Result<Self> {

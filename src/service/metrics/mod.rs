@@ -4,7 +4,6 @@
 //! or tenant is a label. `deploy/grafana.json` draws these; a test compares the names.
 
 mod families;
-mod process;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -19,9 +18,10 @@ use tesserae_mesh::report::{DeviceInfo, DeviceKind, Report};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
-use self::families::Families;
+use self::families::{Families, Process};
 use crate::files::Files;
 use crate::ops::health::{Health, Part, Severity};
+use crate::ops::proc_bytes;
 use crate::settings::Settings;
 use crate::store::{Job, State, Store};
 
@@ -34,16 +34,15 @@ const LOOK_AT_LAG: Duration = Duration::from_millis(250);
 pub(crate) struct Metrics {
     registry: Registry,
     pub families: Families,
-    process: process::Families,
+    process: Process,
     memory_meter: Mutex<Option<MemoryMeter>>,
 }
 
 impl Metrics {
-    /// Nothing counted yet, on that device.
     pub fn new(device: &DeviceInfo, settings: &Settings) -> Self {
         let mut registry = Registry::default();
         let families = Families::register(registry.sub_registry_with_prefix("tesserae"));
-        let process = process::Families::register(registry.sub_registry_with_prefix("process"));
+        let process = Process::register(registry.sub_registry_with_prefix("process"));
         process.started.set(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64());
         families.build.get_or_create(&[("version", env!("CARGO_PKG_VERSION"))]).set(1);
         let kind = match device.kind {
@@ -82,7 +81,6 @@ impl Metrics {
         }
     }
 
-    /// A job ended in `state`, so long after its claim.
     pub fn ended(&self, job: &Job, state: State, elapsed: Duration) {
         let labels = [("algorithm", job.spec.parameters.algorithm.name()), ("state", state.name())];
         self.families.job_seconds.get_or_create(&labels).observe(elapsed.as_secs_f64());
@@ -120,14 +118,8 @@ impl Metrics {
     }
 
     pub fn answered(&self, method: &axum::http::Method, route: &str, status: u16, elapsed: Duration) {
-        let method = match method.as_str() {
-            "GET" => "GET",
-            "HEAD" => "HEAD",
-            "POST" => "POST",
-            "DELETE" => "DELETE",
-            "OPTIONS" => "OPTIONS",
-            _ => "other",
-        };
+        let known = ["GET", "HEAD", "POST", "DELETE", "OPTIONS"].contains(&method.as_str());
+        let method = if known { method.as_str() } else { "other" };
         let route = ("route", route.to_owned());
         let labels = [("method", method.to_owned()), route.clone(), ("status", status.to_string())];
         self.families.answers.get_or_create(&labels).inc();
@@ -189,10 +181,25 @@ impl Metrics {
         families.queue_oldest.set(age.as_secs_f64());
         let meter = self.memory_meter.lock().clone();
         families.device_memory.set(meter.and_then(|meter| meter()).unwrap_or(0).cast_signed());
-        self.process.measure();
+        self.measure_process();
         let mut text = String::new();
         let encoded = encode(&mut text, &self.registry);
         encoded.map_err(|error| Error::new(Kind::Internal, format_args!("metrics cannot be written: {error}")))?;
         Ok(text)
+    }
+
+    fn measure_process(&self) {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        let seconds = time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9;
+        self.process.cpu_seconds.inner().store(seconds.to_bits(), Ordering::Relaxed);
+        // the folder that is read is one of them
+        let open = std::fs::read_dir("/proc/self/fd").map_or(0, |entries| entries.count().saturating_sub(1));
+        self.process.open_fds.set(open as i64);
+        if let Ok((limit, _)) = rlimit::Resource::NOFILE.get() {
+            self.process.max_fds.set(i64::try_from(limit).unwrap_or(i64::MAX));
+        }
+        if let Some(bytes) = proc_bytes("/proc/self/status", "VmRSS:") {
+            self.process.resident.set(bytes.cast_signed());
+        }
     }
 }

@@ -31,18 +31,15 @@ pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) 
 pub(super) async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
     let Some(limit) = limit else { return work.await };
     tokio::time::timeout(limit, work).await.unwrap_or_else(|_| {
-        Err(Error::new(
-            Kind::TimeLimit,
-            format_args!(
-                "the job took longer, on the device and for its results, than a job may, {} s (the service's \
-                 --max-job-seconds); try a smaller mesh, or fewer iterations (max_iterations)",
-                limit.as_secs()
-            ),
-        ))
+        let why = format_args!(
+            "the job took longer, on the device and for its results, than a job may, {} s (the service's \
+             --max-job-seconds); try a smaller mesh, or fewer iterations (max_iterations)",
+            limit.as_secs()
+        );
+        Err(Error::new(Kind::TimeLimit, why))
     })
 }
 
-/// Time after which a job fails that cannot read or write its files.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
 
 /// The first pause doubles with every attempt.
@@ -59,7 +56,7 @@ pub(super) struct Patience {
 }
 
 impl Patience {
-    /// None yet; the job fails when they take longer than `limit`.
+    /// The job fails when they take longer than `limit`.
     pub fn new(files: &Arc<Files>, limit: Duration) -> Self {
         Self { files: Arc::clone(files), limit, pause: FIRST_PAUSE, since: None }
     }
@@ -74,8 +71,7 @@ impl Patience {
         }
     }
 
-    /// Waits after an attempt that failed, until the next one is due. Gives the error of the job when none is: when
-    /// the storage is not at fault, or took too long.
+    /// Waits until the next attempt. The error of the job when the storage is not at fault, or took too long.
     pub async fn wait(&mut self, error: Error) -> Result<()> {
         if !error.is_of_storage() {
             return Err(error);
@@ -85,15 +81,13 @@ impl Patience {
             Instant::now()
         });
         if since.elapsed() >= self.limit {
-            return Err(Error::new(
-                Kind::InsufficientStorage,
-                format_args!(
-                    "the files of the job could not be read or written for {} s; its upload is kept until the job is \
-                     deleted: once the storage of the service works, POST to its path followed by /retry; the last \
-                     failure: {error}",
-                    self.limit.as_secs()
-                ),
-            ));
+            let why = format_args!(
+                "the files of the job could not be read or written for {} s; its upload is kept until the job is \
+                 deleted: once the storage of the service works, POST to its path followed by /retry; the last \
+                 failure: {error}",
+                self.limit.as_secs()
+            );
+            return Err(Error::new(Kind::InsufficientStorage, why));
         }
         tracing::warn!(%error, pause = ?self.pause, "a file of the job cannot be read or written");
         tokio::time::sleep(self.pause).await;

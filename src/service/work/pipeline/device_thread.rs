@@ -1,14 +1,10 @@
 //! The one thread that uses the device: it clusters prepared meshes one after the other. A cpu device works in a thread
-//! pool, for which this thread waits.
-//!
-//! The turn of a job ends when the device has delivered labels and energies; results are made of them on the cpu pool.
+//! pool, for which this thread waits. Results are made of labels and energies beside the next mesh.
 //!
 //! Failures of the device are handled here. A device that was lost is opened anew before the next mesh. A device that
 //! shows no sign of life is abandoned with its thread, and a new thread starts. If the service may use the cpu instead,
 //! the cpu takes meshes that lost the device before, and all meshes while there is no device. Otherwise a device that
-//! cannot be opened makes the service not ready, and no job begins until it can be opened.
-//!
-//! A device that computed wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes
+//! cannot be opened makes the service not ready, and no job begins until it can be opened. A device that computed wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes
 //! no part otherwise.
 //!
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
@@ -21,20 +17,21 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 use rayon::ThreadPool;
-use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Cancel, Device};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{Clustered, Outcome, instead_of_gpu};
+use tesserae_mesh::job::{self, Clustered, Outcome, Prepared, instead_of_gpu};
 use tesserae_mesh::report::DeviceKind;
 use tokio::sync::oneshot;
 
 use super::bounds::{caught, pool, within};
+use super::memory::Slot;
+use super::rows::OnRow;
 use super::small::{SMALL_FACES, SmallMeshes};
-use super::task::{Done, Task};
 use super::turns::Line;
 use crate::metrics::Metrics;
 use crate::ops::blocking::blocking;
-use crate::ops::faults::Faults;
+use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::health::{Health, Part, Severity};
 
 /// Opens the device of the service anew.
@@ -42,6 +39,54 @@ pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
 
 /// Time between two attempts to open a device that could not be opened.
 const REOPEN: Duration = Duration::from_secs(10);
+
+/// A mesh on its way through the device.
+pub(super) struct Task {
+    pub prepared: Arc<Prepared>,
+    /// Requests a stop. Every look at it counts as a sign of life of the device's thread.
+    pub cancel: Cancel,
+    /// About how much work it is, to tell short meshes from long ones; not 0.
+    pub cost: u64,
+    /// Whether an earlier attempt at this mesh failed, maybe with the device.
+    pub is_retry: bool,
+    /// Receives every row of the report.
+    pub on_row: OnRow,
+    /// Where the lines of the log belong.
+    pub span: tracing::Span,
+    /// Freed when the mesh is: other meshes wait for its place in memory.
+    pub slot: Slot,
+}
+
+/// A mesh that the device is done with.
+pub(super) struct Done {
+    prepared: Arc<Prepared>,
+    clustered: Clustered,
+    _slot: Slot,
+}
+
+impl Task {
+    /// All rows of the job are delivered, and after a failure its place is free, when this returns.
+    fn run(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
+        let span = self.span.clone();
+        let clustered = span.in_scope(|| caught(|| work(&mut self)))?;
+        Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
+    }
+
+    fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
+        let started = Instant::now();
+        let clustered = job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row);
+        metrics.families.device_busy.inc_by(started.elapsed().as_secs_f64());
+        clustered
+    }
+}
+
+impl Done {
+    /// Makes results, and frees the mesh.
+    fn finish(self, faults: &Faults) -> Result<Outcome> {
+        faults.hit(FaultPoint::Finish).map_err(|error| Error::io("the results cannot be made", error))?;
+        job::finish(&self.prepared, self.clustered)
+    }
+}
 
 /// A task and the way back for its outcome, whose receiver may be gone.
 struct Submitted {
@@ -79,9 +124,8 @@ struct Shared {
 }
 
 impl DeviceThread {
-    /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device
-    /// cannot, or is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another
-    /// one.
+    /// With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or is slow at.
+    /// A device without a sign of life for `timeout` counts as lost; `reopen` then opens another one.
     pub fn start(
         device: Box<dyn Device>,
         cpu_below_faces: Option<u64>,
@@ -102,7 +146,6 @@ impl DeviceThread {
         Ok(Self { shared, like, thread, line: Line::default(), beside, timeout })
     }
 
-    /// Clusters a mesh on a thread beside that of the device, and makes its results.
     async fn run_beside(
         &self,
         mut device: Box<dyn Device>,
@@ -171,10 +214,8 @@ impl DeviceThread {
                 self.shared.lost("it showed no sign of life");
                 let thread = Thread::start(Devices::new(None, &self.shared)?)?;
                 *self.thread.lock() = thread;
-                Err(Error::new(
-                    Kind::DeviceLost,
-                    format_args!("the device showed no sign of life for {:?}", self.timeout),
-                ))
+                let why = format_args!("the device showed no sign of life for {:?}", self.timeout);
+                Err(Error::new(Kind::DeviceLost, why))
             }
         }
     }
@@ -232,7 +273,6 @@ struct Devices {
     /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, so that none of those
     /// holds it up.
     workers: Option<Arc<ThreadPool>>,
-    /// When a device that cannot be opened is tried again.
     next_attempt: Option<Instant>,
 }
 

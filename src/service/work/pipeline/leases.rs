@@ -1,7 +1,5 @@
 //! Leases: a task prolongs those of this process's jobs, returns jobs whose lease is over to the queue, and announces
-//! the process for the list of workers, on which nothing depends.
-//!
-//! The task runs on the runtime, not on the thread of the device: a long step on the device costs no lease.
+//! the process for the list of workers. It runs on the runtime: a long step on the device costs no lease.
 
 use std::collections::HashMap;
 use std::sync::Arc;

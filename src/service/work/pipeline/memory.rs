@@ -83,9 +83,8 @@ impl Slot {
         Self(Arc::new((slot, OnceLock::new())))
     }
 
-    /// Holds the job's share of memory, too.
+    /// Holds the one share of memory of the job, too.
     pub fn holds(&self, memory: Held) {
-        // a job has one share
         let _ = self.0.1.set(memory);
     }
 }
@@ -98,7 +97,6 @@ impl Memory {
         Self { total, left: Arc::new(Semaphore::new(units)), reading: Arc::default() }
     }
 
-    /// Waits for the bytes of a job's files.
     pub async fn read(&self, bytes: u64) -> Result<Reading> {
         check(self.total, bytes, "its files")?;
         let is_small = bytes <= SMALL_BYTES && bytes + SMALL <= self.total;
@@ -109,7 +107,6 @@ impl Memory {
 }
 
 impl Reading {
-    /// Whether the mesh is small as far as its files tell.
     pub fn may_be_small(&self) -> bool {
         self.turn.is_none()
     }
@@ -143,7 +140,6 @@ impl Needed {
         Self { bytes: faces.saturating_mul(bytes_a_face), items: faces, noun: "faces" }
     }
 
-    /// That of points, in a flat clustering or in a hierarchy.
     pub fn of_points(size: Size, is_hierarchical: bool) -> Self {
         let Size { items, dimensions, neighbours, inflated } = size;
         // as uploaded and on the lattice
@@ -175,7 +171,7 @@ fn check(total: u64, needed: u64, what: impl std::fmt::Display) -> Result<()> {
     Ok(())
 }
 
-/// Bytes of memory of the container or the machine; none where that is not known.
+/// Bytes of memory of the container or the machine.
 fn machine() -> Option<u64> {
     let container = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
     let container = container.and_then(|text| text.trim().parse::<u64>().ok());

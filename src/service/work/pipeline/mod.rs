@@ -20,7 +20,6 @@ mod rows;
 mod run;
 mod small;
 mod stages;
-mod task;
 mod turns;
 
 pub(crate) use self::bounds::PATIENCE;

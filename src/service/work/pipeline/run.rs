@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 use tesserae_mesh::device::Cancel;
-use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::Outcome;
 use tesserae_mesh::mesh::Limits;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
@@ -38,11 +38,8 @@ pub(crate) struct Pipeline {
     pub storage: Arc<Storage>,
     pub device: DeviceThread,
     pub limits: Limits,
-    /// Time that the device may take for a job.
     pub time: Option<Duration>,
-    /// Time after which a job fails that cannot read or write its files.
     pub patience: Duration,
-    /// For each mesh in memory.
     pub slots: Arc<Semaphore>,
     /// The one slot for a tenant without a running job.
     pub newcomer: Arc<Semaphore>,
@@ -166,7 +163,6 @@ impl Pipeline {
         }
     }
 
-    /// Works on one job until it ends or is released.
     async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
         let started = Instant::now();
         self.metrics.claimed(&job);
@@ -199,8 +195,7 @@ impl Pipeline {
         self.conclude(ticket, &job, verdict, &log, started, &abort).await;
     }
 
-    /// Writes the result of an attempt, until that works, takes too long, or is broken off. Nothing is broken off while
-    /// files are being written.
+    /// Writes the result of an attempt, until that works, takes too long, or is broken off between two attempts.
     async fn write_or_wait(
         &self,
         slot: Slot,
@@ -259,18 +254,10 @@ impl Pipeline {
                 self.metrics.ended(job, state, started.elapsed());
                 may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
                 ending.rest = log.lock().clone();
-                loop {
-                    match self.store.end(ticket, ending.clone()).await {
-                        Err(error) if self.may_try_again(&error, abort).await => {
-                            // the end of a job makes room later, and takes some first
-                            let is_full = error.kind == Kind::InsufficientStorage;
-                            if is_full && state != State::Succeeded {
-                                self.files.give_up_ballast().await;
-                            }
-                        }
-                        outcome => break outcome.map(|()| state),
-                    }
-                }
+                // the end of a job makes room later, and takes some first
+                let makes_room = state != State::Succeeded;
+                let stored = self.until_stored(abort, makes_room, || self.store.end(ticket, ending.clone()));
+                stored.await.map(|()| state)
             }
             Verdict::Released(release) => {
                 match &release {
@@ -280,12 +267,8 @@ impl Pipeline {
                     }
                     Release::Free => tracing::info!(milliseconds, "broken off; it waits again"),
                 }
-                let outcome = loop {
-                    match self.store.release(ticket, release.clone()).await {
-                        Err(error) if self.may_try_again(&error, abort).await => {}
-                        outcome => break outcome,
-                    }
-                };
+                let stored = self.until_stored(abort, false, || self.store.release(ticket, release.clone()));
+                let outcome = stored.await;
                 if let (Ok(State::Failed), Release::Failed(error)) = (&outcome, &release) {
                     self.metrics.families.poison.get_or_create(&[("reason", error.kind.slug())]).inc();
                 }
@@ -305,20 +288,28 @@ impl Pipeline {
         }
     }
 
-    /// Waits a while when the disk failed; whether to try again then: until it is time to go.
-    async fn may_try_again(&self, error: &Error, abort: &CancellationToken) -> bool {
-        if !error.is_of_storage() || abort.is_cancelled() {
-            return false;
+    /// Writes to the store, again and again while the disk fails, until it is time to go. What makes room later may use
+    /// the ballast.
+    async fn until_stored<T, F: Future<Output = Result<T>>>(
+        &self,
+        abort: &CancellationToken,
+        makes_room: bool,
+        mut write: impl FnMut() -> F,
+    ) -> Result<T> {
+        loop {
+            match write().await {
+                Err(error) if error.is_of_storage() && !abort.is_cancelled() => {
+                    tracing::warn!(%error, "what happened cannot be stored yet");
+                    abort.run_until_cancelled(tokio::time::sleep(AGAIN)).await;
+                    if makes_room && error.kind == Kind::InsufficientStorage {
+                        self.files.give_up_ballast().await;
+                    }
+                }
+                outcome => return outcome,
+            }
         }
-        tracing::warn!(%error, "what happened cannot be stored yet");
-        tokio::select! {
-            () = tokio::time::sleep(AGAIN) => {}
-            () = abort.cancelled() => {}
-        }
-        true
     }
 
-    /// Completes when the job is to be cancelled.
     async fn cancel_requested(&self, job: &Job) {
         let asked = loop {
             match self.store.watch(job.id).await {
@@ -364,7 +355,7 @@ fn log_end(end: &End, milliseconds: u64) {
 /// Longest name of a host that a worker is named after, in bytes.
 const MAX_HOST: usize = 128;
 
-/// Name of this process in the jobs that it works on: host name and process id.
+/// Name of this process in the jobs that it works on.
 pub(crate) fn worker_name() -> String {
     let file = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
     let host = file.or_else(|| std::env::var("HOSTNAME").ok()).unwrap_or_default();

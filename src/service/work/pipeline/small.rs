@@ -2,9 +2,7 @@
 //!
 //! Threads that share a small mesh lose more time on synchronisation than they gain: 5,000 faces take one thread about
 //! as long as two (measured), so two at a time are done twice as fast. Their pools have one thread each; parallel code
-//! runs sequentially there. [`Device::another`] says whether a device takes several meshes at a time.
-//!
-//! [`Device::another`]: tesserae_mesh::device::Device::another
+//! runs sequentially there. `Device::another` says whether a device takes several meshes at a time.
 
 use std::sync::Arc;
 use std::thread::available_parallelism;
@@ -58,7 +56,6 @@ impl SmallMeshes {
         Ok(Self { idle: Mutex::new(idle), back })
     }
 
-    /// A thread without work, once there is one.
     pub async fn thread(&self) -> Result<Thread> {
         let pool = self.idle.lock().await.recv().await.ok_or_else(gone)?;
         Ok(Thread { pool, back: self.back.clone() })

@@ -19,10 +19,10 @@ use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::bounds::{AGAIN, Patience, caught};
+use super::device_thread::Task;
 use super::memory::{Needed, Reading, Slot};
 use super::rows::{Inbox, Log};
 use super::run::Pipeline;
-use super::task::Task;
 use crate::blobs::Blob;
 use crate::files::{self, BlobWriter, settle};
 use crate::files::{job_blobs, kept_mesh};
@@ -107,8 +107,7 @@ impl Pipeline {
         Ok((summary, small))
     }
 
-    /// Reads the files of an upload, when there is memory for them; gives the time in milliseconds, too. The wait for
-    /// memory is no failure.
+    /// Reads the files of an upload, when there is memory for them; gives the time in milliseconds, too.
     async fn read(&self, ticket: Ticket, job: &Job) -> Result<(Reading, Contents, f64)> {
         let spec = &job.spec;
         let mut patience = Patience::new(&self.files, self.patience);

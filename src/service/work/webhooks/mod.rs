@@ -17,7 +17,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use hmac::{Hmac, KeyInit as _, Mac as _};
-use reqwest::{StatusCode, Url};
+use reqwest::StatusCode;
 use serde_json::json;
 use sha2::Sha256;
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -38,24 +38,17 @@ const PATIENCE: Duration = Duration::from_secs(15);
 const PAUSE: Duration = Duration::from_secs(5);
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
-/// Time after the end of a job after which its webhook is given up.
 const GIVEN_UP_AFTER: Duration = Duration::from_secs(24 * 3600);
 
-/// How long the store is left alone after it failed.
+/// Pause after a failure of the store.
 const BREATHER: Duration = Duration::from_secs(5);
 
 const SECRET_PREFIX: &str = "whsec_";
 
 pub(crate) struct Webhooks {
     targets: Targets,
-    /// None where no webhooks are allowed.
-    sender: Option<Sender>,
-}
-
-struct Sender {
-    client: reqwest::Client,
-    /// Knows the key.
-    mac: Hmac<Sha256>,
+    /// What sends, and what signs with the key; none where no webhooks are allowed.
+    sender: Option<(reqwest::Client, Hmac<Sha256>)>,
 }
 
 impl Webhooks {
@@ -75,19 +68,16 @@ impl Webhooks {
                     .dns_resolver(Arc::new(targets.clone()))
                     .build()
                     .map_err(|error| {
-                        Error::new(
-                            Kind::Unavailable,
-                            format_args!("webhooks cannot be sent (are there CA certificates?): {error:?}"),
-                        )
+                        let why = format_args!("webhooks cannot be sent (are there CA certificates?): {error:?}");
+                        Error::new(Kind::Unavailable, why)
                     })?;
-                Some(Sender { client, mac: read_secret(path)? })
+                Some((client, read_secret(path)?))
             }
             _ => None,
         };
         Ok(Self { targets, sender })
     }
 
-    /// Refuses a webhook that would go where none may.
     pub fn check(&self, webhook: &str) -> Result<()> {
         self.targets.check(webhook).map(drop)
     }
@@ -195,32 +185,18 @@ impl Teller {
     async fn send(&self, notice: &Notice) -> Result<StatusCode> {
         let (url, places) = self.webhooks.targets.check(&notice.webhook)?;
         let sender = self.webhooks.sender.as_ref();
-        let sender = sender.ok_or_else(|| Error::new(Kind::Unavailable, "there is no secret to sign it with"))?;
+        let no_secret = || Error::new(Kind::Unavailable, "there is no secret to sign it with");
+        let (client, mac) = sender.ok_or_else(no_secret)?;
         // they are never closed
         let _place = places.acquire().await.ok();
-        sender.send(url, notice).await
-    }
-}
-
-/// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.
-fn webhook_id(notice: &Notice) -> String {
-    match notice.end {
-        0 | 1 => notice.job.to_string(),
-        end => format!("{}.{end}", notice.job),
-    }
-}
-
-impl Sender {
-    async fn send(&self, url: Url, notice: &Notice) -> Result<StatusCode> {
         let path = urls::path(notice.job);
         let problem = notice.problem.as_ref().map(|error| Problem::new(error, &path));
         let data = json!({ "id": notice.job, "state": notice.state, "problem": problem, "url": path });
         let body = json!({ "type": "job.ended", "timestamp": rfc3339(notice.ended_at), "data": data }).to_string();
         let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         let id = webhook_id(notice);
-        let signature = sign(self.mac.clone(), &id, timestamp, &body);
-        let mut request = self
-            .client
+        let signature = sign(mac.clone(), &id, timestamp, &body);
+        let mut request = client
             .post(url)
             .header("content-type", "application/json")
             .header("webhook-id", id)
@@ -236,6 +212,14 @@ impl Sender {
             let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}")).unwrap_or_default();
             Error::new(Kind::Unavailable, format_args!("{error}{cause}"))
         })
+    }
+}
+
+/// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.
+fn webhook_id(notice: &Notice) -> String {
+    match notice.end {
+        0 | 1 => notice.job.to_string(),
+        end => format!("{}.{end}", notice.job),
     }
 }
 

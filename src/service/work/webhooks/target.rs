@@ -12,7 +12,7 @@ use tokio::sync::Semaphore;
 
 use crate::settings::WebhookHost;
 
-/// Deliveries at a time to one host.
+/// Deliveries at a time.
 const PER_HOST: usize = 8;
 
 /// Longest URL of a webhook, in bytes.
@@ -20,7 +20,6 @@ const MAX_BYTES: usize = 2048;
 
 #[derive(Debug, Clone, Default)]
 pub(super) struct Targets {
-    /// Each with its places.
     hosts: Arc<HashMap<WebhookHost, Semaphore>>,
 }
 
