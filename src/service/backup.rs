@@ -58,15 +58,15 @@ impl Wanted {
 /// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not,
 /// [`Kind::NotFound`] when `from` holds no store of jobs. Where it fails, `to` is as it was before.
 pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
-    let found = match from.join(STORE).metadata() {
+    match from.join(STORE).metadata() {
+        Ok(found) if found.len() > 0 => {}
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             return Err(Error::io(format_args!("the data folder cannot be read: {}", from.display()), error));
         }
-        found => found,
-    };
-    if !found.is_ok_and(|found| found.len() > 0) {
-        let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
-        return Err(Error::new(Kind::NotFound, message));
+        _ => {
+            let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
+            return Err(Error::new(Kind::NotFound, message));
+        }
     }
     let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
     if is_within(to, from).map_err(cannot_write)? {
@@ -110,13 +110,11 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     link(from, to, Path::new(OWNER)).map_err(cannot_write)?;
     let is_elsewhere = !to.join(OWNER).exists();
     if is_elsewhere && !all_files(to).is_empty() {
-        return Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "the data folder has files of jobs and no file {OWNER}: start a service there first: {}",
-                from.display()
-            ),
-        ));
+        let folder = from.display();
+        let message = format_args!(
+            "the data folder has files of jobs and no file {OWNER}: start a service there first: {folder}"
+        );
+        return Err(Error::new(Kind::Conflict, message));
     }
     let failed = |error: rusqlite::Error| {
         Error::new(Kind::Io, format_args!("the store of jobs cannot be copied to {}: {error}", copy.display()))

@@ -31,7 +31,7 @@ use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
 use crate::store::{Rules, Store};
 use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
-use crate::work::pipeline::{Memory, PATIENCE, Pipeline, SmallMeshes, worker_name};
+use crate::work::pipeline::{Memory, PATIENCE, Pipeline, worker_name};
 use crate::work::webhooks::{Teller, Webhooks};
 
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
@@ -142,7 +142,6 @@ impl Server {
             tokens: access.tokens(),
             worker: worker_name().into(),
             device_name: description.info.name.clone(),
-            faults: extras.faults.clone(),
             store: Arc::clone(&store),
             files: Arc::clone(&files),
             storage: Arc::clone(&storage),
@@ -161,7 +160,6 @@ impl Server {
             slots: Arc::new(Semaphore::new(settings.meshes_in_memory)),
             newcomer: Arc::new(Semaphore::new(1)),
             memory: Memory::new(settings.work.memory_budget),
-            small: SmallMeshes::start()?,
             leases: Arc::default(),
             time: settings.work.max_job(),
             patience: extras.patience.unwrap_or(PATIENCE),

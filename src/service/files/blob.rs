@@ -13,8 +13,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
 
 use super::folder::Files;
-use super::names::Folder;
-use super::root::storage_error;
+use super::root::{Folder, storage_error};
 use crate::blobs::{Blob, Parts};
 use crate::ops::faults::FaultPoint;
 use crate::store::{Contents, JobId, SMALL_BLOBS, SmallBlob};
@@ -26,7 +25,6 @@ pub(crate) struct BlobWriter {
     files: Arc<Files>,
     folder: Folder,
     name: String,
-    is_upload: bool,
     buffer: Vec<u8>,
     parts: Option<Parts>,
     written: u64,
@@ -35,12 +33,16 @@ pub(crate) struct BlobWriter {
 }
 
 impl BlobWriter {
-    pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
-        let (name, buffer, sha256) = (name.to_owned(), Vec::new(), Sha256::new());
-        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, sha256 }
+    fn new(files: &Arc<Files>, folder: Folder, name: &str) -> Self {
+        let (files, name, buffer, sha256) = (Arc::clone(files), name.to_owned(), Vec::new(), Sha256::new());
+        Self { files, folder, name, buffer, parts: None, written: 0, sha256 }
     }
 
-    pub(super) fn bytes(&self) -> u64 {
+    fn is_upload(&self) -> bool {
+        matches!(self.folder, Folder::Upload(_))
+    }
+
+    fn bytes(&self) -> u64 {
         self.written + self.buffer.len() as u64
     }
 
@@ -50,7 +52,7 @@ impl BlobWriter {
     }
 
     /// The blob, of which nothing was written to the disk yet, as one for the store.
-    pub(super) fn into_small(mut self) -> Result<SmallBlob> {
+    fn into_small(mut self) -> Result<SmallBlob> {
         let bytes = self.take_buffer().map_err(|error| self.files.noted(error))?;
         Ok(SmallBlob { name: std::mem::take(&mut self.name), bytes })
     }
@@ -64,7 +66,7 @@ impl BlobWriter {
     }
 
     async fn take(&mut self, bytes: &[u8]) -> Result<()> {
-        if !self.is_upload {
+        if !self.is_upload() {
             self.sha256.update(bytes);
         }
         // a smaller blob is written at once
@@ -126,7 +128,7 @@ impl BlobWriter {
 
     /// What is held, if it may be written.
     fn take_buffer(&mut self) -> Result<Bytes> {
-        if self.is_upload {
+        if self.is_upload() {
             self.files.check_room(self.buffer.len() as u64, self.written)?;
         }
         self.files
@@ -135,7 +137,7 @@ impl BlobWriter {
             .map_err(|error| storage_error("a file cannot be stored", error))?;
         let bytes = self.buffer.len() as u64;
         self.written += bytes;
-        if self.is_upload {
+        if self.is_upload() {
             self.files.disk.uploaded(bytes);
         }
         Ok(std::mem::take(&mut self.buffer).into())
@@ -144,7 +146,7 @@ impl BlobWriter {
 
 impl Drop for BlobWriter {
     fn drop(&mut self) {
-        if self.is_upload {
+        if self.is_upload() {
             self.files.disk.removed(self.written);
         }
     }
@@ -197,7 +199,7 @@ impl Incoming {
 
     /// Starts a blob, to be [added](Self::add) when it is whole.
     pub fn blob(&self, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
+        BlobWriter::new(&self.files, Folder::Upload(self.id), name)
     }
 
     pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
@@ -258,7 +260,7 @@ impl Files {
     }
 
     pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(self), Folder::Result(job, attempt), name, false)
+        BlobWriter::new(self, Folder::Result(job, attempt), name)
     }
 
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {

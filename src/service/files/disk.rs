@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::names::UPLOADS;
+use super::root::UPLOADS;
 use crate::blobs::folder::size;
 use crate::ops::private;
 

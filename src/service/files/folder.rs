@@ -10,8 +10,7 @@ use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::disk::{self, BALLAST, Disk, LAST};
-use super::names::{Folder, RESULTS, UPLOADS};
-use super::root::{CANNOT_REACH, Root, cannot_make, storage_error};
+use super::root::{CANNOT_REACH, Folder, RESULTS, Root, UPLOADS, cannot_make, storage_error};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -42,7 +41,7 @@ pub(crate) struct Files {
     pub(crate) unknown: AtomicU64,
     /// Blobs of results that were not what was stored.
     pub(crate) damages: AtomicU64,
-    pub(super) faults: Faults,
+    pub(crate) faults: Faults,
 }
 
 impl Files {
@@ -152,12 +151,8 @@ impl Files {
 
     /// Whether the folder is there and takes a file; says what is wrong. Blocks.
     pub fn probe(&self) -> Result<()> {
-        let cannot = |error| {
-            storage_error(
-                format_args!("no file can be written in the data folder: {}", self.root.path.display()),
-                error,
-            )
-        };
+        let folder = self.root.path.display();
+        let cannot = |error| storage_error(format_args!("no file can be written in the data folder: {folder}"), error);
         self.faults.hit(FaultPoint::ProbeFolder).map_err(cannot)?;
         self.check_root()?;
         let write = || {

@@ -24,7 +24,6 @@ mod disk;
 mod folder;
 pub(crate) mod job_blobs;
 pub(crate) mod kept_mesh;
-mod names;
 mod place;
 mod referred;
 pub(crate) mod retention;
@@ -33,8 +32,8 @@ pub(crate) mod storage;
 
 pub(crate) use self::blob::{BlobWriter, Incoming, settle};
 pub(crate) use self::folder::Files;
-pub(crate) use self::names::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(crate) use self::referred::check_prefixes;
+pub(crate) use self::root::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 
 #[cfg(test)]
 mod tests;

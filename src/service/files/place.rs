@@ -12,8 +12,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::disk::{BALLAST, LAST};
 use super::folder::Files;
-use super::names::{OWNER, RESULTS, UPLOADS};
-use super::root::CANNOT_REACH;
+use super::root::{CANNOT_REACH, OWNER, RESULTS, UPLOADS};
 
 impl Files {
     pub fn is_shared(&self) -> bool {
@@ -36,15 +35,13 @@ impl Files {
     }
 
     fn lost_store(&self) -> Error {
-        Error::new(
-            Kind::Conflict,
-            format_args!(
-                "the store of jobs of this data folder is missing, empty, older than its files, or another one: put it \
-                 back, from a backup for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, \
-                 {OWNER}, {BALLAST}, {LAST} and what there is of jobs.sqlite3 out of the data folder: {}",
-                self.root.path.display()
-            ),
-        )
+        let why = format_args!(
+            "the store of jobs of this data folder is missing, empty, older than its files, or another one: put it \
+             back, from a backup for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, {OWNER}, \
+             {BALLAST}, {LAST} and what there is of jobs.sqlite3 out of the data folder: {}",
+            self.root.path.display()
+        );
+        Error::new(Kind::Conflict, why)
     }
 
     /// Takes the place of the blobs for a store of this name. A place without an owner becomes that of a new store.

@@ -22,7 +22,7 @@ use tesserae_mesh::error::Result;
 use tokio_util::sync::CancellationToken;
 
 use super::folder::Files;
-use super::names::{Folder, MESH, RESULTS, UPLOADS};
+use super::root::{Folder, MESH, RESULTS, UPLOADS};
 use crate::files::job_blobs;
 use crate::store::{Deletion, Job, JobId, State, Store};
 
@@ -105,8 +105,7 @@ impl Retention {
         if self.pauses(now) {
             return false;
         }
-        let before = self.kept.and_then(|kept| now.wall.checked_sub(kept));
-        if let Some(before) = before
+        if let Some(before) = self.kept.and_then(|kept| now.wall.checked_sub(kept))
             && let Err(error) = self.expire(before).await
         {
             tracing::warn!(%error, "expired jobs cannot be deleted now");
@@ -121,11 +120,8 @@ impl Retention {
         self.last = now;
         if ahead > JUMP {
             self.pause = Some(now.steady + PAUSE);
-            let seconds = ahead.as_secs();
-            tracing::warn!(
-                seconds,
-                "the clock jumped forward, or the service was stopped: no job expires for ten minutes"
-            );
+            let why = "the clock jumped forward, or the service was stopped: no job expires for ten minutes";
+            tracing::warn!(seconds = ahead.as_secs(), "{why}");
         }
         self.pause.is_some_and(|end| now.steady < end)
     }

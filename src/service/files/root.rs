@@ -1,14 +1,17 @@
 //! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start.
+//! Where the blobs of a job lie in it, and among the blobs.
 
 use std::fs::{File, Permissions, TryLockError};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
+use object_store::path::Path as BlobPath;
 use tempfile::TempDir;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use crate::ops::private;
+use crate::store::JobId;
 
 /// What clients get when the storage cannot be reached; the log says why.
 pub(super) const CANNOT_REACH: &str = "the storage of the service cannot be reached; try again later";
@@ -19,6 +22,41 @@ pub(super) fn storage_error(what: impl std::fmt::Display, error: io::Error) -> E
 
 pub(super) fn cannot_make(path: &Path, error: io::Error) -> Error {
     Error::io(format_args!("the data folder cannot be used: {}", path.display()), error)
+}
+
+pub(crate) const UPLOADS: &str = "uploads";
+pub(crate) const RESULTS: &str = "results";
+/// Name of the blob with the name of the store that a place belongs to.
+pub(crate) const OWNER: &str = "owner";
+
+/// Name of the mesh, or the points, among a job's uploads.
+pub(crate) const MESH: &str = "mesh";
+pub(crate) const SEEDS: &str = "seeds";
+pub(crate) const WEIGHTS: &str = "weights";
+/// Name of the edges between points among a job's uploads.
+pub(crate) const GRAPH: &str = "graph";
+
+pub(crate) fn buffer(index: usize) -> String {
+    format!("buffer-{index}")
+}
+
+/// Blobs that belong together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Folder {
+    Upload(JobId),
+    Result(JobId, u32),
+    Results(JobId),
+}
+
+impl Folder {
+    /// Its path among the blobs, which is that in the data folder.
+    pub fn path(self) -> BlobPath {
+        match self {
+            Folder::Upload(job) => BlobPath::from_iter([UPLOADS, &job.to_string()]),
+            Folder::Result(job, attempt) => Folder::Results(job).path().join(attempt.to_string()),
+            Folder::Results(job) => BlobPath::from_iter([RESULTS, &job.to_string()]),
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -43,15 +81,12 @@ impl Root {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let holder = std::fs::read_to_string(&name).unwrap_or_default();
-                return Err(Error::new(
-                    Kind::Conflict,
-                    format_args!(
-                        "another process ({}) works in the data folder; stop it, or give this one another --data-dir: \
-                         {}",
-                        holder.trim(),
-                        path.display()
-                    ),
-                ));
+                let (holder, folder) = (holder.trim(), path.display());
+                let why = format_args!(
+                    "another process ({holder}) works in the data folder; stop it, or give this one another \
+                     --data-dir: {folder}"
+                );
+                return Err(Error::new(Kind::Conflict, why));
             }
             Err(TryLockError::Error(error)) => return Err(cannot_make(&name, error)),
         }

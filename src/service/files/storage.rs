@@ -44,10 +44,8 @@ impl Storage {
         let mut tried = Instant::now();
         while stop.run_until_cancelled(tokio::time::sleep(INTERVAL)).await.is_some() {
             let failures = (self.files.failures.load(Ordering::Relaxed), self.store.statistics().failures);
-            let works = *self.works.borrow();
-            if failures != seen || !works || tried.elapsed() >= TRIED_ANYWAY {
-                seen = failures;
-                tried = Instant::now();
+            if failures != seen || !*self.works.borrow() || tried.elapsed() >= TRIED_ANYWAY {
+                (seen, tried) = (failures, Instant::now());
                 self.look().await;
             } else {
                 self.look_at_room().await;

@@ -102,6 +102,7 @@ pub(crate) struct DeviceThread {
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
     line: Line,
+    pub(super) small: SmallMeshes,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
     beside: Option<SmallMeshes>,
     timeout: Duration,
@@ -143,7 +144,8 @@ impl DeviceThread {
         let beside = takes_several.then(SmallMeshes::beside).transpose()?;
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
-        Ok(Self { shared, like, thread, line: Line::default(), beside, timeout })
+        let small = SmallMeshes::start()?;
+        Ok(Self { shared, like, thread, line: Line::default(), small, beside, timeout })
     }
 
     async fn run_beside(
@@ -163,9 +165,9 @@ impl DeviceThread {
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
     /// that beside the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it
     /// takes longer than `limit`, not counting the time that it waits for others.
-    pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
+    pub(super) async fn run(&self, task: Task, limit: Option<Duration>) -> Result<Outcome> {
         if let Some(device) = self.another().filter(|_| task.prepared.subject.items() <= SMALL_FACES) {
-            return self.run_beside(device, small, task, limit).await;
+            return self.run_beside(device, &self.small, task, limit).await;
         }
         let turn = match &self.beside {
             None => self.line.turn(task.cost).await,

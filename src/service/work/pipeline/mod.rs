@@ -25,4 +25,3 @@ mod turns;
 pub(crate) use self::bounds::PATIENCE;
 pub(crate) use self::memory::{Memory, Needed};
 pub(crate) use self::run::{Pipeline, worker_name};
-pub(crate) use self::small::SmallMeshes;

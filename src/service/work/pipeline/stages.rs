@@ -21,15 +21,15 @@ use tracing::Span;
 use super::bounds::{AGAIN, Patience, caught};
 use super::device_thread::Task;
 use super::memory::{Needed, Reading, Slot};
-use super::rows::{Inbox, Log};
-use super::run::Pipeline;
+use super::rows::Inbox;
+use super::run::{Attempt, Pipeline};
 use crate::blobs::Blob;
 use crate::files::{self, BlobWriter, settle};
 use crate::files::{job_blobs, kept_mesh};
 use crate::ops::blocking::blocking;
 use crate::store::kept::Kept;
 use crate::store::live;
-use crate::store::{Job, SmallBlob, Spec, Summary, Ticket};
+use crate::store::{SmallBlob, Spec, Summary};
 
 /// What the files of an upload hold.
 struct Contents {
@@ -40,22 +40,15 @@ struct Contents {
     graph: Option<Bytes>,
 }
 
-impl Pipeline {
+impl Attempt {
     /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
-    pub(super) async fn cluster(
-        &self,
-        slot: &Slot,
-        ticket: Ticket,
-        job: &Job,
-        cancel: &Cancel,
-        log: &Arc<Log>,
-        broken_off: CancellationToken,
-    ) -> Result<Outcome> {
-        let mut prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
+    pub(super) async fn cluster(&self, slot: &Slot, cancel: &Cancel, broken_off: CancellationToken) -> Result<Outcome> {
+        let Self { pipeline, ticket, job, .. } = self;
+        let mut prepared = self.prepare(slot.clone(), broken_off).await?;
         // the labels of divided faces are not those of the mesh, nor those of some points those of all
         let are_all = prepared.subject.points().is_none_or(|points| points.members.len() == points.members.items());
         if prepared.input.items() <= live::MOST_FACES && prepared.origin.is_none() && are_all {
-            prepared.viewer = Some(Arc::new(self.live.job(job.id)));
+            prepared.viewer = Some(Arc::new(pipeline.live.job(job.id)));
         }
         Span::current().record("faces", prepared.input.items());
         if job.spec.parameters.clusters.is_none() {
@@ -73,8 +66,8 @@ impl Pipeline {
             span: tracing::info_span!("cluster"),
             slot: slot.clone(),
         };
-        let telling = tokio::spawn(inbox.tell(self.store.clone(), ticket, Arc::clone(log)));
-        let outcome = self.device.run(task, &self.small, self.time).await?;
+        let telling = tokio::spawn(inbox.tell(pipeline.store.clone(), *ticket, Arc::clone(&self.log)));
+        let outcome = pipeline.device.run(task, pipeline.time).await?;
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
@@ -83,19 +76,14 @@ impl Pipeline {
 
     /// From labels to files, or to blobs where all of the result is small. They mean nothing until the job has ended
     /// with them. Must not be dropped in the middle: it would go on, and leave files of no job.
-    pub(super) async fn write(
-        &self,
-        slot: &Slot,
-        job: &Job,
-        outcome: &Arc<Mutex<Outcome>>,
-        started: Instant,
-    ) -> Result<(Summary, Vec<SmallBlob>)> {
+    pub(super) async fn write(&self, slot: &Slot, outcome: &Arc<Mutex<Outcome>>) -> Result<(Summary, Vec<SmallBlob>)> {
+        let Self { job, started, .. } = self;
         let image = match job.spec.kept.mesh && job.spec.format.is_image() {
-            true => Some(self.open_file(job, files::MESH).await?.bytes().await?),
+            true => Some(self.open_file(files::MESH).await?.bytes().await?),
             false => None,
         };
-        let (files, slot, outcome) = (Arc::clone(&self.files), slot.clone(), Arc::clone(outcome));
-        let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
+        let (files, slot, outcome) = (Arc::clone(&self.pipeline.files), slot.clone(), Arc::clone(outcome));
+        let (id, attempt, kept, started) = (job.id, job.attempt, job.spec.kept.clone(), *started);
         let (mut summary, blobs) = blocking(move || {
             let (_slot, outcome) = (slot, &mut *outcome.lock());
             let blob = |name: &str| files.result(id, attempt, name);
@@ -108,18 +96,19 @@ impl Pipeline {
     }
 
     /// Reads the files of an upload, when there is memory for them; gives the time in milliseconds, too.
-    async fn read(&self, ticket: Ticket, job: &Job) -> Result<(Reading, Contents, f64)> {
-        let spec = &job.spec;
-        let mut patience = Patience::new(&self.files, self.patience);
-        let uploads = patience.repeat(|| self.open(job)).await?;
+    async fn read(&self) -> Result<(Reading, Contents, f64)> {
+        let Self { pipeline, job, .. } = self;
+        let Pipeline { store, files, .. } = &**pipeline;
+        let mut patience = Patience::new(files, pipeline.patience);
+        let uploads = patience.repeat(|| self.open()).await?;
         drop(patience);
         // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
         let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
-        let memory = self.memory.read(bytes).await?;
-        let mut patience = Patience::new(&self.files, self.patience);
+        let memory = pipeline.memory.read(bytes).await?;
+        let mut patience = Patience::new(files, pipeline.patience);
         // a small upload began with its claim
-        while !spec.is_small
-            && let Err(error) = self.store.begin(ticket).await
+        while !job.spec.is_small
+            && let Err(error) = store.begin(self.ticket).await
         {
             // a database that is away is waited for, room for its row no longer than for a file
             match error.kind {
@@ -127,50 +116,52 @@ impl Pipeline {
                 _ => patience.wait(error).await?,
             }
         }
-        self.faults.abort_at(spec.file_name.as_deref());
+        files.faults.abort_at(job.spec.file_name.as_deref());
         let reading = Instant::now();
         let mut opened = Some(uploads);
-        let contents = patience.repeat(|| self.contents(job, opened.take())).await?;
+        let contents = patience.repeat(|| self.contents(opened.take())).await?;
         Ok((memory, contents, milliseconds(reading.elapsed())))
     }
 
     /// Reads the mesh and its buffers, opened again where they were not, then what came beside them.
-    async fn contents(&self, job: &Job, opened: Option<Vec<Blob>>) -> Result<Contents> {
+    async fn contents(&self, opened: Option<Vec<Blob>>) -> Result<Contents> {
         let uploads = match opened {
             Some(uploads) => uploads,
-            None => self.open(job).await?,
+            None => self.open().await?,
         };
         let mut mesh = Vec::new();
         for upload in uploads {
             mesh.push(upload.bytes().await.map_err(upload_is_gone)?);
         }
         let beside = async |name: &str, is_there: bool| match is_there {
-            true => self.open_file(job, name).await?.bytes().await.map(Some),
+            true => self.open_file(name).await?.bytes().await.map(Some),
             false => Ok(None),
         };
-        let seeds = beside(files::SEEDS, job.spec.listed_seeds).await?;
-        let weights = beside(files::WEIGHTS, job.spec.has_weights).await?;
-        Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, job.spec.has_graph).await? })
+        let spec = &self.job.spec;
+        let seeds = beside(files::SEEDS, spec.listed_seeds).await?;
+        let weights = beside(files::WEIGHTS, spec.has_weights).await?;
+        Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, spec.has_graph).await? })
     }
 
-    async fn open(&self, job: &Job) -> Result<Vec<Blob>> {
+    async fn open(&self) -> Result<Vec<Blob>> {
         let mut uploads = Vec::new();
-        for name in iter::once(files::MESH.to_owned()).chain((0..job.spec.buffers.len()).map(files::buffer)) {
-            uploads.push(self.open_file(job, &name).await?);
+        for name in iter::once(files::MESH.to_owned()).chain((0..self.job.spec.buffers.len()).map(files::buffer)) {
+            uploads.push(self.open_file(&name).await?);
         }
         Ok(uploads)
     }
 
-    async fn open_file(&self, job: &Job, name: &str) -> Result<Blob> {
-        job_blobs::upload(&self.files, self.store.as_ref(), job, name, None).await.map_err(upload_is_gone)
+    async fn open_file(&self, name: &str) -> Result<Blob> {
+        let Pipeline { store, files, .. } = &*self.pipeline;
+        job_blobs::upload(files, store, &self.job, name, None).await.map_err(upload_is_gone)
     }
 
     /// Reads the mesh: a small one on a thread for small meshes, others on all threads, once there is memory for it. A
     /// file that is small and has too many faces is opened twice: what a thread for small meshes waits for may itself
     /// wait for such a thread.
-    async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
-        let (mut memory, contents, milliseconds) = self.read(ticket, job).await?;
-        let (spec, limits, span) = (job.spec.clone(), self.limits, tracing::info_span!("read"));
+    async fn prepare(&self, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
+        let (mut memory, contents, milliseconds) = self.read().await?;
+        let (spec, limits, span) = (self.job.spec.clone(), self.pipeline.limits, tracing::info_span!("read"));
         let files = Arc::new((spec, contents, span));
         let mut prepared = None;
         if memory.may_be_small() {
@@ -188,7 +179,7 @@ impl Pipeline {
                     opened => Ok((Some(opened?), memory)),
                 }
             };
-            (prepared, memory) = self.small.thread().await?.run(work).await?;
+            (prepared, memory) = self.pipeline.device.small.thread().await?.run(work).await?;
         }
         let mut prepared = match prepared {
             Some(prepared) => {
