@@ -5,7 +5,7 @@ use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant, SystemTime};
 
 use tesserae_mesh::device::Device;
 use tesserae_mesh::error::{Error, Result};
@@ -16,7 +16,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::files::Files;
-use crate::files::retention::{Reading, Retention};
+use crate::files::retention::Retention;
 use crate::files::storage::Storage;
 use crate::guard::access::Access;
 use crate::guard::traffic::{Traffic, connections};
@@ -198,7 +198,7 @@ impl Server {
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
         let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-        let retention = Retention::new(files, store, kept, Reading::now()).await?;
+        let retention = Retention::new(files, store, kept, (SystemTime::now(), Instant::now())).await?;
         let mut work = match shared.settings.work.work {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),

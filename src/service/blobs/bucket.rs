@@ -15,15 +15,11 @@ use reqwest::Url;
 use tesserae_mesh::error::{Error, Result};
 
 const RETRIES: usize = 3;
-
 /// Time after which no request is repeated.
 const RETRYING: Duration = Duration::from_secs(15);
-
-/// Longest time between two of them.
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 
 const CONNECTING: Duration = Duration::from_secs(5);
-
 /// Time without a byte after which a request has failed. A whole answer may take longer: clients read it at their pace.
 const SILENCE: Duration = Duration::from_secs(30);
 

@@ -179,7 +179,7 @@ impl Write for Filling<'_> {
 /// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
 pub(crate) struct Incoming {
     files: Arc<Files>,
-    id: JobId,
+    pub id: JobId,
     /// Whole blobs, as long as all are small together.
     held: Vec<BlobWriter>,
     /// Whether they were not, and are files.
@@ -191,10 +191,6 @@ impl Incoming {
     /// The mesh lies in a bucket: what comes with it lies in files.
     pub fn is_referred(&mut self) {
         self.has_files = true;
-    }
-
-    pub fn id(&self) -> JobId {
-        self.id
     }
 
     /// Starts a blob, to be [added](Self::add) when it is whole.

@@ -27,56 +27,41 @@ use crate::files::job_blobs;
 use crate::store::{Deletion, Job, JobId, State, Store};
 
 const AT_ONCE: usize = 100;
-
 const INTERVAL: Duration = Duration::from_secs(30);
 
 /// Time between two sweeps of files that a failed removal left.
 const SWEEP: Duration = Duration::from_secs(3600);
-
 /// Time from the start to the first sweep: a service that is started again every hour would never sweep otherwise.
 const FIRST_SWEEP: Duration = Duration::from_secs(5);
 
 /// Least time for which files stay of jobs that the store does not know.
 const UNKNOWN: Duration = Duration::from_secs(7 * 86_400);
-
 /// Age at which blobs without a job go from a place that is shared. An upload that takes longer is lost.
 const OLD: Duration = Duration::from_secs(86_400);
 
 /// The clock jumped when it is ahead of the time that passed by more than this.
 const JUMP: Duration = Duration::from_secs(3600);
-
 /// Time after a jump in which nothing is deleted.
 const PAUSE: Duration = Duration::from_secs(600);
 
-/// The clocks of the system, read at once.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Reading {
-    /// The system's clock, which people and other computers set.
-    wall: SystemTime,
-    steady: Instant,
-}
-
-impl Reading {
-    pub fn now() -> Self {
-        Self { wall: SystemTime::now(), steady: Instant::now() }
-    }
-}
+/// The system's clock, which people and other computers set, and the steady one, read at once.
+pub(crate) type Clocks = (SystemTime, Instant);
 
 pub(crate) struct Retention {
     files: Arc<Files>,
     store: Arc<Store>,
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
-    last: Reading,
+    last: Clocks,
     pause: Option<Instant>,
 }
 
 impl Retention {
     /// For the jobs of a store. The clock was right when the newest job was created.
-    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
+    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Clocks) -> Result<Self> {
         let newest = store.newest().await?;
         // a stop and a jump of the clock look alike
-        let last = Reading { wall: newest.unwrap_or(now.wall), ..now };
+        let last = (newest.unwrap_or(now.0), now.1);
         Ok(Self { files, store, kept, last, pause: None })
     }
 
@@ -89,7 +74,7 @@ impl Retention {
             if !self.store.may_clean_up().await.unwrap_or(false) {
                 continue;
             }
-            if self.look(Reading::now()).await && swept.elapsed() >= pause {
+            if self.look((SystemTime::now(), Instant::now())).await && swept.elapsed() >= pause {
                 (swept, pause) = (Instant::now(), SWEEP);
                 let old = kept.and_then(|kept| SystemTime::now().checked_sub(kept.max(UNKNOWN)));
                 match self.files.sweep(self.store.as_ref(), old).await {
@@ -101,11 +86,11 @@ impl Retention {
     }
 
     /// Deletes the jobs that have expired, unless the clock jumped; whether it did not.
-    async fn look(&mut self, now: Reading) -> bool {
+    async fn look(&mut self, now: Clocks) -> bool {
         if self.pauses(now) {
             return false;
         }
-        if let Some(before) = self.kept.and_then(|kept| now.wall.checked_sub(kept))
+        if let Some(before) = self.kept.and_then(|kept| now.0.checked_sub(kept))
             && let Err(error) = self.expire(before).await
         {
             tracing::warn!(%error, "expired jobs cannot be deleted now");
@@ -114,16 +99,17 @@ impl Retention {
     }
 
     /// Whether the clock jumped since the last look, or a while ago.
-    fn pauses(&mut self, now: Reading) -> bool {
-        let expected = self.last.wall + now.steady.saturating_duration_since(self.last.steady);
-        let ahead = now.wall.duration_since(expected).unwrap_or_default();
-        self.last = now;
+    fn pauses(&mut self, now: Clocks) -> bool {
+        let (last_wall, last_steady) = std::mem::replace(&mut self.last, now);
+        let (wall, steady) = now;
+        let expected = last_wall + steady.saturating_duration_since(last_steady);
+        let ahead = wall.duration_since(expected).unwrap_or_default();
         if ahead > JUMP {
-            self.pause = Some(now.steady + PAUSE);
+            self.pause = Some(steady + PAUSE);
             let why = "the clock jumped forward, or the service was stopped: no job expires for ten minutes";
             tracing::warn!(seconds = ahead.as_secs(), "{why}");
         }
-        self.pause.is_some_and(|end| now.steady < end)
+        self.pause.is_some_and(|end| steady < end)
     }
 
     async fn expire(&self, before: SystemTime) -> Result<()> {
@@ -237,8 +223,8 @@ mod tests {
         let is_there = async |job| store.get(job).await.expect("readable").is_some();
         let job = ended().await;
 
-        let start = Reading::now();
-        let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
+        let start = (SystemTime::now(), Instant::now());
+        let at = |wall: Duration, steady: Duration| (start.0 + wall, start.1 + steady);
         let from = async |now| {
             let (files, jobs) = (Arc::clone(&files), Arc::clone(&store));
             Retention::new(files, jobs, Some(week), now).await.expect("readable")

@@ -70,13 +70,13 @@ async fn blobs_that_are_small_together_become_no_files_and_others_do() {
                     assert_eq!(ranged, content(*size)[size.saturating_sub(7)..]);
                     small[at].bytes.to_vec()
                 }
-                false => read(&files, Folder::Upload(incoming.id()), name).await,
+                false => read(&files, Folder::Upload(incoming.id), name).await,
             };
             assert!(bytes == content(*size), "{sizes:?}");
         }
-        let path = folder.path().join(Folder::Upload(incoming.id()).path().as_ref());
+        let path = folder.path().join(Folder::Upload(incoming.id).path().as_ref());
         assert_eq!(path.exists(), !is_small);
-        files.remove(incoming.id()).await;
+        files.remove(incoming.id).await;
         assert!(!path.exists());
     }
 }
@@ -146,7 +146,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     let store = store_in(folder.path()).await;
     let accepted = async || {
         let incoming = files.incoming();
-        let job = NewJob { id: incoming.id(), ..new_job() };
+        let job = NewJob { id: incoming.id, ..new_job() };
         write(incoming.blob(MESH), b"mesh").await.expect("written");
         incoming.keep();
         assert!(matches!(store.create(job.clone()).await, Ok(Created::New(_))));
@@ -177,7 +177,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     for (folder, name, is_there) in [
         (Folder::Upload(succeeded), MESH, false),
         (Folder::Upload(waiting), MESH, true),
-        (Folder::Upload(coming_in.id()), MESH, true),
+        (Folder::Upload(coming_in.id), MESH, true),
         (Folder::Result(succeeded, 1), REPORT_JSON.file, true),
         (Folder::Result(succeeded, 7), REPORT_JSON.file, false),
         (Folder::Result(waiting, 1), REPORT_JSON.file, false),
@@ -268,7 +268,7 @@ async fn what_is_new_at_a_shared_place_stays_although_the_store_does_not_know_it
     assert!(is_there(&other, Folder::Result(unknown, 1), "x").await);
     assert!(!is_there(&other, Folder::Result(known.id, 1), "x").await);
     mesh.finish().await.expect("its parts are there");
-    let upload = Folder::Upload(incoming.id());
+    let upload = Folder::Upload(incoming.id);
     assert!(is_there(&one, upload, MESH).await);
 
     let day = Duration::from_secs(86_400);

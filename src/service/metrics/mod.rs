@@ -35,7 +35,8 @@ pub(crate) struct Metrics {
     registry: Registry,
     pub families: Families,
     process: Process,
-    memory_meter: Mutex<Option<MemoryMeter>>,
+    /// Of the device that was opened last.
+    pub memory_meter: Mutex<Option<MemoryMeter>>,
 }
 
 impl Metrics {
@@ -111,10 +112,6 @@ impl Metrics {
         let rounds = report.levels.last().map_or(0, |row| row.round);
         self.families.iterations.get_or_create(&label).inc_by(u64::from(steps) + u64::from(rounds));
         self.families.faces.get_or_create(&label).inc_by(report.input.items());
-    }
-
-    pub fn device_opened(&self, memory: MemoryMeter) {
-        *self.memory_meter.lock() = Some(memory);
     }
 
     pub fn answered(&self, method: &axum::http::Method, route: &str, status: u16, elapsed: Duration) {

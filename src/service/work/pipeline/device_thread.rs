@@ -137,7 +137,7 @@ impl DeviceThread {
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
         let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics });
-        shared.metrics.device_opened(device.memory_meter());
+        *shared.metrics.memory_meter.lock() = Some(device.memory_meter());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let takes_several = device.info().kind == DeviceKind::Cpu && device.another().is_some();
@@ -156,9 +156,11 @@ impl DeviceThread {
         limit: Option<Duration>,
     ) -> Result<Outcome> {
         let thread = threads.thread().await?;
-        let (shared, faults, span) = (Arc::clone(&self.shared), self.shared.faults.clone(), task.span.clone());
-        let cluster = move |task: &mut Task| task.cluster(device.as_mut(), &shared.metrics);
-        let work = move || span.in_scope(|| task.run(cluster)?.finish(&faults));
+        let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
+        let work = move || {
+            let clustered = task.run(|task| task.cluster(device.as_mut(), &shared.metrics))?;
+            span.in_scope(|| clustered.finish(&shared.faults))
+        };
         within(limit, thread.run(work)).await
     }
 
@@ -364,7 +366,7 @@ impl Devices {
             Some(reopen) => match caught(|| reopen()) {
                 Ok(device) => {
                     tracing::info!(device = device.info().name, "the device was opened anew");
-                    self.shared.metrics.device_opened(device.memory_meter());
+                    *self.shared.metrics.memory_meter.lock() = Some(device.memory_meter());
                     self.next_attempt = None;
                     self.shared.health.clear(Part::Device);
                     return Ok(device);

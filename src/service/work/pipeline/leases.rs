@@ -11,8 +11,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::store::{Store, Ticket};
 
-/// For how long a job is leased at a time: a database may restart within it, and clients wait no longer for another
-/// worker.
+/// A database may restart within a lease, and clients wait no longer for another worker.
 pub(super) const TERM: Duration = Duration::from_secs(30);
 
 /// Parts of a lease after which it is prolonged.

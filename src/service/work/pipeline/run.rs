@@ -242,7 +242,11 @@ impl Attempt {
         let mut keeps_upload = matches!(verdict, Verdict::Released(_));
         let state = match verdict {
             Verdict::Ended(mut ending) => {
-                log_end(&ending.end, milliseconds);
+                match &ending.end {
+                    End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
+                    End::Cancelled => tracing::info!(milliseconds, "cancelled"),
+                    End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
+                }
                 let (state, problem, _) = ending.end.parts();
                 keeps_upload = store::keeps_upload(problem);
                 metrics.ended(job, state, elapsed);
@@ -334,14 +338,6 @@ fn judge(error: Error) -> Verdict {
         Kind::Conflict => Verdict::Lost,
         Kind::DeviceLost => Verdict::Released(Release::Failed(error)),
         _ => Verdict::Ended(End::Failed(error).into()),
-    }
-}
-
-fn log_end(end: &End, milliseconds: u64) {
-    match end {
-        End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
-        End::Cancelled => tracing::info!(milliseconds, "cancelled"),
-        End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
     }
 }
 
