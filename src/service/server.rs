@@ -24,7 +24,6 @@ use crate::http::page;
 use crate::http::router::router;
 use crate::http::state::{DeviceDescription, Shared};
 use crate::metrics::Metrics;
-use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 use crate::ops::health::{Health, Part};
 use crate::settings::{Settings, Switch};
@@ -132,8 +131,7 @@ impl Server {
                 tracing::info!(swept, unknown, "{why}");
             }
         }
-        let with_ballast = Arc::clone(&files);
-        blocking(move || with_ballast.make_ballast()).await?;
+        files.make_ballast().await;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout;

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use object_store::path::Path as BlobPath;
@@ -13,6 +14,7 @@ use super::disk::{self, BALLAST, Disk, LAST};
 use super::root::{CANNOT_REACH, Folder, RESULTS, Root, UPLOADS, cannot_make, storage_error};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
+use crate::ops::blocking::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::private;
 use crate::store::JobId;
@@ -117,9 +119,9 @@ impl Files {
         self.disk.check(more, before)
     }
 
-    /// Blocks.
-    pub fn make_ballast(&self) {
-        if let Err(error) = self.disk.make_ballast() {
+    pub async fn make_ballast(self: &Arc<Self>) {
+        let this = Arc::clone(self);
+        if let Ok(Err(error)) = blocking(move || this.disk.make_ballast()).await {
             tracing::warn!(%error, "the ballast cannot be made; without it, a full disk may stop deletions");
         }
     }

@@ -56,11 +56,8 @@ pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
 
 /// Reads a mesh, which has `faces` faces and was of this format.
 pub(crate) fn read(from: impl Read, faces: u64, format: Format) -> Result<PolygonMesh> {
-    let damaged = |why: &dyn std::fmt::Display| Error::new(Kind::Internal, format!("the kept mesh is damaged: {why}"));
-    let (positions, faces) = read_numbers(from, faces).map_err(|error| damaged(&error))?;
-    if faces.all_corners().iter().any(|&corner| corner as usize >= positions.len()) {
-        return Err(damaged(&"a corner is no point"));
-    }
+    let damaged = |why| Error::new(Kind::Internal, format_args!("the kept mesh is damaged: {why}"));
+    let (positions, faces) = read_numbers(from, faces).map_err(damaged)?;
     let adjusted = Adjusted::default();
     Ok(PolygonMesh { format, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted })
 }
@@ -84,6 +81,9 @@ fn read_numbers(from: impl Read, expected: u64) -> io::Result<(Vec<[f64; 3]>, Fa
         _ => read_all(&mut from, coordinates, f64::from_le_bytes)?,
     };
     let corners = read_all(&mut from, corners, u32::from_le_bytes)?;
+    if corners.iter().any(|&corner| u64::from(corner) >= counts[0]) {
+        return Err(wrong("a corner is no point"));
+    }
     let faces = match are_triangles {
         1 if corners.len() as u64 == 3 * faces => Faces::from_triangles(corners),
         1 => return Err(wrong("triangles have three corners")),

@@ -70,8 +70,7 @@ impl Storage {
     }
 
     async fn look_at_room(&self) {
-        let files = Arc::clone(&self.files);
-        let _ = blocking(move || files.make_ballast()).await;
+        self.files.make_ballast().await;
         if let Ok(bytes) = self.store.free_bytes().await
             && self.files.is_short_of(bytes)
         {
