@@ -1,5 +1,5 @@
-//! The writing of blobs: as their bytes come, never all of them in memory. Those of an upload that is coming in, or of a
-//! result, are kept by the store when they are small together.
+//! The writing of blobs: as their bytes come, never all of them in memory. Those of an upload that is coming in, or of
+//! a result, are kept by the store when they are small together.
 
 use std::io::{self, Write};
 use std::sync::Arc;

@@ -1,6 +1,6 @@
 //! Watches the data folder and the store, and sets the health of both.
 //!
-//! Folder and store count their failures. After one, [`Storage::watch`] writes to the part that failed until that works;
+//! Folder and store count their failures. After one, [`Storage::watch`] writes to the part that failed until it works;
 //! meanwhile the service is not ready and no job begins. With too little room for uploads the service is not ready
 //! either, but jobs continue, because they make room. While jobs cannot read or write their files, it is degraded.
 

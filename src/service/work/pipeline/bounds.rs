@@ -1,5 +1,5 @@
-//! The bounds of work on a job: its panics are caught, its time is limited, its threads are counted. It repeats a failed
-//! read or write of its files with growing pauses, and fails after ten minutes.
+//! The bounds of work on a job: its panics are caught, its time is limited, its threads are counted. It repeats a
+//! failed read or write of its files with growing pauses, and fails after ten minutes.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

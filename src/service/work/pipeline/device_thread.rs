@@ -4,8 +4,8 @@
 //! Failures of the device are handled here. A device that was lost is opened anew before the next mesh. A device that
 //! shows no sign of life is abandoned with its thread, and a new thread starts. If the service may use the cpu instead,
 //! the cpu takes meshes that lost the device before, and all meshes while there is no device. Otherwise a device that
-//! cannot be opened makes the service not ready, and no job begins until it can be opened. A device that computed wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes
-//! no part otherwise.
+//! cannot be opened makes the service not ready, and no job begins until it can be opened. A device that computed
+//! wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes no part otherwise.
 //!
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
 //! [short](SmallMeshes::beside) one beside a long one. The others take [turns](Line).
@@ -125,8 +125,8 @@ struct Shared {
 }
 
 impl DeviceThread {
-    /// With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or is slow at.
-    /// A device without a sign of life for `timeout` counts as lost; `reopen` then opens another one.
+    /// With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or is slow
+    /// at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another one.
     pub fn start(
         device: Box<dyn Device>,
         cpu_below_faces: Option<u64>,
