@@ -2,8 +2,8 @@
 //!
 //! The store of jobs is copied by SQLite itself, as it is at one moment. Files of jobs never change once they are
 //! there, so those that the copy of the store needs are linked, or copied to another disk. A job may end meanwhile, and
-//! its upload go: the files are taken before and after the store, and a job that began and ended in between is left
-//! out. Files that lie elsewhere (`--blobs`) stay there, and serve the copy too.
+//! its upload go: files are taken before and after the store, and a job that began and ended in between is left out.
+//! Files that lie elsewhere (`--blobs`) stay there, and serve the copy too.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -15,6 +15,7 @@ use rusqlite::types::{ToSqlOutput, Type, ValueRef};
 use rusqlite::{Connection, OpenFlags};
 use tesserae_mesh::artifacts::REPORT_JSON;
 use tesserae_mesh::error::{Error, Kind, Result};
+use walkdir::WalkDir;
 
 use crate::blobs::folder::{link, whole_files};
 use crate::files::{self, Folder, OWNER, RESULTS, UPLOADS};
@@ -38,17 +39,15 @@ pub struct Backup {
 struct Wanted {
     job: JobId,
     folder: Folder,
-    /// Whether the job is worth nothing without them. An upload of a job that failed may be there or not.
-    is_needed: bool,
-    /// A file that every such folder holds: the mesh of an upload, or what came with one in a bucket; the report of a
-    /// result.
-    file: String,
+    /// A file that is there unless the job is worth nothing: the mesh of an upload, or what came with one in a bucket;
+    /// the report of a result. None of a job that failed, whose upload may be there or not.
+    needed: Option<String>,
 }
 
 impl Wanted {
     /// Whether the backup in `to` lacks files that the job needs.
     fn is_lost(&self, to: &Path) -> bool {
-        self.is_needed && !to.join(self.path()).join(&self.file).is_file()
+        self.needed.as_ref().is_some_and(|file| !to.join(self.path()).join(file).is_file())
     }
 
     fn path(&self) -> PathBuf {
@@ -59,15 +58,15 @@ impl Wanted {
 /// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not,
 /// [`Kind::NotFound`] when `from` holds no store of jobs. Where it fails, `to` is as it was before.
 pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
-    let found = match from.join(STORE).metadata() {
+    match from.join(STORE).metadata() {
+        Ok(found) if found.len() > 0 => {}
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             return Err(Error::io(format_args!("the data folder cannot be read: {}", from.display()), error));
         }
-        found => found,
-    };
-    if !found.is_ok_and(|found| found.len() > 0) {
-        let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
-        return Err(Error::new(Kind::NotFound, message));
+        _ => {
+            let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
+            return Err(Error::new(Kind::NotFound, message));
+        }
     }
     let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
     if is_within(to, from).map_err(cannot_write)? {
@@ -111,13 +110,11 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     link(from, to, Path::new(OWNER)).map_err(cannot_write)?;
     let is_elsewhere = !to.join(OWNER).exists();
     if is_elsewhere && !all_files(to).is_empty() {
-        return Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "the data folder has files of jobs and no file {OWNER}: start a service there first: {}",
-                from.display()
-            ),
-        ));
+        let folder = from.display();
+        let message = format_args!(
+            "the data folder has files of jobs and no file {OWNER}: start a service there first: {folder}"
+        );
+        return Err(Error::new(Kind::Conflict, message));
     }
     let failed = |error: rusqlite::Error| {
         Error::new(Kind::Io, format_args!("the store of jobs cannot be copied to {}: {error}", copy.display()))
@@ -167,8 +164,8 @@ fn wanted(copy: &Connection) -> rusqlite::Result<Vec<Wanted>> {
         let job = id.parse().map_err(unreadable)?;
         let has = |one: State| state == one.name();
         if has(State::Succeeded) {
-            let (folder, file) = (Folder::Result(job, row.get(2)?), REPORT_JSON.file.to_owned());
-            return Ok(Wanted { job, folder, is_needed: true, file });
+            let (folder, report) = (Folder::Result(job, row.get(2)?), REPORT_JSON.file.to_owned());
+            return Ok(Wanted { job, folder, needed: Some(report) });
         }
         let is_in_bucket: bool = row.get(3)?;
         let files = [
@@ -178,10 +175,9 @@ fn wanted(copy: &Connection) -> rusqlite::Result<Vec<Wanted>> {
             (row.get(6)?, files::GRAPH.to_owned()),
             (row.get::<_, i64>(7)? > 0, files::buffer(0)),
         ];
-        let file = files.into_iter().find_map(|(is_there, file)| is_there.then_some(file));
-        let (has_file, file) = (file.is_some(), file.unwrap_or_default());
-        let is_needed = has_file && [State::Queued, State::Running].into_iter().any(has);
-        Ok(Wanted { job, folder: Folder::Upload(job), is_needed, file })
+        let needed = files.into_iter().find_map(|(is_there, file)| is_there.then_some(file));
+        let needed = needed.filter(|_| has(State::Queued) || has(State::Running));
+        Ok(Wanted { job, folder: Folder::Upload(job), needed })
     })?;
     rows.collect()
 }
@@ -198,7 +194,6 @@ fn leave_out(copy: &mut Connection, jobs: &[JobId]) -> rusqlite::Result<()> {
     transaction.commit()
 }
 
-/// Every whole file of uploads and results, relative to the data folder.
 fn all_files(root: &Path) -> Vec<PathBuf> {
     [UPLOADS, RESULTS].into_iter().flat_map(|folder| whole_files(root, &folder.into())).collect()
 }
@@ -208,7 +203,6 @@ fn take_files(from: &Path, to: &Path) -> io::Result<()> {
     all_files(from).iter().try_for_each(|file| link(from, to, file))
 }
 
-/// Removes files from the backup that none of its jobs needs.
 fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
     let wanted: HashSet<PathBuf> = wanted.iter().map(Wanted::path).collect();
     for file in all_files(to) {
@@ -222,38 +216,40 @@ fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
     Ok(())
 }
 
-/// Waits until a folder and everything in it is on the disk.
 fn sync(folder: &Path) -> io::Result<()> {
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        match entry.file_type()?.is_dir() {
-            true => sync(&entry.path())?,
-            false => File::open(entry.path())?.sync_all()?,
-        }
-    }
-    File::open(folder)?.sync_all()
+    WalkDir::new(folder).contents_first(true).into_iter().try_for_each(|entry| File::open(entry?.path())?.sync_all())
 }
 
 #[cfg(test)]
 mod tests {
+    use tempfile::TempDir;
+
     use super::*;
     use crate::store::tests::{RULES, new_job};
     use crate::store::{NewJob, Referred, Spec, Store};
 
+    fn folders() -> [TempDir; 2] {
+        [(); 2].map(|()| tempfile::tempdir().expect("a folder"))
+    }
+
+    fn put(file: PathBuf, text: &str) {
+        std::fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+        std::fs::write(file, text).expect("written");
+    }
+
     #[test]
     fn a_job_whose_files_went_is_lost() {
-        let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let [from, to] = folders();
         let job = JobId::random();
-        let wanted = Wanted { job, folder: Folder::Upload(job), is_needed: true, file: files::MESH.to_owned() };
+        let wanted = Wanted { job, folder: Folder::Upload(job), needed: Some(files::MESH.to_owned()) };
         let folder = wanted.path();
         let file = folder.join(files::MESH);
         link(from.path(), to.path(), &file).expect("nothing to take");
         assert!(!to.path().join(&folder).exists() && wanted.is_lost(to.path()));
         std::fs::create_dir_all(to.path().join(&folder)).expect("made");
         assert!(wanted.is_lost(to.path()), "an empty folder is no upload");
-        std::fs::create_dir_all(from.path().join(&folder)).expect("made");
-        std::fs::write(from.path().join(&file), "mesh").expect("written");
-        std::fs::write(from.path().join(&folder).join("mesh#1"), "me").expect("written");
+        put(from.path().join(&file), "mesh");
+        put(from.path().join(&folder).join("mesh#1"), "me");
         take_files(from.path(), to.path()).expect("taken");
         assert_eq!(all_files(to.path()), [file], "what is being written is no file of a job");
         assert!(!wanted.is_lost(to.path()));
@@ -261,7 +257,7 @@ mod tests {
 
     #[tokio::test]
     async fn jobs_of_meshes_in_a_bucket_are_in_a_backup_with_what_came_with_them() {
-        let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let [from, to] = folders();
         let store = Store::open(&from.path().join(STORE), false, RULES, Default::default()).await.expect("opened");
         let create = async |listed_seeds| {
             let referred = Some(Referred { url: "s3://bucket/x.obj".to_owned(), tag: None });
@@ -272,9 +268,8 @@ mod tests {
         };
         create(false).await;
         let (whole, lost) = (create(true).await, create(true).await);
-        std::fs::create_dir_all(from.path().join(&whole)).expect("made");
-        std::fs::write(from.path().join(&whole).join(files::SEEDS), "[0, 1]").expect("written");
-        std::fs::write(from.path().join(OWNER), store.name()).expect("written");
+        put(from.path().join(&whole).join(files::SEEDS), "[0, 1]");
+        put(from.path().join(OWNER), store.name());
         let backup = back_up(from.path(), &to.path().join("new")).expect("made");
         assert_eq!(backup, Backup { jobs: 2, files: 1, left_out: 1 }, "without the job whose seeds went: {lost}");
         assert!(to.path().join("new").join(&whole).join(files::SEEDS).is_file());
@@ -284,7 +279,7 @@ mod tests {
     #[test]
     fn a_backup_into_its_own_data_folder_is_refused() {
         let from = tempfile::tempdir().expect("a folder");
-        std::fs::write(from.path().join(STORE), "not empty").expect("written");
+        put(from.path().join(STORE), "not empty");
         for out in ["", "backup", "results/new/newer"] {
             let error = back_up(from.path(), &from.path().join(out)).expect_err("it would copy itself");
             assert!(error.kind == Kind::Conflict && error.message.contains("outside of it"), "{error}");
@@ -294,11 +289,9 @@ mod tests {
 
     #[test]
     fn a_backup_that_fails_leaves_nothing() {
-        let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        std::fs::write(from.path().join(STORE), "no store of jobs").expect("written");
-        let mesh = from.path().join("uploads/a");
-        std::fs::create_dir_all(&mesh).expect("made");
-        std::fs::write(mesh.join(files::MESH), "mesh").expect("written");
+        let [from, to] = folders();
+        put(from.path().join(STORE), "no store of jobs");
+        put(from.path().join("uploads/a").join(files::MESH), "mesh");
         for out in ["", "new/newer"] {
             back_up(from.path(), &to.path().join(out)).expect_err("it cannot be copied");
             assert_eq!(std::fs::read_dir(to.path()).expect("still there").count(), 0, "{out}");

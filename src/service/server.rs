@@ -5,7 +5,7 @@ use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant, SystemTime};
 
 use tesserae_mesh::device::Device;
 use tesserae_mesh::error::{Error, Result};
@@ -16,7 +16,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::files::Files;
-use crate::files::retention::{Reading, Retention};
+use crate::files::retention::Retention;
 use crate::files::storage::Storage;
 use crate::guard::access::Access;
 use crate::guard::traffic::{Traffic, connections};
@@ -24,15 +24,13 @@ use crate::http::page;
 use crate::http::router::router;
 use crate::http::state::{DeviceDescription, Shared};
 use crate::metrics::Metrics;
-use crate::metrics::lag;
-use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 use crate::ops::health::{Health, Part};
 use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
 use crate::store::{Rules, Store};
 use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
-use crate::work::pipeline::{Memory, PATIENCE, Pipeline, SmallMeshes, worker_name};
+use crate::work::pipeline::{Memory, PATIENCE, Pipeline, worker_name};
 use crate::work::webhooks::{Teller, Webhooks};
 
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
@@ -118,8 +116,7 @@ impl Server {
                 tracing::info!(swept, unknown, "{why}");
             }
         }
-        let with_ballast = Arc::clone(&files);
-        blocking(move || with_ballast.make_ballast()).await?;
+        files.make_ballast().await;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let live = Arc::<Live>::default();
@@ -127,7 +124,6 @@ impl Server {
             tokens: access.tokens(),
             worker: worker_name().into(),
             device_name: description.info.name.clone(),
-            faults: extras.faults.clone(),
             store: Arc::clone(&store),
             files: Arc::clone(&files),
             storage: Arc::clone(&storage),
@@ -146,7 +142,6 @@ impl Server {
             slots: Arc::new(Semaphore::new(settings.meshes_in_memory)),
             newcomer: Arc::new(Semaphore::new(1)),
             memory: Memory::new(settings.work.memory_budget),
-            small: SmallMeshes::start()?,
             leases: Arc::default(),
             time: settings.work.max_job(),
             patience: extras.patience.unwrap_or(PATIENCE),
@@ -185,7 +180,7 @@ impl Server {
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
         let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-        let retention = Retention::new(files, store, kept, Reading::now()).await?;
+        let retention = Retention::new(files, store, kept, (SystemTime::now(), Instant::now())).await?;
         let mut work = match shared.settings.work.work {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),
@@ -198,7 +193,7 @@ impl Server {
         let _close = close.clone().drop_guard();
         let mut serving = connections::serve(listener, router(Arc::clone(&shared)), traffic, metrics, close.clone())
             .map_err(|error| Error::io("connections cannot be accepted", error))?;
-        tasks.spawn(lag::watch(Arc::clone(&shared.metrics), close.clone()));
+        tasks.spawn(Arc::clone(&shared.metrics).watch_lag(close.clone()));
         let (followed, until) = (Arc::clone(&shared), stop.clone());
         tasks.spawn(async move { followed.access.follow(&followed.health, until).await });
         let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));

@@ -1,12 +1,5 @@
 //! Blobs in a bucket of S3, or of a server that speaks its protocol.
-//!
-//! | variable | what it says |
-//! |---|---|
-//! | `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN` | the key |
-//! | `AWS_WEB_IDENTITY_TOKEN_FILE` and `AWS_ROLE_ARN`, `AWS_CONTAINER_…` | a role instead, as Kubernetes gives it |
-//! | `AWS_REGION` | the region |
-//! | `AWS_ENDPOINT_URL` | another server than Amazon's |
-//! | `AWS_ALLOW_HTTP` | `true`: that server may be one without TLS on another machine |
+//! `docs/durability.md` has the variables `AWS_…` that say where it is, and with which key it is used.
 //!
 //! A request is repeated a few times for some seconds; then its failure is one of the storage, and the service waits
 //! until the bucket answers again ([`Storage`](crate::files::storage::Storage)).
@@ -22,15 +15,11 @@ use reqwest::Url;
 use tesserae_mesh::error::{Error, Result};
 
 const RETRIES: usize = 3;
-
 /// Time after which no request is repeated.
 const RETRYING: Duration = Duration::from_secs(15);
-
-/// Longest time between two of them.
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 
 const CONNECTING: Duration = Duration::from_secs(5);
-
 /// Time without a byte after which a request has failed. A whole answer may take longer: clients read it at their pace.
 const SILENCE: Duration = Duration::from_secs(30);
 

@@ -62,8 +62,7 @@ pub(super) async fn remove(root: &Path, below: &BlobPath) -> Result<u64> {
     .await?
 }
 
-/// Removes the folders above a removed one that are empty now. Those in the root stay: they have the modes that the
-/// service gave them.
+/// Removes the folders above a removed one that are empty now. Those in the root stay, with their modes.
 fn remove_empty_above(root: &Path, folder: &Path) {
     let is_below = |parent: &Path| parent != root && parent.starts_with(root);
     for above in folder.ancestors().skip(1).take_while(|above| above.parent().is_some_and(is_below)) {
@@ -87,8 +86,7 @@ fn is_whole((path, found): &(PathBuf, Metadata)) -> bool {
     found.is_file() && path.file_name().is_some_and(|name| !name.to_string_lossy().contains('#'))
 }
 
-/// Links a file of the folder `from` into the folder `to`, or copies it where that cannot be. A file that is gone
-/// leaves nothing, and one that is there already stays.
+/// Links a file of `from` into `to`, or copies it where that cannot be, unless it is gone, or there already.
 pub(crate) fn link(from: &Path, to: &Path, file: &Path) -> io::Result<()> {
     let (source, target) = (from.join(file), to.join(file));
     if target.exists() {

@@ -2,12 +2,10 @@
 //!
 //! [`Blobs`] is all that the service needs of a place that keeps them: an [`ObjectStore`], which is a `bucket` of S3,
 //! or a [`folder`], which is listed and removed as such. [`place::BlobPlace`] is what `--blobs` says. One suite of
-//! tests runs for each (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
+//! tests runs for each (`tests`). Nothing here knows of jobs, or of room on a disk: `files` does.
 
 #[cfg(feature = "s3")]
 mod bucket;
-#[cfg(test)]
-mod conformance;
 pub(crate) mod folder;
 pub(crate) mod place;
 #[cfg(test)]
@@ -73,22 +71,20 @@ impl Blobs {
     pub async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
         let options = GetOptions { range, ..GetOptions::default() };
         let found = self.store.get_opts(path, options).await.map_err(cannot_read)?;
-        Ok(Blob(Source::Found(Box::new(found))))
+        Ok(Blob::Found(Box::new(found)))
     }
 
-    /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its [tag](Found::tag) is another one,
-    /// and [`Kind::Forbidden`] if it may not be read.
+    /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its tag, which changes with its
+    /// content, is another one, and [`Kind::Forbidden`] if it may not be read.
     pub async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
         let options = GetOptions { range, if_match: tag.map(str::to_owned), ..GetOptions::default() };
         let found = self.store.get_opts(path, options).await.map_err(may_not_read)?;
-        Ok(Blob(Source::Found(Box::new(found))))
+        Ok(Blob::Found(Box::new(found)))
     }
 
-    /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there, [`Kind::Forbidden`] if it may
-    /// not be read.
-    pub async fn find(&self, path: &Path) -> Result<Found> {
-        let ObjectMeta { size, e_tag, .. } = self.store.head(path).await.map_err(may_not_read)?;
-        Ok(Found { bytes: size, tag: e_tag })
+    /// What is known of a blob without opening it. Errors as of [`Self::get_tagged`].
+    pub async fn find(&self, path: &Path) -> Result<ObjectMeta> {
+        self.store.head(path).await.map_err(may_not_read)
     }
 
     /// The next segment of every path below a path, once each, in no order.
@@ -122,25 +118,15 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// Stores a blob, finds it, and removes it; returns the time by the clock of the place. A place that fails here is
-    /// one that does not work.
+    /// Stores a blob, finds it, and removes it; returns the time by the clock of the place.
     pub async fn probe(&self) -> Result<SystemTime> {
-        let below = Path::from_iter([PROBES, &Uuid::new_v4().to_string()]);
+        let below = Path::from_iter(["probes", &Uuid::new_v4().to_string()]);
         self.put(&below.clone().join("probe"), Bytes::from_static(b"probe")).await?;
         let time = self.newest(&below).await?;
         self.remove(&below).await?;
         time.ok_or_else(|| Error::new(Kind::Unavailable, "a file that was stored cannot be found"))
     }
 }
-
-#[derive(Debug, Clone)]
-pub(crate) struct Found {
-    pub bytes: u64,
-    /// Changes with its content; none where the place has none.
-    pub tag: Option<String>,
-}
-
-const PROBES: &str = "probes";
 
 /// A blob that is stored in parts. It is there when [complete](Self::complete); the parts of one that is dropped before
 /// are removed.
@@ -181,10 +167,7 @@ impl Drop for Parts {
 
 /// A blob that is there, or a range of it.
 #[derive(Debug)]
-pub(crate) struct Blob(Source);
-
-#[derive(Debug)]
-enum Source {
+pub(crate) enum Blob {
     Found(Box<GetResult>),
     Held { bytes: Bytes, whole: u64 },
 }
@@ -195,29 +178,29 @@ impl Blob {
         let range = range.map_or(Ok(0..bytes.len() as u64), |range| range.as_range(bytes.len() as u64));
         let range = range.map_err(|error| Error::new(Kind::Io, format_args!("a file is too short: {error}")))?;
         let (whole, bytes) = (bytes.len() as u64, bytes.slice(range.start as usize..range.end as usize));
-        Ok(Self(Source::Held { bytes, whole }))
+        Ok(Self::Held { bytes, whole })
     }
 
     pub fn length(&self) -> u64 {
-        match &self.0 {
-            Source::Found(found) => found.range.end - found.range.start,
-            Source::Held { bytes, .. } => bytes.len() as u64,
+        match self {
+            Self::Found(found) => found.range.end - found.range.start,
+            Self::Held { bytes, .. } => bytes.len() as u64,
         }
     }
 
     pub fn whole_length(&self) -> u64 {
-        match &self.0 {
-            Source::Found(found) => found.meta.size,
-            Source::Held { whole, .. } => *whole,
+        match self {
+            Self::Found(found) => found.meta.size,
+            Self::Held { whole, .. } => *whole,
         }
     }
 
     /// The bytes as the body of an answer.
     pub fn into_body(self) -> Body {
         let length = self.length();
-        match self.0 {
-            Source::Held { bytes, .. } => Body::from(bytes),
-            Source::Found(found) => match file(found) {
+        match self {
+            Self::Held { bytes, .. } => Body::from(bytes),
+            Self::Found(found) => match file(found) {
                 Ok(file) => {
                     let file = tokio::fs::File::from_std(file).take(length);
                     Body::from_stream(ReaderStream::with_capacity(file, CHUNK))
@@ -230,9 +213,9 @@ impl Blob {
     /// The bytes for a thread that may block; to be called on the runtime.
     pub fn into_reader(self) -> Box<dyn Input + Send> {
         let length = self.length();
-        match self.0 {
-            Source::Held { bytes, .. } => Box::new(io::Cursor::new(bytes)),
-            Source::Found(found) => match file(found) {
+        match self {
+            Self::Held { bytes, .. } => Box::new(io::Cursor::new(bytes)),
+            Self::Found(found) => match file(found) {
                 Ok(file) => Box::new(file.take(length)),
                 Err(found) => {
                     let stream =
@@ -244,9 +227,9 @@ impl Blob {
     }
 
     pub async fn bytes(self) -> Result<Bytes> {
-        match self.0 {
-            Source::Held { bytes, .. } => Ok(bytes),
-            Source::Found(found) => found.bytes().await.map_err(cannot_read),
+        match self {
+            Self::Held { bytes, .. } => Ok(bytes),
+            Self::Found(found) => found.bytes().await.map_err(cannot_read),
         }
     }
 }
@@ -296,8 +279,7 @@ fn may_not_read(error: object_store::Error) -> Error {
     }
 }
 
-/// The error of a blob, for clients: the first error of the system among its causes, which names no path. The log gets
-/// all of them.
+/// The error of a blob, for clients: the first error of the system among its causes, which names no path.
 fn failed(what: &str, error: object_store::Error) -> Error {
     tracing::warn!(%error, "{what}");
     let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(&error);

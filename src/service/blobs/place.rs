@@ -1,8 +1,7 @@
 //! Where blobs lie when they do not lie in the data folder: a folder, or a part of a bucket.
 //!
 //! Several processes may have one place. Nothing locks it, and nothing depends on a conditional put, which not every
-//! S3 server has: the paths of uploads and results have the id of their job in them, and the store of jobs decides what
-//! they mean.
+//! S3 server has: paths have the id of their job in them, and the store of jobs decides what they mean.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -17,13 +16,13 @@ use crate::ops::private;
 /// What the URL of a bucket begins with.
 const BUCKET: &str = "s3://";
 
-/// A place for blobs: a folder, or `s3://BUCKET/PREFIX`.
+/// A place for blobs.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct BlobPlace(FolderOrBucket);
-
-#[derive(Debug, Clone, PartialEq, Eq)]
-enum FolderOrBucket {
+pub enum BlobPlace {
+    /// A folder.
     Folder(PathBuf),
+    /// `s3://NAME/PREFIX`
+    #[allow(missing_docs)]
     Bucket { name: String, prefix: BlobPath },
 }
 
@@ -36,7 +35,7 @@ impl FromStr for BlobPlace {
                 true => Err(Error::parameter(format_args!(
                     "a place for blobs is a folder or s3://BUCKET/PREFIX, not {text:?}"
                 ))),
-                false => Ok(Self(FolderOrBucket::Folder(text.into()))),
+                false => Ok(Self::Folder(text.into())),
             };
         };
         let (name, prefix) = rest.split_once('/').unwrap_or((rest, ""));
@@ -44,7 +43,7 @@ impl FromStr for BlobPlace {
         // the parser would leave a first `/` out
         let prefix = BlobPath::parse(prefix).ok().filter(|_| !prefix.starts_with('/'));
         match prefix.filter(|_| !name.is_empty() && name.bytes().all(is_name)) {
-            Some(prefix) => Ok(Self(FolderOrBucket::Bucket { name: name.to_owned(), prefix })),
+            Some(prefix) => Ok(Self::Bucket { name: name.to_owned(), prefix }),
             None => Err(Error::parameter(format_args!(
                 "a bucket is s3://BUCKET or s3://BUCKET/PREFIX, without user, port, `?` or empty segments, not {text:?}"
             ))),
@@ -54,10 +53,10 @@ impl FromStr for BlobPlace {
 
 impl fmt::Display for BlobPlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.0 {
-            FolderOrBucket::Folder(path) => path.display().fmt(f),
-            FolderOrBucket::Bucket { name, prefix } if prefix.as_ref().is_empty() => write!(f, "{BUCKET}{name}"),
-            FolderOrBucket::Bucket { name, prefix } => write!(f, "{BUCKET}{name}/{prefix}"),
+        match self {
+            Self::Folder(path) => path.display().fmt(f),
+            Self::Bucket { name, prefix } if prefix.as_ref().is_empty() => write!(f, "{BUCKET}{name}"),
+            Self::Bucket { name, prefix } => write!(f, "{BUCKET}{name}/{prefix}"),
         }
     }
 }
@@ -65,16 +64,16 @@ impl fmt::Display for BlobPlace {
 impl BlobPlace {
     /// The blobs there. A folder is made if need be; a bucket must be there, which is not checked yet.
     pub(crate) fn open(&self) -> Result<Blobs> {
-        match &self.0 {
-            FolderOrBucket::Folder(path) => {
+        match self {
+            Self::Folder(path) => {
                 let opened = private::make_folder(path).and_then(|()| Blobs::in_folder(path, true));
                 let cannot = |error| Error::io(format_args!("the folder cannot be used (--blobs): {self}"), error);
                 opened.map_err(cannot)
             }
             #[cfg(feature = "s3")]
-            FolderOrBucket::Bucket { name, prefix } => super::bucket::open(name, prefix).map(Blobs::stored),
+            Self::Bucket { name, prefix } => super::bucket::open(name, prefix).map(Blobs::stored),
             #[cfg(not(feature = "s3"))]
-            FolderOrBucket::Bucket { .. } => Err(Error::parameter(format_args!(
+            Self::Bucket { .. } => Err(Error::parameter(format_args!(
                 "this program was built without the cargo feature s3; give --blobs a folder, not {self}"
             ))),
         }
@@ -82,10 +81,10 @@ impl BlobPlace {
 
     /// The same bucket without the prefix, and the prefix; none for a folder.
     pub(crate) fn bucket(&self) -> Option<(Self, &BlobPath)> {
-        match &self.0 {
-            FolderOrBucket::Folder(_) => None,
-            FolderOrBucket::Bucket { name, prefix } => {
-                Some((Self(FolderOrBucket::Bucket { name: name.clone(), prefix: BlobPath::default() }), prefix))
+        match self {
+            Self::Folder(_) => None,
+            Self::Bucket { name, prefix } => {
+                Some((Self::Bucket { name: name.clone(), prefix: BlobPath::default() }, prefix))
             }
         }
     }
@@ -100,7 +99,7 @@ mod tests {
         for text in ["blobs", "/srv/blobs", "s3:x", "s3://b", "s3://b/p", "s3://my-bucket.x_1/p/q"] {
             let place: BlobPlace = text.parse().expect(text);
             assert_eq!(place.to_string(), text);
-            assert_eq!(matches!(place.0, FolderOrBucket::Bucket { .. }), text.starts_with(BUCKET));
+            assert_eq!(matches!(place, BlobPlace::Bucket { .. }), text.starts_with(BUCKET));
         }
         for (text, same) in [("s3://b/", "s3://b"), ("s3://b/p/", "s3://b/p")] {
             assert_eq!(text.parse::<BlobPlace>().expect(text).to_string(), same);

@@ -1,21 +1,22 @@
-//! The writing of a blob: as its bytes come, never all of them in memory.
+//! The writing of blobs: as their bytes come, never all of them in memory. Those of an upload that is coming in, or of
+//! a result, are kept by the store when they are small together.
 
 use std::io::{self, Write};
 use std::sync::Arc;
 
 use axum::body::Bytes;
+use futures_util::future::try_join_all;
 use object_store::GetRange;
 use object_store::path::Path as BlobPath;
 use sha2::{Digest, Sha256};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
 
-use super::failure::storage_error;
 use super::folder::Files;
-use super::names::Folder;
+use super::root::{Folder, storage_error};
 use crate::blobs::{Blob, Parts};
 use crate::ops::faults::FaultPoint;
-use crate::store::{Contents, JobId, SmallBlob};
+use crate::store::{Contents, JobId, SMALL_BLOBS, SmallBlob};
 
 const CHUNK: usize = 1 << 16;
 
@@ -24,38 +25,34 @@ pub(crate) struct BlobWriter {
     files: Arc<Files>,
     folder: Folder,
     name: String,
-    /// Whether it is refused when there is no room to spare.
-    is_upload: bool,
     buffer: Vec<u8>,
     parts: Option<Parts>,
     written: u64,
-    /// Bytes of an upload that count as long as it comes in.
-    counted: u64,
     /// Of all bytes so far; of a result only.
     sha256: Sha256,
-    /// Bytes that are held before they are written: a smaller blob is written at once.
-    part: usize,
 }
 
 impl BlobWriter {
-    pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
-        let part = files.blobs.part;
-        let (name, buffer, sha256) = (name.to_owned(), Vec::new(), Sha256::new());
-        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, counted: 0, sha256, part }
+    fn new(files: &Arc<Files>, folder: Folder, name: &str) -> Self {
+        let (files, name, buffer, sha256) = (Arc::clone(files), name.to_owned(), Vec::new(), Sha256::new());
+        Self { files, folder, name, buffer, parts: None, written: 0, sha256 }
     }
 
-    pub(super) fn bytes(&self) -> u64 {
+    fn is_upload(&self) -> bool {
+        matches!(self.folder, Folder::Upload(_))
+    }
+
+    fn bytes(&self) -> u64 {
         self.written + self.buffer.len() as u64
     }
 
-    /// What the blob of a result holds, by its name.
     pub fn contents(&self) -> (String, Contents) {
         let sha256 = self.sha256.clone().finalize().iter().map(|byte| format!("{byte:02x}")).collect();
         (self.name.clone(), Contents { bytes: self.bytes(), sha256 })
     }
 
     /// The blob, of which nothing was written to the disk yet, as one for the store.
-    pub(super) fn into_small(mut self) -> Result<SmallBlob> {
+    fn into_small(mut self) -> Result<SmallBlob> {
         let bytes = self.take_buffer().map_err(|error| self.files.noted(error))?;
         Ok(SmallBlob { name: std::mem::take(&mut self.name), bytes })
     }
@@ -69,12 +66,13 @@ impl BlobWriter {
     }
 
     async fn take(&mut self, bytes: &[u8]) -> Result<()> {
-        if !self.is_upload {
+        if !self.is_upload() {
             self.sha256.update(bytes);
         }
-        let mut rest = bytes;
-        while self.buffer.len() + rest.len() >= self.part {
-            let (now, later) = rest.split_at(self.part - self.buffer.len());
+        // a smaller blob is written at once
+        let (mut rest, part) = (bytes, self.files.blobs.part);
+        while self.buffer.len() + rest.len() >= part {
+            let (now, later) = rest.split_at(part - self.buffer.len());
             self.buffer.extend_from_slice(now);
             self.write_part().await?;
             rest = later;
@@ -114,7 +112,7 @@ impl BlobWriter {
             }
         }
         // they stay
-        self.counted = 0;
+        self.written = 0;
         Ok(())
     }
 
@@ -130,7 +128,7 @@ impl BlobWriter {
 
     /// What is held, if it may be written.
     fn take_buffer(&mut self) -> Result<Bytes> {
-        if self.is_upload {
+        if self.is_upload() {
             self.files.check_room(self.buffer.len() as u64, self.written)?;
         }
         self.files
@@ -139,9 +137,8 @@ impl BlobWriter {
             .map_err(|error| storage_error("a file cannot be stored", error))?;
         let bytes = self.buffer.len() as u64;
         self.written += bytes;
-        if self.is_upload {
+        if self.is_upload() {
             self.files.disk.uploaded(bytes);
-            self.counted += bytes;
         }
         Ok(std::mem::take(&mut self.buffer).into())
     }
@@ -149,7 +146,9 @@ impl BlobWriter {
 
 impl Drop for BlobWriter {
     fn drop(&mut self) {
-        self.files.disk.removed(self.counted);
+        if self.is_upload() {
+            self.files.disk.removed(self.written);
+        }
     }
 }
 
@@ -177,12 +176,89 @@ impl Write for Filling<'_> {
     }
 }
 
-impl Files {
-    pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(self), Folder::Result(job, attempt), name, false)
+/// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
+pub(crate) struct Incoming {
+    files: Arc<Files>,
+    pub id: JobId,
+    /// Whole blobs, as long as all are small together.
+    held: Vec<BlobWriter>,
+    /// Whether they were not, and are files.
+    has_files: bool,
+    kept: bool,
+}
+
+impl Incoming {
+    /// The mesh lies in a bucket: what comes with it lies in files.
+    pub fn is_referred(&mut self) {
+        self.has_files = true;
     }
 
-    /// Opens a blob, or a range of one.
+    /// Starts a blob, to be [added](Self::add) when it is whole.
+    pub fn blob(&self, name: &str) -> BlobWriter {
+        BlobWriter::new(&self.files, Folder::Upload(self.id), name)
+    }
+
+    pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
+        self.held.push(blob);
+        if self.has_files || !are_small(&self.held) {
+            self.has_files = true;
+            for blob in self.held.drain(..) {
+                blob.finish().await?;
+            }
+        }
+        Ok(())
+    }
+
+    pub async fn settle(&mut self) -> Result<Vec<SmallBlob>> {
+        settle(std::mem::take(&mut self.held)).await
+    }
+
+    /// The job was accepted: the blobs are its upload.
+    pub fn keep(mut self) {
+        self.kept = true;
+    }
+}
+
+/// Ends blobs that belong together: gives them if they are small; else makes files of them all at once, and gives none.
+pub(crate) async fn settle(blobs: Vec<BlobWriter>) -> Result<Vec<SmallBlob>> {
+    if are_small(&blobs) {
+        return blobs.into_iter().map(BlobWriter::into_small).collect();
+    }
+    try_join_all(blobs.into_iter().map(BlobWriter::finish)).await?;
+    Ok(Vec::new())
+}
+
+fn are_small(blobs: &[BlobWriter]) -> bool {
+    blobs.iter().map(BlobWriter::bytes).sum::<u64>() <= SMALL_BLOBS
+}
+
+impl Drop for Incoming {
+    fn drop(&mut self) {
+        let (files, id) = (Arc::clone(&self.files), self.id);
+        if self.kept {
+            files.incoming.lock().remove(&id);
+            return;
+        }
+        if let Ok(runtime) = Handle::try_current() {
+            runtime.spawn(async move {
+                files.remove_upload(id).await;
+                files.incoming.lock().remove(&id);
+            });
+        }
+    }
+}
+
+impl Files {
+    pub fn incoming(self: &Arc<Self>) -> Incoming {
+        let id = JobId::random();
+        self.incoming.lock().insert(id);
+        Incoming { files: Arc::clone(self), id, held: Vec::new(), has_files: false, kept: false }
+    }
+
+    pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
+        BlobWriter::new(self, Folder::Result(job, attempt), name)
+    }
+
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
         let found = self.blobs.get(&folder.path().join(name), range).await;
@@ -193,7 +269,6 @@ impl Files {
         }
     }
 
-    /// A small blob that the store kept, or a range of it.
     pub fn held(&self, bytes: &Bytes, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
         Blob::held(bytes, range)

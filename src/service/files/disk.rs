@@ -2,15 +2,37 @@
 //!
 //! An upload is accepted while the disk has room for it, for the results of all uploads that are there, and for the
 //! reserve. The reserve is what the store of jobs grows by, with the small jobs in it. A job whose results find no room
-//! all the same repeats their writing (`pipeline::patience`).
+//! all the same repeats their writing (`pipeline::bounds`).
+//!
+//! Ballast is two files of no meaning in the data folder, made again when there is room:
+//!
+//! | file | removed |
+//! |---|---|
+//! | [`BALLAST`] | when a full disk stops deletions |
+//! | [`LAST`] | when the service starts on a full disk, and the other one is gone |
+//!
+//! To forget a job, the store of jobs writes first, and to be opened it writes files beside its own. On a full disk it
+//! cannot, so nothing that would make room could begin.
 
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::names::UPLOADS;
+use super::root::UPLOADS;
 use crate::blobs::folder::size;
+use crate::ops::private;
+
+pub(super) const BALLAST: &str = "ballast";
+pub(super) const LAST: &str = "ballast.last";
+
+/// Bytes of the ballast, at most: a few transactions of the store of jobs. It takes no more than this part of the disk.
+const MOST_BALLAST: u64 = 16 << 20;
+const PART_OF_DISK: u64 = 16;
+
+/// The part of the ballast that the last one is as large as.
+const PART_OF_BALLAST: u64 = 4;
 
 /// Least reserve: the log of the store of jobs grows with every change before it is written over.
 pub(super) const STORE_ROOM: u64 = 8 << 20;
@@ -20,7 +42,6 @@ pub(super) const STORE_ROOM: u64 = 8 << 20;
 /// its writing where there is no room.
 const RESULTS: u64 = 4;
 
-/// Refuses a reserve that the disk of a folder never has: no upload would be taken.
 pub(super) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
     match total_bytes(folder) {
         Some(total) if (1..=reserve).contains(&total) => Err(Error::parameter(format_args!(
@@ -39,12 +60,16 @@ pub(super) struct Disk {
     has_uploads: bool,
     /// Bytes of the files of uploads, those that are coming in included.
     uploads: AtomicU64,
+    /// Bytes of the ballast; 0 for a temporary folder, which goes with the process.
+    ballast: u64,
 }
 
 impl Disk {
-    pub fn new(root: PathBuf, reserve: u64, has_uploads: bool) -> Self {
+    pub fn new(root: PathBuf, is_kept: bool, reserve: u64, has_uploads: bool) -> Self {
         let uploads = AtomicU64::new(size(&root.join(UPLOADS)));
-        Self { root, reserve: reserve.max(STORE_ROOM), has_uploads, uploads }
+        let ballast = total_bytes(&root).map_or(MOST_BALLAST, |bytes| MOST_BALLAST.min(bytes / PART_OF_DISK));
+        let ballast = if is_kept { ballast } else { 0 };
+        Self { root, reserve: reserve.max(STORE_ROOM), has_uploads, uploads, ballast }
     }
 
     /// Refuses `more` bytes of an upload of which `before` were written, without room for them and their results.
@@ -75,7 +100,6 @@ impl Disk {
         }
     }
 
-    /// Bytes that this process may still write; none where that cannot be told.
     pub fn free(&self) -> Option<u64> {
         space(&self.root).map(|(free, _)| free)
     }
@@ -99,10 +123,30 @@ impl Disk {
         let less = |uploads: u64| Some(uploads.saturating_sub(bytes));
         let _ = self.uploads.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
     }
+
+    /// Makes the ballast that is not there, when there is room to spare. Blocks.
+    pub fn make_ballast(&self) -> io::Result<()> {
+        for (name, size) in [(LAST, self.ballast / PART_OF_BALLAST), (BALLAST, self.ballast)] {
+            let path = self.root.join(name);
+            let there = path.metadata().map_or(0, |found| found.len());
+            if there >= size || self.spare() <= size {
+                continue;
+            }
+            let made = private::options()
+                .open(&path)
+                .and_then(|mut file| io::copy(&mut io::repeat(0).take(size), &mut file).map(drop));
+            made.inspect_err(|_| _ = std::fs::remove_file(&path))?;
+        }
+        Ok(())
+    }
+
+    /// Removes one of the files of ballast; whether it was there. Blocks.
+    pub fn give_up(&self, name: &str) -> bool {
+        std::fs::remove_file(self.root.join(name)).is_ok()
+    }
 }
 
-/// Bytes of the file system of a folder: those that this process may still write, and all. None where that cannot be
-/// told.
+/// Bytes of the file system of a folder, if known: those that this process may still write, and all.
 fn space(folder: &Path) -> Option<(u64, u64)> {
     let found = rustix::fs::statvfs(folder).ok()?;
     let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);

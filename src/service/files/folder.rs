@@ -10,11 +10,8 @@ use object_store::path::Path as BlobPath;
 use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::ballast::{BALLAST, Ballast, LAST};
-use super::disk::{self, Disk};
-use super::failure::{CANNOT_REACH, cannot_make, storage_error};
-use super::names::{Folder, RESULTS, UPLOADS};
-use super::root::{self, Root};
+use super::disk::{self, BALLAST, Disk, LAST};
+use super::root::{CANNOT_REACH, Folder, RESULTS, Root, UPLOADS, cannot_make, storage_error};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
 use crate::ops::blocking::blocking;
@@ -29,14 +26,13 @@ const STORE_PART: u64 = 8;
 pub(crate) struct Files {
     pub(super) root: Root,
     pub(super) blobs: Blobs,
-    /// Where meshes may lie that no request brings, and the bucket of each place.
+    /// Where meshes may lie that no request brings, each with its bucket.
     pub(super) prefixes: Vec<(BlobPlace, Blobs)>,
     /// Where the blobs lie when they are not in the root. Other processes may use them too.
     pub(super) elsewhere: Option<BlobPlace>,
     /// Name of the store that the place of the blobs belongs to.
     pub(super) owner: Option<String>,
     pub(super) disk: Disk,
-    pub(super) ballast: Ballast,
     /// Uploads in progress; the store has no row for them.
     pub(super) incoming: Mutex<HashSet<JobId>>,
     /// Blobs that could not be written or read for reasons of the disk.
@@ -47,7 +43,7 @@ pub(crate) struct Files {
     pub(crate) unknown: AtomicU64,
     /// Blobs of results that were not what was stored.
     pub(crate) damages: AtomicU64,
-    pub(super) faults: Faults,
+    pub(crate) faults: Faults,
 }
 
 impl Files {
@@ -72,8 +68,7 @@ impl Files {
                 blobs.map_err(|error| cannot_make(&root.path, error))?
             }
         };
-        let ballast = Ballast::new(&root.path, disk::total_bytes(&root.path), root.is_kept());
-        let disk = Disk::new(root.path.clone(), reserve, elsewhere.is_none());
+        let disk = Disk::new(root.path.clone(), root.is_kept(), reserve, elsewhere.is_none());
         let files = Self {
             root,
             blobs,
@@ -81,7 +76,6 @@ impl Files {
             elsewhere: elsewhere.cloned(),
             owner: None,
             disk,
-            ballast,
             incoming: Mutex::default(),
             failures: AtomicU64::default(),
             stuck: AtomicU64::default(),
@@ -91,14 +85,14 @@ impl Files {
         };
         // the store needs some room to be opened
         let is_full = || files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8);
-        if is_full() && (files.ballast.give_up(BALLAST) || files.ballast.give_up(LAST)) {
+        if is_full() && (files.disk.give_up(BALLAST) || files.disk.give_up(LAST)) {
             tracing::warn!("the disk is full: the service gives up ballast to start");
         }
         Ok(files)
     }
 
     pub fn database(&self) -> PathBuf {
-        self.root.path.join(root::STORE)
+        self.root.path.join("jobs.sqlite3")
     }
 
     pub fn scratch(&self) -> PathBuf {
@@ -119,24 +113,22 @@ impl Files {
         self.remove_below(&Folder::Results(id).path()).await;
     }
 
-    /// Refuses more bytes of an upload, of which some were written before, when there is no room for them or no folder
-    /// any more.
+    /// Refuses `more` bytes of an upload, of which `before` were written, without room for them or without the folder.
     pub fn check_room(&self, more: u64, before: u64) -> Result<()> {
         self.check_reachable()?;
         self.disk.check(more, before)
     }
 
-    /// Makes the ballast if it is missing and there is room to spare. Blocks.
-    pub fn make_ballast(&self) {
-        if let Err(error) = self.ballast.make(|| self.disk.spare()) {
+    pub async fn make_ballast(self: &Arc<Self>) {
+        let this = Arc::clone(self);
+        if let Ok(Err(error)) = blocking(move || this.disk.make_ballast()).await {
             tracing::warn!(%error, "the ballast cannot be made; without it, a full disk may stop deletions");
         }
     }
 
     /// Gives the ballast up, so that the store can write; whether there was any.
-    pub async fn give_up_ballast(self: &Arc<Self>) -> bool {
-        let this = Arc::clone(self);
-        let had_any = blocking(move || this.ballast.give_up(BALLAST)).await.unwrap_or(false);
+    pub async fn give_up_ballast(&self) -> bool {
+        let had_any = tokio::fs::remove_file(self.root.path.join(BALLAST)).await.is_ok();
         if had_any {
             tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
         }
@@ -150,7 +142,6 @@ impl Files {
         Error::new(Kind::Damaged, format_args!("the stored {name} is damaged, submit the mesh again: {why}"))
     }
 
-    /// Bytes that may still be written to the file system of the folder; none where the system does not tell.
     pub fn free_bytes(&self) -> Option<u64> {
         self.disk.free()
     }
@@ -162,12 +153,8 @@ impl Files {
 
     /// Whether the folder is there and takes a file; says what is wrong. Blocks.
     pub fn probe(&self) -> Result<()> {
-        let cannot = |error| {
-            storage_error(
-                format_args!("no file can be written in the data folder: {}", self.root.path.display()),
-                error,
-            )
-        };
+        let folder = self.root.path.display();
+        let cannot = |error| storage_error(format_args!("no file can be written in the data folder: {folder}"), error);
         self.faults.hit(FaultPoint::ProbeFolder).map_err(cannot)?;
         self.check_root()?;
         let write = || {
@@ -205,7 +192,7 @@ impl Files {
         error
     }
 
-    /// Lets go of the folder: removes a temporary one, and lets another process have one that stays.
+    /// Removes a temporary folder, and lets another process have one that stays.
     pub async fn close(&self) {
         if let Some(folder) = &self.root.temporary {
             let _ = tokio::fs::remove_dir_all(folder.path()).await;
@@ -214,8 +201,7 @@ impl Files {
         }
     }
 
-    /// Removes all blobs below a path, and gives the number of their bytes. What cannot be removed now is swept away
-    /// later.
+    /// Removes all blobs below a path; gives the number of their bytes. What cannot be removed now, a sweep removes.
     async fn remove_below(&self, path: &BlobPath) -> u64 {
         self.blobs.remove(path).await.unwrap_or_else(|error| {
             tracing::warn!("{error}");

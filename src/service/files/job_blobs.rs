@@ -1,11 +1,16 @@
-//! Where the blobs of a job are found: small ones with the job in the store, others in files.
+//! The blobs of a job, of which small ones lie with it in the store and others in files: where they are found, and how
+//! they go with the job, also when the disk is full.
+//!
+//! The store deletes the job before its files are removed, because a sweep finds files without a job later. To delete a
+//! job the store must write. On a full disk there are two more attempts: after the ballast is removed, and after the
+//! files of the job are.
 
 use object_store::GetRange;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use crate::blobs::Blob;
 use crate::files::{Files, Folder, MESH};
-use crate::store::{Job, Store};
+use crate::store::{Deletion, Job, JobId, Store};
 
 pub(crate) async fn upload(
     files: &Files,
@@ -41,4 +46,32 @@ async fn small(files: &Files, store: &Store, job: &Job, name: &str, range: Optio
     let bytes = store.blob(job.id, name).await?;
     let bytes = bytes.ok_or_else(|| Error::new(Kind::NotFound, "the file is gone: its job was deleted"))?;
     files.held(&bytes, range)
+}
+
+pub(crate) async fn delete(files: &Files, store: &Store, id: JobId) -> Result<Deletion> {
+    let mut outcome = store.delete(id).await;
+    if is_full(&outcome) && files.give_up_ballast().await {
+        outcome = store.delete(id).await;
+    }
+    if is_full(&outcome) && store.get(id).await?.is_some_and(|job| job.state.is_ended()) {
+        files.remove(id).await;
+        outcome = store.delete(id).await;
+    }
+    if outcome == Ok(Deletion::Deleted) {
+        files.remove(id).await;
+    }
+    outcome
+}
+
+/// Cancels a job, as [`Store::cancel`] does.
+pub(crate) async fn cancel(files: &Files, store: &Store, id: JobId) -> Result<Option<Job>> {
+    let mut outcome = store.cancel(id).await;
+    if is_full(&outcome) && files.give_up_ballast().await {
+        outcome = store.cancel(id).await;
+    }
+    outcome
+}
+
+fn is_full<T>(outcome: &Result<T>) -> bool {
+    outcome.as_ref().is_err_and(|error| error.kind == Kind::InsufficientStorage)
 }

@@ -28,10 +28,8 @@ const MAGIC: &[u8; 8] = b"TSRMESH1";
 /// zstd's fastest usual level: positions compress little at any.
 const LEVEL: i32 = 1;
 
-const CHUNK: usize = 1 << 14;
-
 pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
-    let mut out = zstd::Encoder::new(out, LEVEL)?;
+    let mut out = io::BufWriter::new(zstd::Encoder::new(out, LEVEL)?);
     let PolygonMesh { positions, faces, .. } = mesh;
     let is_single = positions.iter().flatten().all(|&x| f64::from(x as f32).to_bits() == x.to_bits());
     out.write_all(MAGIC)?;
@@ -39,72 +37,60 @@ pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
     for count in [positions.len(), faces.len(), faces.all_corners().len()] {
         out.write_all(&(count as u64).to_le_bytes())?;
     }
-    match is_single {
-        true => write_all(&mut out, positions.as_flattened(), |x| (*x as f32).to_le_bytes())?,
-        false => write_all(&mut out, positions.as_flattened(), |x| x.to_le_bytes())?,
+    for x in positions.as_flattened() {
+        match is_single {
+            true => out.write_all(&(*x as f32).to_le_bytes())?,
+            false => out.write_all(&x.to_le_bytes())?,
+        }
     }
-    write_all(&mut out, faces.all_corners(), |corner| corner.to_le_bytes())?;
+    for corner in faces.all_corners() {
+        out.write_all(&corner.to_le_bytes())?;
+    }
     if !faces.are_triangles() {
-        let counts: Vec<u32> = (0..faces.len()).map(|face| faces.corners(face).len() as u32).collect();
-        write_all(&mut out, &counts, |count| count.to_le_bytes())?;
+        for face in 0..faces.len() {
+            out.write_all(&(faces.corners(face).len() as u32).to_le_bytes())?;
+        }
     }
-    out.finish()?;
-    Ok(())
-}
-
-fn write_all<T, const N: usize>(out: &mut impl Write, numbers: &[T], to: impl Fn(&T) -> [u8; N]) -> io::Result<()> {
-    let mut bytes = Vec::with_capacity(N * CHUNK);
-    for chunk in numbers.chunks(CHUNK) {
-        bytes.clear();
-        bytes.extend(chunk.iter().flat_map(&to));
-        out.write_all(&bytes)?;
-    }
-    Ok(())
+    out.into_inner()?.finish().map(drop)
 }
 
 /// Reads a mesh, which has `faces` faces and was of this format.
 pub(crate) fn read(from: impl Read, faces: u64, format: Format) -> Result<PolygonMesh> {
-    let damaged = |why: &dyn std::fmt::Display| Error::new(Kind::Internal, format!("the kept mesh is damaged: {why}"));
-    let (positions, faces) = read_numbers(from, faces).map_err(|error| damaged(&error))?;
-    if faces.all_corners().iter().any(|&corner| corner as usize >= positions.len()) {
-        return Err(damaged(&"a corner is no point"));
-    }
+    let damaged = |why| Error::new(Kind::Internal, format_args!("the kept mesh is damaged: {why}"));
+    let (positions, faces) = read_numbers(from, faces).map_err(damaged)?;
     let adjusted = Adjusted::default();
     Ok(PolygonMesh { format, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted })
 }
 
 fn read_numbers(from: impl Read, expected: u64) -> io::Result<(Vec<[f64; 3]>, Faces)> {
     let wrong = |what: &str| io::Error::other(what.to_owned());
-    let mut from = zstd::Decoder::new(from)?;
+    let mut from = io::BufReader::new(zstd::Decoder::new(from)?);
     let mut head = [0; 10];
     from.read_exact(&mut head)?;
-    let ([magic @ .., is_single, are_triangles], mut counts) = (head, [0; 3]);
+    let [magic @ .., is_single, are_triangles] = head;
     if magic != *MAGIC {
         return Err(wrong("it begins with something else"));
     }
-    for count in &mut counts {
-        let mut bytes = [0; 8];
-        from.read_exact(&mut bytes)?;
-        *count = u64::from_le_bytes(bytes);
-    }
-    let [points, faces, corners] = counts;
+    let counts = read_all(&mut from, 3, u64::from_le_bytes)?;
+    let (coordinates, faces, corners) = (counts[0].saturating_mul(3), counts[1], counts[2]);
     if faces != expected {
         return Err(wrong("it has another number of faces"));
     }
-    let count = |number: u64| usize::try_from(number).map_err(|_| wrong("it is too large"));
-    let coordinates = 3 * count(points)?;
     let flat: Vec<f64> = match is_single {
         1 => read_all(&mut from, coordinates, |bytes| f64::from(f32::from_le_bytes(bytes)))?,
         _ => read_all(&mut from, coordinates, f64::from_le_bytes)?,
     };
-    let corners = read_all(&mut from, count(corners)?, u32::from_le_bytes)?;
+    let corners = read_all(&mut from, corners, u32::from_le_bytes)?;
+    if corners.iter().any(|&corner| u64::from(corner) >= counts[0]) {
+        return Err(wrong("a corner is no point"));
+    }
     let faces = match are_triangles {
         1 if corners.len() as u64 == 3 * faces => Faces::from_triangles(corners),
         1 => return Err(wrong("triangles have three corners")),
         _ => {
-            let mut polygons = Faces::with_capacity(count(faces)?);
+            let mut polygons = Faces::with_capacity(faces as usize);
             let mut rest = &corners[..];
-            for length in read_all(&mut from, count(faces)?, u32::from_le_bytes)? {
+            for length in read_all(&mut from, faces, u32::from_le_bytes)? {
                 let (face, after) =
                     rest.split_at_checked(length as usize).ok_or_else(|| wrong("corners are missing"))?;
                 polygons.push(face);
@@ -116,16 +102,10 @@ fn read_numbers(from: impl Read, expected: u64) -> io::Result<(Vec<[f64; 3]>, Fa
     Ok((flat.as_chunks().0.to_vec(), faces))
 }
 
-/// Reads numbers, a chunk at a time: no memory is taken for what is not there.
-fn read_all<T, const N: usize>(from: &mut impl Read, count: usize, of: impl Fn([u8; N]) -> T) -> io::Result<Vec<T>> {
-    let mut numbers = Vec::new();
-    let mut bytes = vec![0; N * CHUNK];
-    while numbers.len() < count {
-        let bytes = &mut bytes[..N * CHUNK.min(count - numbers.len())];
-        from.read_exact(bytes)?;
-        numbers.extend(bytes.as_chunks::<N>().0.iter().map(|bytes| of(*bytes)));
-    }
-    Ok(numbers)
+/// Reads numbers one by one: no memory is taken for what is not there.
+fn read_all<T, const N: usize>(from: &mut impl Read, count: u64, of: impl Fn([u8; N]) -> T) -> io::Result<Vec<T>> {
+    let mut bytes = [0; N];
+    (0..count).map(|_| from.read_exact(&mut bytes).map(|()| of(bytes))).collect()
 }
 
 #[cfg(test)]

@@ -19,28 +19,21 @@
 //! it is on the disk when its writing returns. Whether it means anything, the store of jobs decides: an upload before
 //! its job was accepted, and the result of an attempt before it was finished, are swept away after a crash.
 
-mod ballast;
 mod blob;
-pub(crate) mod deletion;
 mod disk;
-mod failure;
 mod folder;
-mod incoming;
 pub(crate) mod job_blobs;
 pub(crate) mod kept_mesh;
-mod names;
 mod place;
 mod referred;
 pub(crate) mod retention;
 mod root;
 pub(crate) mod storage;
-mod sweep;
 
-pub(crate) use self::blob::BlobWriter;
+pub(crate) use self::blob::{BlobWriter, Incoming, settle};
 pub(crate) use self::folder::Files;
-pub(crate) use self::incoming::{Incoming, settle};
-pub(crate) use self::names::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(crate) use self::referred::check_prefixes;
+pub(crate) use self::root::{Folder, GRAPH, MESH, OWNER, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 
 #[cfg(test)]
 mod tests;

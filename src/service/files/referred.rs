@@ -3,13 +3,13 @@
 //! A mesh in a bucket is read only below the prefixes that the operator allows. A client can replace it later, so it is
 //! read by its tag: every attempt at the job reads the same bytes.
 
-use object_store::GetRange;
 use object_store::path::Path as BlobPath;
+use object_store::{GetRange, ObjectMeta};
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::folder::Files;
 use crate::blobs::place::BlobPlace;
-use crate::blobs::{Blob, Blobs, Found};
+use crate::blobs::{Blob, Blobs};
 use crate::store::Referred;
 
 const TENANT: &str = "{tenant}";
@@ -25,7 +25,7 @@ impl Files {
     }
 
     /// What is known of a mesh that no request brings, without reading it.
-    pub async fn find_referred(&self, tenant: &str, url: &str) -> Result<Found> {
+    pub async fn find_referred(&self, tenant: &str, url: &str) -> Result<ObjectMeta> {
         let (blobs, path) = self.place_of(tenant, url)?;
         let found = self.explain_forbidden(blobs.find(&path).await, url).await;
         found.map_err(|error| match error.kind {

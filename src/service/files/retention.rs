@@ -1,67 +1,67 @@
-//! Retention: deletes jobs some time after their end, with their results, and sweeps files that belong to no job.
+//! Retention: deletes jobs some time after their end, with their results, and sweeps files that belong to no job, as
+//! after a crash.
 //!
 //! No job expires at once because the system's clock jumped forward: while the operator sets it right, nothing is
 //! deleted. A jump cannot be distinguished from a time in which the service was stopped.
+//!
+//! Files of a job that the store does not know stay for a while: a store that was restored from an older copy knows
+//! fewer jobs than there are files, and removing these would make the loss final. An upload that is not whole goes at
+//! once.
+//!
+//! A place that is shared holds uploads that come in at another process, which the store does not know yet, and which
+//! this process cannot tell from those that a killed process left. There, what belongs to no job goes when its newest
+//! blob is a day old by the clock of the place.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
 use futures_util::future::join_all;
+use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::Result;
 use tokio_util::sync::CancellationToken;
 
-use crate::files::Files;
-use crate::files::deletion;
-use crate::store::{Deletion, Store};
+use super::folder::Files;
+use super::root::{Folder, MESH, RESULTS, UPLOADS};
+use crate::files::job_blobs;
+use crate::store::{Deletion, Job, JobId, State, Store};
 
 const AT_ONCE: usize = 100;
-
 const INTERVAL: Duration = Duration::from_secs(30);
 
 /// Time between two sweeps of files that a failed removal left.
 const SWEEP: Duration = Duration::from_secs(3600);
-
 /// Time from the start to the first sweep: a service that is started again every hour would never sweep otherwise.
 const FIRST_SWEEP: Duration = Duration::from_secs(5);
 
 /// Least time for which files stay of jobs that the store does not know.
 const UNKNOWN: Duration = Duration::from_secs(7 * 86_400);
+/// Age at which blobs without a job go from a place that is shared. An upload that takes longer is lost.
+const OLD: Duration = Duration::from_secs(86_400);
 
 /// The clock jumped when it is ahead of the time that passed by more than this.
 const JUMP: Duration = Duration::from_secs(3600);
-
 /// Time after a jump in which nothing is deleted.
 const PAUSE: Duration = Duration::from_secs(600);
 
-/// The clocks of the system, read at once.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Reading {
-    /// The system's clock, which people and other computers set.
-    wall: SystemTime,
-    steady: Instant,
-}
-
-impl Reading {
-    pub fn now() -> Self {
-        Self { wall: SystemTime::now(), steady: Instant::now() }
-    }
-}
+/// The system's clock, which people and other computers set, and the steady one, read at once.
+pub(crate) type Clocks = (SystemTime, Instant);
 
 pub(crate) struct Retention {
     files: Arc<Files>,
     store: Arc<Store>,
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
-    last: Reading,
+    last: Clocks,
     pause: Option<Instant>,
 }
 
 impl Retention {
     /// For the jobs of a store. The clock was right when the newest job was created.
-    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Reading) -> Result<Self> {
+    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Clocks) -> Result<Self> {
         let newest = store.newest().await?;
         // a stop and a jump of the clock look alike
-        let last = Reading { wall: newest.unwrap_or(now.wall), ..now };
+        let last = (newest.unwrap_or(now.0), now.1);
         Ok(Self { files, store, kept, last, pause: None })
     }
 
@@ -69,17 +69,12 @@ impl Retention {
         let kept = self.kept;
         let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
         let (mut swept, mut pause) = (Instant::now(), FIRST_SWEEP);
-        loop {
-            tokio::select! {
-                () = stop.cancelled() => return,
-                () = tokio::time::sleep(interval) => {}
-            }
+        while stop.run_until_cancelled(tokio::time::sleep(interval)).await.is_some() {
             // one service does it for all that share the store
             if !self.store.may_clean_up().await.unwrap_or(false) {
                 continue;
             }
-            let is_over = self.look(Reading::now()).await && swept.elapsed() >= pause;
-            if is_over {
+            if self.look((SystemTime::now(), Instant::now())).await && swept.elapsed() >= pause {
                 (swept, pause) = (Instant::now(), SWEEP);
                 let old = kept.and_then(|kept| SystemTime::now().checked_sub(kept.max(UNKNOWN)));
                 match self.files.sweep(self.store.as_ref(), old).await {
@@ -91,12 +86,11 @@ impl Retention {
     }
 
     /// Deletes the jobs that have expired, unless the clock jumped; whether it did not.
-    async fn look(&mut self, now: Reading) -> bool {
+    async fn look(&mut self, now: Clocks) -> bool {
         if self.pauses(now) {
             return false;
         }
-        let before = self.kept.and_then(|kept| now.wall.checked_sub(kept));
-        if let Some(before) = before
+        if let Some(before) = self.kept.and_then(|kept| now.0.checked_sub(kept))
             && let Err(error) = self.expire(before).await
         {
             tracing::warn!(%error, "expired jobs cannot be deleted now");
@@ -105,19 +99,17 @@ impl Retention {
     }
 
     /// Whether the clock jumped since the last look, or a while ago.
-    fn pauses(&mut self, now: Reading) -> bool {
-        let expected = self.last.wall + now.steady.saturating_duration_since(self.last.steady);
-        let ahead = now.wall.duration_since(expected).unwrap_or_default();
-        self.last = now;
+    fn pauses(&mut self, now: Clocks) -> bool {
+        let (last_wall, last_steady) = std::mem::replace(&mut self.last, now);
+        let (wall, steady) = now;
+        let expected = last_wall + steady.saturating_duration_since(last_steady);
+        let ahead = wall.duration_since(expected).unwrap_or_default();
         if ahead > JUMP {
-            self.pause = Some(now.steady + PAUSE);
-            let seconds = ahead.as_secs();
-            tracing::warn!(
-                seconds,
-                "the clock jumped forward, or the service was stopped: no job expires for ten minutes"
-            );
+            self.pause = Some(steady + PAUSE);
+            let why = "the clock jumped forward, or the service was stopped: no job expires for ten minutes";
+            tracing::warn!(seconds = ahead.as_secs(), "{why}");
         }
-        self.pause.is_some_and(|end| now.steady < end)
+        self.pause.is_some_and(|end| steady < end)
     }
 
     async fn expire(&self, before: SystemTime) -> Result<()> {
@@ -125,7 +117,7 @@ impl Retention {
             let old = self.store.ended_before(before, AT_ONCE).await?;
             // at once: they share a transaction, as many jobs may end as begin
             let outcomes = join_all(old.iter().map(async |id| {
-                let outcome = deletion::delete(&self.files, self.store.as_ref(), *id).await?;
+                let outcome = job_blobs::delete(&self.files, self.store.as_ref(), *id).await?;
                 if outcome == Deletion::Deleted {
                     tracing::info!(job = %id, "forgotten");
                 }
@@ -136,6 +128,76 @@ impl Retention {
                 return Ok(());
             }
         }
+    }
+}
+
+impl Files {
+    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a
+    /// retry, and results of attempts that did not make it. Uploads that are coming in stay, and so do files of unknown
+    /// jobs that were stored after `old`, all of them when none. Returns how many folders went.
+    pub async fn sweep(&self, store: &Store, old: Option<SystemTime>) -> Result<usize> {
+        let (mut removed, mut unknown) = (0, 0);
+        let old = match self.is_shared() {
+            true => self.blobs.probe().await?.checked_sub(OLD),
+            false => old,
+        };
+        for id in self.jobs_in(UPLOADS).await? {
+            // looked at before the store, which knows an accepted one before it stops coming in
+            let is_coming_in = self.incoming.lock().contains(&id);
+            match store.get(id).await? {
+                _ if is_coming_in => {}
+                Some(job) if !job.state.is_ended() || job.keeps_upload() => {}
+                None if self.stays(Folder::Upload(id), old).await? => unknown += 1,
+                _ => {
+                    self.remove_upload(id).await;
+                    removed += 1;
+                }
+            }
+        }
+        for id in self.jobs_in(RESULTS).await? {
+            // listed before the store is read, which knows an attempt before it has files
+            let attempts = self.blobs.names(&Folder::Results(id).path()).await?;
+            match store.get(id).await? {
+                Some(job) => removed += self.sweep_attempts(&job, &attempts).await,
+                None if self.stays(Folder::Results(id), old).await? => unknown += 1,
+                None => {
+                    self.remove(id).await;
+                    removed += 1;
+                }
+            }
+        }
+        // at a shared place, most of them are coming in at other processes
+        self.unknown.store(if self.is_shared() { 0 } else { unknown }, Ordering::Relaxed);
+        Ok(removed)
+    }
+
+    /// Whether a folder of a job that the store does not know stays: it has a file that is newer than `old`.
+    async fn stays(&self, folder: Folder, old: Option<SystemTime>) -> Result<bool> {
+        let is_upload_of_one = matches!(folder, Folder::Upload(_)) && !self.is_shared();
+        if is_upload_of_one && !self.blobs.names(&folder.path()).await?.iter().any(|name| name == MESH) {
+            return Ok(false);
+        }
+        let newest = self.blobs.newest(&folder.path()).await?;
+        Ok(newest.is_some_and(|newest| old.is_none_or(|old| newest > old)))
+    }
+
+    /// Removes what those of some attempts left that are neither running nor the one that succeeded.
+    async fn sweep_attempts(&self, job: &Job, attempts: &[String]) -> usize {
+        let keeps_last = matches!(job.state, State::Running | State::Succeeded);
+        let mut removed = 0;
+        for attempt in attempts.iter().filter_map(|name| name.parse().ok()) {
+            if !(keeps_last && attempt == job.attempt) {
+                self.remove_result(job.id, attempt).await;
+                removed += 1;
+            }
+        }
+        removed
+    }
+
+    /// The jobs that have a folder. What has another name is not the service's.
+    pub(super) async fn jobs_in(&self, folder: &str) -> Result<Vec<JobId>> {
+        let names = self.blobs.names(&BlobPath::from(folder)).await?;
+        Ok(names.iter().filter_map(|name| name.parse().ok()).collect())
     }
 }
 
@@ -161,8 +223,8 @@ mod tests {
         let is_there = async |job| store.get(job).await.expect("readable").is_some();
         let job = ended().await;
 
-        let start = Reading::now();
-        let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
+        let start = (SystemTime::now(), Instant::now());
+        let at = |wall: Duration, steady: Duration| (start.0 + wall, start.1 + steady);
         let from = async |now| {
             let (files, jobs) = (Arc::clone(&files), Arc::clone(&store));
             Retention::new(files, jobs, Some(week), now).await.expect("readable")

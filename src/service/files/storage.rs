@@ -1,9 +1,8 @@
 //! Watches the data folder and the store, and sets the health of both.
 //!
-//! Folder and store count their failures, and [`Storage::watch`] reads the counts. It then writes to the part that
-//! failed until that works; meanwhile the service is not ready and no job begins. With too little room for uploads the
-//! service is not ready either, but jobs continue, because they make room. While jobs cannot read or write files of
-//! theirs in a folder that works, the service is degraded.
+//! Folder and store count their failures. After one, [`Storage::watch`] writes to the part that failed until it works;
+//! meanwhile the service is not ready and no job begins. With too little room for uploads the service is not ready
+//! either, but jobs continue, because they make room. While jobs cannot read or write their files, it is degraded.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -31,7 +30,6 @@ pub(crate) struct Storage {
 }
 
 impl Storage {
-    /// Folder and store, which just worked.
     pub fn new(files: Arc<Files>, store: Arc<Store>, health: Arc<Health>) -> Self {
         Self { files, store, health, works: watch::Sender::new(true) }
     }
@@ -44,16 +42,10 @@ impl Storage {
     pub async fn watch(&self, stop: CancellationToken) {
         let mut seen = (0, 0);
         let mut tried = Instant::now();
-        loop {
-            tokio::select! {
-                () = stop.cancelled() => return,
-                () = tokio::time::sleep(INTERVAL) => {}
-            }
+        while stop.run_until_cancelled(tokio::time::sleep(INTERVAL)).await.is_some() {
             let failures = (self.files.failures.load(Ordering::Relaxed), self.store.statistics().failures);
-            let works = *self.works.borrow();
-            if failures != seen || !works || tried.elapsed() >= TRIED_ANYWAY {
-                seen = failures;
-                tried = Instant::now();
+            if failures != seen || !*self.works.borrow() || tried.elapsed() >= TRIED_ANYWAY {
+                (seen, tried) = (failures, Instant::now());
                 self.look().await;
             } else {
                 self.look_at_room().await;
@@ -78,8 +70,7 @@ impl Storage {
     }
 
     async fn look_at_room(&self) {
-        let files = Arc::clone(&self.files);
-        let _ = blocking(move || files.make_ballast()).await;
+        self.files.make_ballast().await;
         if let Ok(bytes) = self.store.free_bytes().await
             && self.files.is_short_of(bytes)
         {

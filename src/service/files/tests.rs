@@ -8,12 +8,17 @@ use tesserae_mesh::artifacts::REPORT_JSON;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::*;
+use crate::blobs::place::BlobPlace;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::store::tests::{SUMMARY, new_job, store_in};
 use crate::store::{Created, End, JobId, NewJob, SMALL_BLOBS};
 
-fn open(path: &Path, reserve: u64, faults: Faults) -> Arc<Files> {
-    Arc::new(Files::open(Some(path), None, reserve, faults).expect("it opens"))
+fn open(data_dir: Option<&Path>, elsewhere: Option<&BlobPlace>, reserve: u64) -> Arc<Files> {
+    Arc::new(Files::open(data_dir, elsewhere, reserve, Faults::default()).expect("it opens"))
+}
+
+fn place(path: &Path) -> BlobPlace {
+    path.to_str().expect("a name").parse().expect("a place")
 }
 
 async fn write(mut blob: BlobWriter, bytes: &[u8]) -> Result<()> {
@@ -27,6 +32,10 @@ async fn read(files: &Files, folder: Folder, name: &str) -> Vec<u8> {
     files.read(folder, name, None).await.expect("there").bytes().await.expect("readable").to_vec()
 }
 
+async fn is_there(files: &Files, folder: Folder, name: &str) -> bool {
+    files.read(folder, name, None).await.is_ok()
+}
+
 fn content(bytes: usize) -> Vec<u8> {
     (0..bytes).map(|at| (at % 251) as u8).collect()
 }
@@ -34,7 +43,7 @@ fn content(bytes: usize) -> Vec<u8> {
 #[tokio::test]
 async fn blobs_that_are_small_together_become_no_files_and_others_do() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), 0, Faults::default());
+    let files = open(Some(folder.path()), None, 0);
     let limit = SMALL_BLOBS as usize;
     for (sizes, is_small) in [
         (vec![limit], true),
@@ -61,13 +70,13 @@ async fn blobs_that_are_small_together_become_no_files_and_others_do() {
                     assert_eq!(ranged, content(*size)[size.saturating_sub(7)..]);
                     small[at].bytes.to_vec()
                 }
-                false => read(&files, Folder::Upload(incoming.id()), name).await,
+                false => read(&files, Folder::Upload(incoming.id), name).await,
             };
             assert!(bytes == content(*size), "{sizes:?}");
         }
-        let path = folder.path().join(Folder::Upload(incoming.id()).path().as_ref());
+        let path = folder.path().join(Folder::Upload(incoming.id).path().as_ref());
         assert_eq!(path.exists(), !is_small);
-        files.remove(incoming.id()).await;
+        files.remove(incoming.id).await;
         assert!(!path.exists());
     }
 }
@@ -76,7 +85,7 @@ async fn blobs_that_are_small_together_become_no_files_and_others_do() {
 async fn a_reserve_that_the_disk_never_has_is_refused_and_one_that_it_has_not_now_refuses_uploads() {
     let folder = tempfile::tempdir().expect("a folder");
     let total = disk::total_bytes(folder.path()).expect("known");
-    let files = open(folder.path(), total - 1, Faults::default());
+    let files = open(Some(folder.path()), None, total - 1);
     let error = files.check_room(0, 0).expect_err("the disk holds something");
     assert_eq!(error.kind, Kind::InsufficientStorage);
     assert!(error.message.contains("--min-free-bytes"), "{error}");
@@ -85,7 +94,7 @@ async fn a_reserve_that_the_disk_never_has_is_refused_and_one_that_it_has_not_no
     assert_eq!(files.probe(), Ok(()), "what was accepted may end");
     files.close().await;
     // no deletion makes room for these
-    let files = open(folder.path(), 0, Faults::default());
+    let files = open(Some(folder.path()), None, 0);
     assert_eq!(files.check_room(total / 4, 0).expect_err("never").kind, Kind::TooLarge);
     files.close().await;
     let error = Files::open(Some(folder.path()), None, total, Faults::default()).expect_err("no disk is that empty");
@@ -97,7 +106,7 @@ async fn a_reserve_that_the_disk_never_has_is_refused_and_one_that_it_has_not_no
 async fn a_disk_that_fails_says_how() {
     let folder = tempfile::tempdir().expect("a folder");
     let faults = Faults::default();
-    let files = open(folder.path(), 0, faults.clone());
+    let files = Arc::new(Files::open(Some(folder.path()), None, 0, faults.clone()).expect("it opens"));
     let id = JobId::random();
     for (kind, expected) in
         [(ErrorKind::StorageFull, Kind::InsufficientStorage), (ErrorKind::ReadOnlyFilesystem, Kind::Unavailable)]
@@ -133,11 +142,11 @@ async fn a_disk_that_fails_says_how() {
 #[tokio::test]
 async fn a_sweep_leaves_what_jobs_know_of() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = open(folder.path(), 0, Faults::default());
+    let files = open(Some(folder.path()), None, 0);
     let store = store_in(folder.path()).await;
     let accepted = async || {
         let incoming = files.incoming();
-        let job = NewJob { id: incoming.id(), ..new_job() };
+        let job = NewJob { id: incoming.id, ..new_job() };
         write(incoming.blob(MESH), b"mesh").await.expect("written");
         incoming.keep();
         assert!(matches!(store.create(job.clone()).await, Ok(Created::New(_))));
@@ -168,13 +177,13 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     for (folder, name, is_there) in [
         (Folder::Upload(succeeded), MESH, false),
         (Folder::Upload(waiting), MESH, true),
-        (Folder::Upload(coming_in.id()), MESH, true),
+        (Folder::Upload(coming_in.id), MESH, true),
         (Folder::Result(succeeded, 1), REPORT_JSON.file, true),
         (Folder::Result(succeeded, 7), REPORT_JSON.file, false),
         (Folder::Result(waiting, 1), REPORT_JSON.file, false),
         (Folder::Result(unknown, 1), REPORT_JSON.file, true),
     ] {
-        assert_eq!(files.read(folder, name, None).await.is_ok(), is_there, "{folder:?}");
+        assert_eq!(self::is_there(&files, folder, name).await, is_there, "{folder:?}");
     }
     let before = SystemTime::now() - Duration::from_secs(60);
     assert_eq!(files.sweep(&store, Some(before)).await, Ok(0), "it is not old");
@@ -186,8 +195,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
 #[tokio::test]
 async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
-    let place = folder.path().to_str().expect("a name").parse().expect("a place");
-    let files = Files::open(None, Some(&place), 0, Faults::default()).expect("it opens");
+    let files = open(None, Some(&place(folder.path())), 0);
     let url = "s3://bucket/meshes/x.glb";
     let refused = async || {
         let forbidden = Error::new(Kind::Forbidden, "403");
@@ -198,4 +206,101 @@ async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing
     assert!(error.message.contains("s3:GetObject") && error.message.contains(url), "{error}");
     drop(folder);
     assert_eq!(refused().await.kind, Kind::Unavailable, "as with a wrong key");
+}
+
+#[tokio::test]
+async fn a_place_and_a_store_are_each_others() {
+    let folders = [(); 5].map(|()| tempfile::tempdir().expect("a folder"));
+    let [data, another_data, blobs, other_blobs, used] = folders.each_ref().map(|folder| folder.path());
+    let try_open = async |data: &Path, elsewhere: Option<&Path>, has_jobs| {
+        let files = Files::open(Some(data), elsewhere.map(place).as_ref(), 0, Faults::default());
+        let mut files = files.expect("it opens");
+        // the name of the store that such a data folder has
+        let taken = files.take_place(&data.display().to_string(), has_jobs).await;
+        files.close().await;
+        taken
+    };
+    for has_jobs in [false, true] {
+        assert_eq!(try_open(data, Some(blobs), has_jobs).await, Ok(()), "new, then known");
+    }
+    assert_eq!(try_open(used, None, false).await, Ok(()));
+    for (data, elsewhere, has_jobs, expected) in [
+        (data, None, true, "do not lie here"),
+        (data, Some(other_blobs), true, "do not lie here"),
+        (another_data, Some(blobs), false, "another store of jobs"),
+        (used, Some(other_blobs), true, "move uploads"),
+    ] {
+        let error = try_open(data, elsewhere, has_jobs).await.expect_err(expected);
+        assert_eq!(error.kind, Kind::Conflict);
+        assert!(error.message.contains(expected), "{error}");
+    }
+    assert_eq!(try_open(another_data, Some(other_blobs), false).await, Ok(()));
+    assert_eq!(try_open(used, None, true).await, Ok(()));
+
+    let place = place(blobs);
+    let mut files = Files::open(Some(data), Some(&place), 0, Faults::default()).expect("opened");
+    assert_eq!(files.take_place(&data.display().to_string(), true).await, Ok(()));
+    assert_eq!(files.probe_elsewhere().await, Ok(()));
+    std::fs::remove_file(blobs.join(OWNER)).expect("there");
+    assert!(files.probe_elsewhere().await.is_err(), "as when it is not mounted");
+    files.close().await;
+}
+
+#[tokio::test]
+async fn what_is_new_at_a_shared_place_stays_although_the_store_does_not_know_it() {
+    let blobs = tempfile::tempdir().expect("a folder");
+    let place = place(blobs.path());
+    let [one, other] = [(); 2].map(|()| open(None, Some(&place), 0));
+    let folder = tempfile::tempdir().expect("a folder");
+    let store = store_in(folder.path()).await;
+    let known = new_job();
+    store.create(known.clone()).await.expect("created");
+
+    // in parts, of which the last is still to come
+    let incoming = other.incoming();
+    let mut mesh = incoming.blob(MESH);
+    mesh.write(&vec![0; 3 << 20]).await.expect("taken");
+    let unknown = JobId::random();
+    for id in [unknown, known.id] {
+        write(other.result(id, 1, "x"), b"x").await.expect("written");
+    }
+    assert_eq!(one.sweep(&store, None).await, Ok(1), "the attempt that the known job did not make");
+    assert!(is_there(&other, Folder::Result(unknown, 1), "x").await);
+    assert!(!is_there(&other, Folder::Result(known.id, 1), "x").await);
+    mesh.finish().await.expect("its parts are there");
+    let upload = Folder::Upload(incoming.id);
+    assert!(is_there(&one, upload, MESH).await);
+
+    let day = Duration::from_secs(86_400);
+    for (folder, name, age) in [(upload, MESH, day - day / 24), (Folder::Result(unknown, 1), "x", day + day / 24)] {
+        let path = blobs.path().join(folder.path().as_ref()).join(name);
+        let file = std::fs::File::options().write(true).open(path).expect("there");
+        file.set_modified(SystemTime::now() - age).expect("set");
+    }
+    assert_eq!(one.sweep(&store, None).await, Ok(1));
+    assert!(is_there(&one, upload, MESH).await);
+    assert!(!is_there(&one, Folder::Result(unknown, 1), "x").await);
+}
+
+#[tokio::test]
+async fn files_elsewhere_take_no_room_in_the_data_folder() {
+    let (data, blobs) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+    for (elsewhere, is_taken) in [(Some(place(blobs.path())), true), (None, false)] {
+        let files = open(Some(data.path()), elsewhere.as_ref(), 0);
+        assert_eq!(files.check_room(1 << 60, 0).is_ok(), is_taken);
+        files.close().await;
+    }
+}
+
+#[tokio::test]
+async fn a_blob_is_not_gone_while_its_place_is_away() {
+    let blobs = tempfile::tempdir().expect("a folder");
+    let files = open(None, Some(&place(blobs.path())), 0);
+    let id = JobId::random();
+    let kind = async || files.read(Folder::Result(id, 1), "x", None).await.expect_err("not there").kind;
+    assert_eq!(kind().await, Kind::NotFound);
+    assert_eq!(files.probe_elsewhere().await, Ok(()));
+    drop(blobs);
+    assert_eq!(kind().await, Kind::Unavailable);
+    assert!(files.probe_elsewhere().await.is_err() && files.failures.load(Ordering::Relaxed) > 0);
 }

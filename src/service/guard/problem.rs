@@ -118,7 +118,7 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
     }
     let known = response.extensions_mut().remove::<Failure>();
     let failure = known.unwrap_or_else(|| refused_by_framework(&response, &method, &path).into());
-    metrics.rejected(failure.error.kind);
+    metrics.families.rejections.get_or_create(&[("reason", failure.error.kind.slug())]).inc();
     match failure.error.kind {
         // What every probe and every client gets while the service stops, and what any client gets for a large upload.
         // A disk that takes no job at all is logged once, as a part that does not work.

@@ -183,10 +183,10 @@ impl Received {
     /// Finds a mesh in a bucket, and reads its head.
     async fn refer(&mut self, url: String, files: &Files, tenant: &str, rules: &Rules) -> Result<()> {
         let found = files.find_referred(tenant, &url).await?;
-        rules.check(found.bytes)?;
+        rules.check(found.size)?;
         let file_name = url.rsplit('/').next().map(kept_name);
-        let referred = Referred { url, tag: found.tag };
-        let head = match found.bytes {
+        let referred = Referred { url, tag: found.e_tag };
+        let head = match found.size {
             0 => Vec::new(),
             bytes => {
                 let range = GetRange::Bounded(0..bytes.min(HEAD_BYTES as u64));
@@ -194,7 +194,7 @@ impl Received {
             }
         };
         self.folder.is_referred();
-        let saved = Saved { bytes: found.bytes, head, digest: None };
+        let saved = Saved { bytes: found.size, head, digest: None };
         let format = self.wanted.format;
         self.mesh = Some(Mesh { saved, file_name, format, part: None, referred: Some(referred) });
         Ok(())

@@ -24,8 +24,7 @@ pub enum FaultPoint {
     Finish,
 }
 
-/// Environment variable, for tests only: the process aborts when it begins to read a mesh of this file name. Read by
-/// builds with debug assertions only.
+/// Environment variable, for tests only: the process aborts when it begins to read a mesh of this file name.
 const ABORT_AT: &str = "TEST_ABORT_AT_FILE";
 
 /// The faults that are armed; clones share them.

@@ -153,7 +153,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
 async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>, most_waiting: Option<u64>) -> Result<Job> {
     let Upload { mut folder, mut spec, digests, .. } = upload;
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
-    let id = folder.id();
+    let id = folder.id;
     let upload = folder.settle().await?;
     spec.is_small = !upload.is_empty();
     match shared.store.create(NewJob { id, spec, idempotency, upload, most_waiting }).await {

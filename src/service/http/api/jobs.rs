@@ -10,7 +10,7 @@ use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::parameters::Parameters;
 use utoipa::{IntoParams, ToSchema};
 
-use crate::files::{self, deletion, job_blobs};
+use crate::files::{self, job_blobs};
 use crate::guard::access::Caller;
 use crate::guard::problem::{Answer, Problem, Problematic};
 use crate::guard::query;
@@ -210,13 +210,13 @@ pub(crate) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<
     let RemoveQuery { cancel } = query::read(&uri)?;
     let id = shared.job(&caller, &id).await?.id;
     if !cancel {
-        match deletion::delete(&shared.files, &shared.store, id).await? {
+        match job_blobs::delete(&shared.files, &shared.store, id).await? {
             Deletion::Unknown => return Err(no_such_job(id).into()),
             Deletion::Deleted => return Ok(StatusCode::NO_CONTENT.into_response()),
             Deletion::Live => {}
         }
     }
-    let cancelled = deletion::cancel(&shared.files, &shared.store, id).await?;
+    let cancelled = job_blobs::cancel(&shared.files, &shared.store, id).await?;
     let job = cancelled.ok_or_else(|| no_such_job(id))?;
     // it waited: no worker ends it
     if job.state == State::Cancelled && !job.spec.is_small {

@@ -1,15 +1,11 @@
 //! The one thread that uses the device: it clusters prepared meshes one after the other. A cpu device works in a thread
-//! pool, for which this thread waits.
-//!
-//! The turn of a job ends when the device has delivered labels and energies; results are made of them on the cpu pool.
+//! pool, for which this thread waits. Results are made of labels and energies beside the next mesh.
 //!
 //! Failures of the device are handled here. A device that was lost is opened anew before the next mesh. A device that
 //! shows no sign of life is abandoned with its thread, and a new thread starts. If the service may use the cpu instead,
 //! the cpu takes meshes that lost the device before, and all meshes while there is no device. Otherwise a device that
-//! cannot be opened makes the service not ready, and no job begins until it can be opened.
-//!
-//! A device that computed wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes
-//! no part otherwise.
+//! cannot be opened makes the service not ready, and no job begins until it can be opened. A device that computed
+//! wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes no part otherwise.
 //!
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
 //! [short](SmallMeshes::beside) one beside a long one. The others take [turns](Line).
@@ -21,20 +17,21 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 use rayon::ThreadPool;
-use tesserae_mesh::device::Device;
 use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Cancel, Device};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{Clustered, Outcome, instead_of_gpu};
+use tesserae_mesh::job::{self, Clustered, Outcome, Prepared, instead_of_gpu};
 use tesserae_mesh::report::DeviceKind;
 use tokio::sync::oneshot;
 
 use super::bounds::{caught, pool, within};
+use super::memory::Slot;
+use super::rows::OnRow;
 use super::small::{SMALL_FACES, SmallMeshes};
-use super::task::{Done, Task};
 use super::turns::Line;
 use crate::metrics::Metrics;
 use crate::ops::blocking::blocking;
-use crate::ops::faults::Faults;
+use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::health::{Health, Part, Severity};
 
 /// Opens the device of the service anew.
@@ -42,6 +39,54 @@ pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
 
 /// Time between two attempts to open a device that could not be opened.
 const REOPEN: Duration = Duration::from_secs(10);
+
+/// A mesh on its way through the device.
+pub(super) struct Task {
+    pub prepared: Arc<Prepared>,
+    /// Requests a stop. Every look at it counts as a sign of life of the device's thread.
+    pub cancel: Cancel,
+    /// About how much work it is, to tell short meshes from long ones; not 0.
+    pub cost: u64,
+    /// Whether an earlier attempt at this mesh failed, maybe with the device.
+    pub is_retry: bool,
+    /// Receives every row of the report.
+    pub on_row: OnRow,
+    /// Where the lines of the log belong.
+    pub span: tracing::Span,
+    /// Freed when the mesh is: other meshes wait for its place in memory.
+    pub slot: Slot,
+}
+
+/// A mesh that the device is done with.
+pub(super) struct Done {
+    prepared: Arc<Prepared>,
+    clustered: Clustered,
+    _slot: Slot,
+}
+
+impl Task {
+    /// All rows of the job are delivered, and after a failure its place is free, when this returns.
+    fn run(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
+        let span = self.span.clone();
+        let clustered = span.in_scope(|| caught(|| work(&mut self)))?;
+        Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
+    }
+
+    fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
+        let started = Instant::now();
+        let clustered = job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row);
+        metrics.families.device_busy.inc_by(started.elapsed().as_secs_f64());
+        clustered
+    }
+}
+
+impl Done {
+    /// Makes results, and frees the mesh.
+    fn finish(self, faults: &Faults) -> Result<Outcome> {
+        faults.hit(FaultPoint::Finish).map_err(|error| Error::io("the results cannot be made", error))?;
+        job::finish(&self.prepared, self.clustered)
+    }
+}
 
 /// A task and the way back for its outcome, whose receiver may be gone.
 struct Submitted {
@@ -57,6 +102,7 @@ pub(crate) struct DeviceThread {
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
     line: Line,
+    pub(super) small: SmallMeshes,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
     beside: Option<SmallMeshes>,
     timeout: Duration,
@@ -79,9 +125,8 @@ struct Shared {
 }
 
 impl DeviceThread {
-    /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device
-    /// cannot, or is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another
-    /// one.
+    /// With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or is slow
+    /// at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another one.
     pub fn start(
         device: Box<dyn Device>,
         cpu_below_faces: Option<u64>,
@@ -92,17 +137,17 @@ impl DeviceThread {
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
         let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics });
-        shared.opened(device.as_ref());
+        *shared.metrics.memory_meter.lock() = Some(device.memory_meter());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let takes_several = device.info().kind == DeviceKind::Cpu && device.another().is_some();
         let beside = takes_several.then(SmallMeshes::beside).transpose()?;
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
-        Ok(Self { shared, like, thread, line: Line::default(), beside, timeout })
+        let small = SmallMeshes::start()?;
+        Ok(Self { shared, like, thread, line: Line::default(), small, beside, timeout })
     }
 
-    /// Clusters a mesh on a thread beside that of the device, and makes its results.
     async fn run_beside(
         &self,
         mut device: Box<dyn Device>,
@@ -111,18 +156,20 @@ impl DeviceThread {
         limit: Option<Duration>,
     ) -> Result<Outcome> {
         let thread = threads.thread().await?;
-        let (shared, faults, span) = (Arc::clone(&self.shared), self.shared.faults.clone(), task.span.clone());
-        let cluster = move |task: &mut Task| task.cluster(device.as_mut(), &shared.metrics);
-        let work = move || span.in_scope(|| task.run(cluster)?.finish(&faults));
+        let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
+        let work = move || {
+            let clustered = task.run(|task| task.cluster(device.as_mut(), &shared.metrics))?;
+            span.in_scope(|| clustered.finish(&shared.faults))
+        };
         within(limit, thread.run(work)).await
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
     /// that beside the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it
     /// takes longer than `limit`, not counting the time that it waits for others.
-    pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
+    pub(super) async fn run(&self, task: Task, limit: Option<Duration>) -> Result<Outcome> {
         if let Some(device) = self.another().filter(|_| task.prepared.subject.items() <= SMALL_FACES) {
-            return self.run_beside(device, small, task, limit).await;
+            return self.run_beside(device, &self.small, task, limit).await;
         }
         let turn = match &self.beside {
             None => self.line.turn(task.cost).await,
@@ -171,10 +218,8 @@ impl DeviceThread {
                 self.shared.lost("it showed no sign of life");
                 let thread = Thread::start(Devices::new(None, &self.shared)?)?;
                 *self.thread.lock() = thread;
-                Err(Error::new(
-                    Kind::DeviceLost,
-                    format_args!("the device showed no sign of life for {:?}", self.timeout),
-                ))
+                let why = format_args!("the device showed no sign of life for {:?}", self.timeout);
+                Err(Error::new(Kind::DeviceLost, why))
             }
         }
     }
@@ -207,7 +252,7 @@ impl Thread {
                             task.cancel = task.cancel.counting(Arc::clone(&looks));
                             task.run(|task| devices.run(task))
                         }
-                        None => devices.open().map(drop).and(Err(Error::cancelled())),
+                        None => devices.device().map(drop).and(Err(Error::cancelled())),
                     };
                     let _ = reply.send(outcome);
                 }
@@ -218,10 +263,6 @@ impl Thread {
 }
 
 impl Shared {
-    fn opened(&self, device: &dyn Device) {
-        self.metrics.device_opened(device.memory_meter());
-    }
-
     fn lost(&self, how: &str) {
         self.health.degrade(Part::Device, format!("the device was lost and is opened anew: {how}"));
     }
@@ -236,7 +277,6 @@ struct Devices {
     /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, so that none of those
     /// holds it up.
     workers: Option<Arc<ThreadPool>>,
-    /// When a device that cannot be opened is tried again.
     next_attempt: Option<Instant>,
 }
 
@@ -265,18 +305,13 @@ impl Devices {
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
             let outcome = run(cpu);
             if is_few {
-                // a device that was lost is opened though no mesh needs it now, so that its part of the health is
-                // cleared
-                let _ = self.open();
+                // a device that was lost is opened though no mesh needs it now, for its part of the health
+                let _ = self.device();
             }
             return outcome;
         }
-        let opened = self.open();
-        let outcome = match opened {
-            Ok(()) => match &mut self.device {
-                Some(device) => run(device.as_mut()),
-                None => Err(Error::new(Kind::Internal, "a device that was opened is not there")),
-            },
+        let outcome = match self.device() {
+            Ok(device) => run(device.as_mut()),
             Err(error) => match &mut self.cpu {
                 Some(cpu) => return run(cpu),
                 None => return Err(error),
@@ -312,11 +347,16 @@ impl Devices {
         }
     }
 
-    /// Opens the device, if it is not.
-    fn open(&mut self) -> Result<()> {
-        if self.device.is_some() {
-            return Ok(());
-        }
+    /// The device, opened if it is not.
+    fn device(&mut self) -> Result<&mut Box<dyn Device>> {
+        let device = match self.device.take() {
+            Some(device) => device,
+            None => self.open()?,
+        };
+        Ok(self.device.insert(device))
+    }
+
+    fn open(&mut self) -> Result<Box<dyn Device>> {
         let refuse = |why: &str| Error::new(Kind::DeviceLost, format_args!("the device cannot be opened again: {why}"));
         let error = match &self.shared.reopen {
             // not at every mesh: looking for a device takes its time
@@ -326,11 +366,10 @@ impl Devices {
             Some(reopen) => match caught(|| reopen()) {
                 Ok(device) => {
                     tracing::info!(device = device.info().name, "the device was opened anew");
-                    self.shared.opened(device.as_ref());
-                    self.device = Some(device);
+                    *self.shared.metrics.memory_meter.lock() = Some(device.memory_meter());
                     self.next_attempt = None;
                     self.shared.health.clear(Part::Device);
-                    return Ok(());
+                    return Ok(device);
                 }
                 Err(error) => refuse(&error.message),
             },

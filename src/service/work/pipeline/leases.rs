@@ -1,19 +1,17 @@
 //! Leases: a task prolongs those of this process's jobs, returns jobs whose lease is over to the queue, and announces
-//! the process for the list of workers, on which nothing depends.
-//!
-//! The task runs on the runtime, not on the thread of the device: a long step on the device costs no lease.
+//! the process for the list of workers. It runs on the runtime: a long step on the device costs no lease.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::Mutex;
+use tesserae_mesh::error::Result;
 use tokio_util::sync::CancellationToken;
 
 use crate::store::{Store, Ticket};
 
-/// For how long a job is leased at a time: a database may restart within it, and clients wait no longer for another
-/// worker.
+/// A database may restart within a lease, and clients wait no longer for another worker.
 pub(super) const TERM: Duration = Duration::from_secs(30);
 
 /// Parts of a lease after which it is prolonged.
@@ -39,46 +37,32 @@ impl Leases {
     pub async fn keep(&self, store: &Store, worker: &str, device: &str, stop: CancellationToken) {
         let beats = async {
             loop {
-                let is_kept = self.beat(store).await;
+                let kept = self.beat(store).await;
                 // nothing depends on it, so that it may not delay the next beat
                 let announced = tokio::time::timeout(AGAIN, store.announce(worker, device));
                 if let Ok(Err(error)) = announced.await {
                     tracing::debug!(%error, "the worker cannot be announced now");
                 }
-                tokio::time::sleep(if is_kept { TERM / PARTS } else { AGAIN }).await;
+                // a store that fails costs no lease: no other process could take the job either
+                if let Err(error) = &kept {
+                    tracing::warn!(%error, "leases cannot be prolonged or reclaimed now");
+                }
+                tokio::time::sleep(if kept.is_ok() { TERM / PARTS } else { AGAIN }).await;
             }
         };
         stop.run_until_cancelled(beats).await;
     }
 
-    /// Whether the store took it.
-    async fn beat(&self, store: &Store) -> bool {
+    async fn beat(&self, store: &Store) -> Result<()> {
         let tickets: Vec<Ticket> = self.held.lock().keys().copied().collect();
-        let lost = match tickets.is_empty() {
-            true => Ok(Vec::new()),
-            false => store.heartbeat(&tickets, TERM).await,
-        };
-        match lost {
-            Ok(lost) => lost.iter().for_each(|ticket| self.lose(*ticket)),
-            // a store that fails costs no lease: no other process could take the job either
-            Err(error) => {
-                tracing::warn!(%error, "leases cannot be prolonged now");
-                return false;
-            }
+        if !tickets.is_empty() {
+            store.heartbeat(&tickets, TERM).await?.into_iter().for_each(|ticket| self.lose(ticket));
         }
-        match store.reclaim().await {
-            Ok(reclaimed) => {
-                for ticket in reclaimed {
-                    tracing::warn!(job = %ticket.job, "the lease of the job is over; it waits again");
-                    self.lose(ticket);
-                }
-            }
-            Err(error) => {
-                tracing::warn!(%error, "leases cannot be reclaimed now");
-                return false;
-            }
+        for ticket in store.reclaim().await? {
+            tracing::warn!(job = %ticket.job, "the lease of the job is over; it waits again");
+            self.lose(ticket);
         }
-        true
+        Ok(())
     }
 
     fn lose(&self, ticket: Ticket) {
@@ -92,14 +76,8 @@ impl Leases {
 pub(crate) struct Lease {
     leases: Arc<Leases>,
     ticket: Ticket,
-    lost: CancellationToken,
-}
-
-impl Lease {
-    /// Completes when the job is no longer this process's.
-    pub async fn lost(&self) {
-        self.lost.cancelled().await;
-    }
+    /// Cancelled when the job is no longer this process's.
+    pub lost: CancellationToken,
 }
 
 impl Drop for Lease {
@@ -123,16 +101,16 @@ mod tests {
         let claimed = store.claim(2, TERM).await.expect("claimable");
         let leases = Arc::new(Leases::default());
         let held = leases.hold(claimed[0].0);
-        leases.beat(&store).await;
+        leases.beat(&store).await.expect("kept");
         assert_eq!(store.counts().await.expect("counted")[..2], [0, 2]);
         let both = [claimed[0].0, claimed[1].0];
         store.heartbeat(&both, Duration::ZERO).await.expect("both leases are over");
-        leases.beat(&store).await;
+        leases.beat(&store).await.expect("kept");
         assert_eq!(store.counts().await.expect("counted")[..2], [1, 1], "the other one waits again");
         assert!(!held.lost.is_cancelled());
         store.finish(claimed[0].0, crate::store::End::Cancelled).await.expect("finished");
-        leases.beat(&store).await;
-        held.lost().await;
+        leases.beat(&store).await.expect("kept");
+        held.lost.cancelled().await;
         drop(held);
         assert!(leases.held.lock().is_empty());
     }

@@ -14,6 +14,7 @@ use tesserae_mesh::job::Clustering;
 use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
 use super::small::{SMALL_BYTES, SMALL_FACES};
+use crate::ops::proc_bytes;
 
 const UNIT: u64 = 64 << 10;
 
@@ -65,7 +66,7 @@ pub(crate) struct Needed {
 pub(crate) struct Reading {
     memory: Memory,
     bytes: u64,
-    held: OwnedSemaphorePermit,
+    pub(super) held: Held,
     /// None for a mesh that is small as far as is known, which holds [`SMALL`] bytes for its faces already.
     turn: Option<OwnedMutexGuard<()>>,
 }
@@ -82,9 +83,8 @@ impl Slot {
         Self(Arc::new((slot, OnceLock::new())))
     }
 
-    /// Holds the job's share of memory, too.
+    /// Holds the one share of memory of the job, too.
     pub fn holds(&self, memory: Held) {
-        // a job has one share
         let _ = self.0.1.set(memory);
     }
 }
@@ -97,32 +97,18 @@ impl Memory {
         Self { total, left: Arc::new(Semaphore::new(units)), reading: Arc::default() }
     }
 
-    /// Waits for the bytes of a job's files.
     pub async fn read(&self, bytes: u64) -> Result<Reading> {
         check(self.total, bytes, "its files")?;
         let is_small = bytes <= SMALL_BYTES && bytes + SMALL <= self.total;
-        let turn = if is_small { None } else { Some(self.turn().await) };
+        let turn = if is_small { None } else { Some(Arc::clone(&self.reading).lock_owned().await) };
         let held = acquire(&self.left, if is_small { bytes + SMALL } else { bytes }).await?;
         Ok(Reading { memory: self.clone(), bytes, held, turn })
-    }
-
-    async fn turn(&self) -> OwnedMutexGuard<()> {
-        Arc::clone(&self.reading).lock_owned().await
     }
 }
 
 impl Reading {
-    /// Whether the mesh is small as far as its files tell.
     pub fn may_be_small(&self) -> bool {
         self.turn.is_none()
-    }
-
-    /// Reserves memory for the faces of a small mesh, without a wait; gives itself back for any other mesh.
-    pub fn build_small(self, need: Needed) -> Result<Held, Self> {
-        match self.turn {
-            None if need.bytes <= SMALL => Ok(self.held),
-            _ => Err(self),
-        }
     }
 
     pub async fn build(mut self, need: Needed) -> Result<Held> {
@@ -130,11 +116,11 @@ impl Reading {
         let all = self.bytes.saturating_add(more);
         check(self.memory.total, all, format_args!("its {items} {noun}"))?;
         match self.turn {
-            None if more <= SMALL => {}
+            None if need.is_small() => {}
             None => {
                 // not small after all: a job that waits for its turn must hold no memory that others wait for
                 drop(self.held);
-                let _turn = self.memory.turn().await;
+                let _turn = self.memory.reading.lock().await;
                 return acquire(&self.memory.left, all).await;
             }
             Some(_turn) => self.held.merge(acquire(&self.memory.left, more).await?),
@@ -154,7 +140,6 @@ impl Needed {
         Self { bytes: faces.saturating_mul(bytes_a_face), items: faces, noun: "faces" }
     }
 
-    /// That of points, in a flat clustering or in a hierarchy.
     pub fn of_points(size: Size, is_hierarchical: bool) -> Self {
         let Size { items, dimensions, neighbours, inflated } = size;
         // as uploaded and on the lattice
@@ -163,6 +148,10 @@ impl Needed {
         let factor = if is_hierarchical { HIERARCHY_OF_POINTS } else { 1 };
         let bytes = items.saturating_mul(factor * bytes_an_item).saturating_add(inflated.saturating_mul(INFLATED));
         Self { bytes, items, noun: "items" }
+    }
+
+    pub fn is_small(&self) -> bool {
+        self.bytes <= SMALL
     }
 }
 
@@ -182,15 +171,11 @@ fn check(total: u64, needed: u64, what: impl std::fmt::Display) -> Result<()> {
     Ok(())
 }
 
-/// Bytes of memory of the container or the machine; none where that is not known.
+/// Bytes of memory of the container or the machine.
 fn machine() -> Option<u64> {
-    let read = |path| std::fs::read_to_string(path).ok();
-    let container = read("/sys/fs/cgroup/memory.max").and_then(|text| text.trim().parse::<u64>().ok());
-    let machine = read("/proc/meminfo").and_then(|text| {
-        let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
-        line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
-    });
-    container.into_iter().chain(machine).min()
+    let container = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
+    let container = container.and_then(|text| text.trim().parse::<u64>().ok());
+    container.into_iter().chain(proc_bytes("/proc/meminfo", "MemTotal:")).min()
 }
 
 #[cfg(test)]
@@ -207,18 +192,19 @@ mod tests {
     /// Bytes of files that are not small.
     const LARGE: u64 = 2 * SMALL_BYTES;
 
+    async fn build(memory: &Memory, files: u64, faces: u64, clustering: Option<&Clustering>) -> Result<Held> {
+        memory.read(files).await.expect("it fits").build(Needed::of_faces(faces, clustering)).await
+    }
+
     #[tokio::test]
     async fn jobs_wait_for_memory_in_turn() {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 6 * LARGE / BYTES_A_FACE;
-        let first =
-            memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, None)).await.expect("it fits");
+        let first = build(&memory, LARGE, faces, None).await.expect("it fits");
         let reading = memory.read(LARGE).await.expect("it fits");
         assert!(memory.read(LARGE).now_or_never().is_none(), "one at a time reads");
-        let small = memory.read(1).now_or_never().expect("but for small ones").expect("it fits");
-        drop(
-            small.build(Needed::of_faces(SMALL_FACES as u64, None)).now_or_never().expect("at once").expect("it fits"),
-        );
+        let small = build(&memory, 1, SMALL_FACES as u64, None).now_or_never();
+        drop(small.expect("but for small ones").expect("it fits"));
         let mut second = Box::pin(reading.build(Needed::of_faces(faces, None)));
         assert!(second.as_mut().now_or_never().is_none(), "the first has it");
         drop(first);
@@ -239,17 +225,15 @@ mod tests {
     async fn a_hierarchy_takes_more() {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 9 * LARGE / BYTES_A_FACE;
-        let flat = memory.read(LARGE).await.expect("it fits").build(Needed::of_faces(faces, None)).await;
-        drop(flat.expect("it fits"));
+        drop(build(&memory, LARGE, faces, None).await.expect("it fits"));
         let mesh = generate(Sample::Part, 400).expect("a sample");
         for energy in [energy::Kind::Cvd, energy::Kind::Shapes] {
             let parameters = &Parameters { algorithm: Algorithm::Pml, energy, ..Parameters::default() };
             let (mesh, limits) = ((&mesh).into(), Limits::default());
             let job = InMemory { mesh, limits, parameters, seeds: None, weights: None };
             let prepared = prepare_in_memory(&job).expect("a job");
-            let needed = Needed::of_faces(faces, Some(&prepared.spec.clustering));
-            let error = memory.read(LARGE).await.expect("it fits").build(needed).await.expect_err("too much");
-            assert_eq!(error.kind, Kind::TooLarge, "{energy:?}");
+            let built = build(&memory, LARGE, faces, Some(&prepared.spec.clustering)).await;
+            assert_eq!(built.expect_err("too much").kind, Kind::TooLarge, "{energy:?}");
         }
     }
 }

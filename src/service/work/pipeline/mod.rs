@@ -8,25 +8,20 @@
 //!
 //! An attempt at a job has one of three verdicts. The job has ended. Or it is released, because the device or the
 //! process failed and not the mesh. Or another process has it by now. Work on files that fails is repeated for a while
-//! ([`patience`]), and writes to the store until the disk works.
+//! ([`bounds`]), and writes to the store until the disk works.
 //!
-//! `parts` holds the state, `stages` the work on one job, `run` the loop around them.
+//! `run` is the loop over jobs, `stages` the work on one.
 
 mod bounds;
 pub(crate) mod device_thread;
 mod leases;
 mod memory;
-mod opening;
-mod parts;
-mod patience;
 mod rows;
 mod run;
 mod small;
 mod stages;
-mod task;
 mod turns;
 
+pub(crate) use self::bounds::PATIENCE;
 pub(crate) use self::memory::{Memory, Needed};
-pub(crate) use self::parts::{Pipeline, worker_name};
-pub(crate) use self::patience::PATIENCE;
-pub(crate) use self::small::SmallMeshes;
+pub(crate) use self::run::{Pipeline, worker_name};

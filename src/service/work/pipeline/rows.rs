@@ -21,7 +21,6 @@ const GATHERING: Duration = Duration::from_millis(50);
 /// Rows that were not appended when the last one came, and the progress after them.
 pub(super) type Log = Mutex<Option<(Vec<What>, Progress)>>;
 
-/// What a clustering calls with every row.
 pub(super) type OnRow = Box<dyn FnMut(Row) + Send>;
 
 /// Rows that are to become events.
@@ -44,8 +43,7 @@ impl Inbox {
         (Box::new(on_row), Self { rows, clustered })
     }
 
-    /// Appends rows to the events of a job, all that came meanwhile at once, until it is clustered; what is left then
-    /// goes to `log`. A row wakes nothing by itself.
+    /// Appends rows to the events of a job until it is clustered; what is left then goes to `log`. No row wakes this.
     pub async fn tell(mut self, store: Arc<Store>, ticket: Ticket, log: Arc<Log>) -> Result<()> {
         let mut progress = Progress::default();
         let (mut events, mut at_once) = (Vec::new(), ROWS_AT_ONCE);

@@ -1,4 +1,4 @@
-//! The run of a pipeline: jobs are claimed, worked on and ended, or given back.
+//! A pipeline and its run: jobs are claimed, worked on and ended, or given back.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -6,24 +6,62 @@ use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
 use tesserae_mesh::device::Cancel;
-use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::job::Outcome;
-use tokio::sync::{OwnedSemaphorePermit, watch};
+use tesserae_mesh::mesh::Limits;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
-use super::bounds::AGAIN;
-use super::leases::Lease;
-use super::memory::Slot;
-use super::parts::Pipeline;
-use super::patience::Patience;
+use super::bounds::{AGAIN, Patience};
+use super::device_thread::DeviceThread;
+use super::leases::{Lease, Leases};
+use super::memory::{Memory, Slot};
 use super::rows::Log;
+use crate::files::Files;
+use crate::files::storage::Storage;
+use crate::guard::access::tokens::Tokens;
+use crate::metrics::Metrics;
 use crate::ops::trace::TraceParent;
-use crate::store::{self, Claiming, End, Ending, Job, State, Summary, Ticket};
+use crate::store::live::Live;
+use crate::store::{self, Claiming, End, Ending, Job, State, Store, Summary, Ticket};
 
 /// Least wait for the next start, so that a start that is due does not spin.
 const EARLY: Duration = Duration::from_millis(1);
+
+pub(crate) struct Pipeline {
+    pub store: Arc<Store>,
+    pub files: Arc<Files>,
+    pub storage: Arc<Storage>,
+    pub device: DeviceThread,
+    pub limits: Limits,
+    pub time: Option<Duration>,
+    pub patience: Duration,
+    pub slots: Arc<Semaphore>,
+    /// The one slot for a tenant without a running job.
+    pub newcomer: Arc<Semaphore>,
+    /// With what each tenant may use of the queue.
+    pub tokens: watch::Receiver<Arc<Tokens>>,
+    /// Name of this process for clients, and that of its device.
+    pub worker: Arc<str>,
+    pub device_name: String,
+    pub memory: Memory,
+    pub leases: Arc<Leases>,
+    pub metrics: Arc<Metrics>,
+    pub live: Arc<Live>,
+}
+
+/// An attempt at a job.
+pub(super) struct Attempt {
+    pub pipeline: Arc<Pipeline>,
+    pub ticket: Ticket,
+    pub job: Job,
+    pub log: Arc<Log>,
+    pub started: Instant,
+    lease: Lease,
+    abort: CancellationToken,
+}
 
 #[derive(Debug)]
 enum Verdict {
@@ -42,10 +80,10 @@ impl Pipeline {
         let jobs = TaskTracker::new();
         let done = CancellationToken::new();
         let (keeper, until) = (Arc::clone(&this), done.clone());
-        let leases =
-            tokio::spawn(
-                async move { keeper.leases.keep(&keeper.store, &keeper.worker, &keeper.device_name, until).await },
-            );
+        let leases = tokio::spawn(async move {
+            let Self { store, worker, device_name, leases, .. } = &*keeper;
+            leases.keep(store, worker, device_name, until).await;
+        });
         let mut arrivals = this.store.arrivals();
         while let Some(claimed) = this.next(&mut arrivals, &stop).await {
             for (slot, ticket, job) in claimed {
@@ -59,8 +97,10 @@ impl Pipeline {
                     faces = tracing::field::Empty,
                     clusters = job.spec.parameters.clusters,
                 );
-                let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
-                jobs.spawn(work.instrument(span));
+                let (lease, started) = (this.leases.hold(ticket), Instant::now());
+                let (pipeline, abort, log) = (Arc::clone(&this), abort.clone(), Arc::default());
+                let attempt = Attempt { pipeline, ticket, job, lease, log, started, abort };
+                jobs.spawn(attempt.work(Slot::new(slot)).instrument(span));
             }
         }
         jobs.close();
@@ -131,55 +171,43 @@ impl Pipeline {
             }
         }
     }
+}
 
-    /// Works on one job until it ends or is released.
-    async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
-        let started = Instant::now();
-        self.metrics.claimed(&job);
-        tracing::debug!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
-        let lease = self.leases.hold(ticket);
+impl Attempt {
+    async fn work(self, slot: Slot) {
+        let metrics = &self.pipeline.metrics;
+        metrics.claimed(&self.job);
+        tracing::debug!(format = self.job.spec.format.name(), bytes = self.job.spec.bytes, "started");
         let cancel = Cancel::default();
-        let slot = Slot::new(slot);
-        let log = Arc::<Log>::default();
         let broken_off = CancellationToken::new();
         let _break_off = broken_off.clone().drop_guard();
         let outcome = tokio::select! {
             biased;
-            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(judge),
-            verdict = self.broken_off(&job, &lease, &abort) => Err(verdict),
+            outcome = self.cluster(&slot, &cancel, broken_off) => outcome.map_err(judge),
+            verdict = self.broken_off() => Err(verdict),
         };
         // What still runs for this job writes nothing any more, and stops soon.
         cancel.cancel();
         let verdict = match outcome {
             Ok(outcome) => {
-                self.metrics.reported(&outcome.report);
+                metrics.reported(&outcome.report);
                 let writing = Instant::now();
-                let span = tracing::info_span!("write");
-                let written = self.write_or_wait(slot, &job, outcome, started, self.broken_off(&job, &lease, &abort));
-                let verdict = written.instrument(span).await;
-                self.metrics.written(&job, writing.elapsed());
+                let verdict = self.write_or_wait(slot, outcome).instrument(tracing::info_span!("write")).await;
+                metrics.written(&self.job, writing.elapsed());
                 verdict
             }
             Err(verdict) => verdict,
         };
-        self.conclude(ticket, &job, verdict, &log, started, &abort).await;
+        self.conclude(verdict).await;
     }
 
-    /// Writes the result of an attempt, until that works, takes too long, or is broken off. Nothing is broken off while
-    /// files are being written.
-    async fn write_or_wait(
-        &self,
-        slot: Slot,
-        job: &Job,
-        outcome: Outcome,
-        started: Instant,
-        broken_off: impl Future<Output = Verdict>,
-    ) -> Verdict {
+    /// Writes the result of an attempt, until that works, takes too long, or is broken off between two attempts.
+    async fn write_or_wait(&self, slot: Slot, outcome: Outcome) -> Verdict {
         let outcome = Arc::new(Mutex::new(outcome));
-        let mut patience = Patience::new(&self.files, self.patience);
-        let mut broken_off = pin!(broken_off);
+        let mut patience = Patience::new(&self.pipeline.files, self.pipeline.patience);
+        let mut broken_off = pin!(self.broken_off());
         loop {
-            let error = match self.write(&slot, job, &outcome, started).await {
+            let error = match self.write(&slot, &outcome).await {
                 Ok((summary, small)) => {
                     return Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small });
                 }
@@ -194,100 +222,94 @@ impl Pipeline {
     }
 
     /// Completes when the attempt is not to go on, with its verdict.
-    async fn broken_off(&self, job: &Job, lease: &Lease, abort: &CancellationToken) -> Verdict {
+    async fn broken_off(&self) -> Verdict {
         tokio::select! {
             biased;
-            () = self.cancel_requested(job) => Verdict::Ended(End::Cancelled.into()),
-            () = lease.lost() => Verdict::Lost,
-            () = abort.cancelled() => self.stopped(),
+            () = self.cancel_requested() => Verdict::Ended(End::Cancelled.into()),
+            () = self.lease.lost.cancelled() => Verdict::Lost,
+            () = self.abort.cancelled() => self.stopped(),
         }
     }
 
     /// Stores the outcome of an attempt, and removes the files that are not needed any more.
-    async fn conclude(
-        &self,
-        ticket: Ticket,
-        job: &Job,
-        verdict: Verdict,
-        log: &Log,
-        started: Instant,
-        abort: &CancellationToken,
-    ) {
-        let milliseconds = started.elapsed().as_millis() as u64;
+    async fn conclude(&self, verdict: Verdict) {
+        let Self { pipeline, ticket, job, .. } = self;
+        let Pipeline { store, files, metrics, .. } = &**pipeline;
+        let elapsed = self.started.elapsed();
+        let milliseconds = elapsed.as_millis() as u64;
         let mut may_have_files = true;
         // for a retry, if it has failed
         let mut keeps_upload = matches!(verdict, Verdict::Released(_));
         let state = match verdict {
             Verdict::Ended(mut ending) => {
-                log_end(&ending.end, milliseconds);
+                match &ending.end {
+                    End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
+                    End::Cancelled => tracing::info!(milliseconds, "cancelled"),
+                    End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
+                }
                 let (state, problem, _) = ending.end.parts();
                 keeps_upload = store::keeps_upload(problem);
-                self.metrics.ended(job, state, started.elapsed());
+                metrics.ended(job, state, elapsed);
                 may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
-                ending.rest = log.lock().clone();
-                loop {
-                    match self.store.end(ticket, ending.clone()).await {
-                        Err(error) if self.may_try_again(&error, abort).await => {
-                            // the end of a job makes room later, and takes some first
-                            let is_full = error.kind == Kind::InsufficientStorage;
-                            if is_full && state != State::Succeeded {
-                                self.files.give_up_ballast().await;
-                            }
-                        }
-                        outcome => break outcome.map(|()| state),
-                    }
-                }
+                ending.rest = self.log.lock().clone();
+                // the end of a job makes room later, and takes some first
+                let makes_room = state != State::Succeeded;
+                let stored = self.until_stored(makes_room, || store.end(*ticket, ending.clone()));
+                stored.await.map(|()| state)
             }
             Verdict::Released(fault) => {
                 match &fault {
                     Some(error) => {
                         tracing::warn!(milliseconds, "the attempt failed: {error}");
-                        self.metrics.attempt_failed(error.kind);
+                        metrics.attempt_failed(error.kind);
                     }
                     None => tracing::info!(milliseconds, "broken off; it waits again"),
                 }
-                let outcome = loop {
-                    match self.store.release(ticket, fault.clone()).await {
-                        Err(error) if self.may_try_again(&error, abort).await => {}
-                        outcome => break outcome,
-                    }
-                };
+                let stored = self.until_stored(false, || store.release(*ticket, fault.clone()));
+                let outcome = stored.await;
                 if let (Ok(State::Failed), Some(error)) = (&outcome, &fault) {
-                    self.metrics.poisoned(error.kind);
+                    metrics.families.poison.get_or_create(&[("reason", error.kind.slug())]).inc();
                 }
                 outcome
             }
             Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
         };
         if may_have_files && state != Ok(State::Succeeded) {
-            self.files.remove_result(job.id, ticket.attempt).await;
+            files.remove_result(job.id, ticket.attempt).await;
         }
         match state {
             Ok(State::Failed) if keeps_upload => {}
-            Ok(state) if state.is_ended() && !job.spec.is_small => self.files.remove_upload(job.id).await,
+            Ok(state) if state.is_ended() && !job.spec.is_small => files.remove_upload(job.id).await,
             Ok(_) => {}
             Err(error) if error.kind == Kind::Conflict => tracing::warn!("nothing of this attempt counts: {error}"),
             Err(error) => tracing::error!(%error, "the end of a job cannot be stored; it will be run again"),
         }
     }
 
-    /// Waits a while when the disk failed; whether to try again then: until it is time to go.
-    async fn may_try_again(&self, error: &Error, abort: &CancellationToken) -> bool {
-        if !error.is_of_storage() || abort.is_cancelled() {
-            return false;
+    /// Writes to the store, again and again while the disk fails, until it is time to go. What makes room later may use
+    /// the ballast.
+    async fn until_stored<T, F: Future<Output = Result<T>>>(
+        &self,
+        makes_room: bool,
+        mut write: impl FnMut() -> F,
+    ) -> Result<T> {
+        loop {
+            match write().await {
+                Err(error) if error.is_of_storage() && !self.abort.is_cancelled() => {
+                    tracing::warn!(%error, "what happened cannot be stored yet");
+                    self.abort.run_until_cancelled(tokio::time::sleep(AGAIN)).await;
+                    if makes_room && error.kind == Kind::InsufficientStorage {
+                        self.pipeline.files.give_up_ballast().await;
+                    }
+                }
+                outcome => return outcome,
+            }
         }
-        tracing::warn!(%error, "what happened cannot be stored yet");
-        tokio::select! {
-            () = tokio::time::sleep(AGAIN) => {}
-            () = abort.cancelled() => {}
-        }
-        true
     }
 
-    /// Completes when the job is to be cancelled.
-    async fn cancel_requested(&self, job: &Job) {
+    async fn cancel_requested(&self) {
         let asked = loop {
-            match self.store.watch(job.id).await {
+            match self.pipeline.store.watch(self.job.id).await {
                 Ok(Some(mut pulses)) => break pulses.wait_for(|pulse| pulse.cancel_requested).await.is_ok(),
                 Err(error) if error.is_of_storage() => tokio::time::sleep(AGAIN).await,
                 Ok(None) | Err(_) => break false,
@@ -300,7 +322,7 @@ impl Pipeline {
 
     /// The outcome of a job that the service does not wait for when it stops.
     fn stopped(&self) -> Verdict {
-        match self.store.is_durable() {
+        match self.pipeline.store.is_durable() {
             true => Verdict::Released(None),
             false => {
                 let why = "the service was stopped before the job ended, and keeps no jobs; submit it again";
@@ -319,10 +341,13 @@ fn judge(error: Error) -> Verdict {
     }
 }
 
-fn log_end(end: &End, milliseconds: u64) {
-    match end {
-        End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
-        End::Cancelled => tracing::info!(milliseconds, "cancelled"),
-        End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
-    }
+/// Longest name of a host that a worker is named after, in bytes.
+const MAX_HOST: usize = 128;
+
+/// Name of this process in the jobs that it works on.
+pub(crate) fn worker_name() -> String {
+    let file = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    let host = file.or_else(|| std::env::var("HOSTNAME").ok()).unwrap_or_default();
+    let is_name = |host: &&str| (1..=MAX_HOST).contains(&host.len()) && host.chars().all(|c| c.is_ascii_graphic());
+    format!("{}-{}", Some(host.trim()).filter(is_name).unwrap_or("tesserae"), std::process::id())
 }

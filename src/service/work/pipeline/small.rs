@@ -2,17 +2,15 @@
 //!
 //! Threads that share a small mesh lose more time on synchronisation than they gain: 5,000 faces take one thread about
 //! as long as two (measured), so two at a time are done twice as fast. Their pools have one thread each; parallel code
-//! runs sequentially there. [`Device::another`] says whether a device takes several meshes at a time.
-//!
-//! [`Device::another`]: tesserae_mesh::device::Device::another
+//! runs sequentially there. `Device::another` says whether a device takes several meshes at a time.
 
 use std::sync::Arc;
 use std::thread::available_parallelism;
 
-use parking_lot::Mutex;
 use rayon::ThreadPool;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::sync::{Mutex, oneshot};
 
 use super::bounds::{caught, pool};
 
@@ -23,20 +21,18 @@ pub(super) const SMALL_FACES: usize = 8192;
 pub(super) const SMALL_BYTES: u64 = 1 << 20;
 
 /// Pools of threads that work on a mesh each.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) struct SmallMeshes {
     /// Those without work.
-    idle: Arc<Mutex<Vec<Arc<ThreadPool>>>>,
-    /// As many as are idle.
-    places: Arc<Semaphore>,
+    idle: Mutex<UnboundedReceiver<Arc<ThreadPool>>>,
+    back: UnboundedSender<Arc<ThreadPool>>,
 }
 
 /// A pool, taken until this is dropped or what it runs has ended.
 #[derive(Debug)]
 pub(crate) struct Thread {
-    idle: Arc<Mutex<Vec<Arc<ThreadPool>>>>,
     pool: Arc<ThreadPool>,
-    _place: OwnedSemaphorePermit,
+    back: UnboundedSender<Arc<ThreadPool>>,
 }
 
 impl SmallMeshes {
@@ -53,16 +49,16 @@ impl SmallMeshes {
     }
 
     fn pools(count: usize, threads: usize, name: &'static str) -> Result<Self> {
-        let pool = |index| pool(threads, move |thread| format!("{name}-{index}-{thread}")).map(Arc::new);
-        let idle = (0..count).map(pool).collect::<Result<_>>()?;
-        Ok(Self { idle: Arc::new(Mutex::new(idle)), places: Arc::new(Semaphore::new(count)) })
+        let (back, idle) = unbounded_channel();
+        for index in 0..count {
+            let _ = back.send(Arc::new(pool(threads, move |thread| format!("{name}-{index}-{thread}"))?));
+        }
+        Ok(Self { idle: Mutex::new(idle), back })
     }
 
-    /// A thread without work, once there is one.
     pub async fn thread(&self) -> Result<Thread> {
-        let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| gone())?;
-        let pool = self.idle.lock().pop().ok_or_else(gone)?;
-        Ok(Thread { idle: Arc::clone(&self.idle), pool, _place: place })
+        let pool = self.idle.lock().await.recv().await.ok_or_else(gone)?;
+        Ok(Thread { pool, back: self.back.clone() })
     }
 }
 
@@ -87,8 +83,7 @@ fn gone() -> Error {
 
 impl Drop for Thread {
     fn drop(&mut self) {
-        // before the place is freed, which lets the next mesh take a thread
-        self.idle.lock().push(Arc::clone(&self.pool));
+        let _ = self.back.send(Arc::clone(&self.pool));
     }
 }
 
@@ -99,7 +94,7 @@ mod tests {
     #[tokio::test]
     async fn meshes_run_at_once_on_a_thread_each_and_a_panic_leaves_them_to_others() {
         let small = SmallMeshes::start().expect("threads");
-        let count = small.idle.lock().len();
+        let count = small.idle.lock().await.len();
         let together = Arc::new(std::sync::Barrier::new(count));
         for _ in 0..3 {
             let all = (0..count).map(async |_| {
@@ -121,6 +116,6 @@ mod tests {
                 assert_eq!(failed.kind, Kind::Internal);
             }
         }
-        assert_eq!(small.idle.lock().len(), count);
+        assert_eq!(small.idle.lock().await.len(), count);
     }
 }

@@ -1,49 +1,54 @@
-//! The stages of one job.
+//! The stages of one job: its files are read, opened once there is memory for what they hold, clustered, and written.
 
+use std::collections::HashMap;
 use std::iter;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
+use axum::body::Bytes;
 use parking_lot::Mutex;
-use tesserae_mesh::artifacts::{self, Content};
+use tesserae_mesh::artifacts::{self, Artifact, Content};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{Clustering, Outcome, Prepared, milliseconds};
+use tesserae_mesh::job::{self, Clustering, InputFormat, Outcome, PointsRequest, Prepared, milliseconds};
+use tesserae_mesh::mesh::{Limits, Resources};
+use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::report::Input;
+use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
-use super::bounds::{AGAIN, caught};
-use super::memory::{Reading, Slot};
-use super::opening::{Admits, Contents, open, open_with};
-use super::parts::Pipeline;
-use super::patience::Patience;
-use super::rows::{Inbox, Log};
-use super::task::Task;
+use super::bounds::{AGAIN, Patience, caught};
+use super::device_thread::Task;
+use super::memory::{Needed, Reading, Slot};
+use super::rows::Inbox;
+use super::run::{Attempt, Pipeline};
 use crate::blobs::Blob;
 use crate::files::{self, BlobWriter, settle};
 use crate::files::{job_blobs, kept_mesh};
 use crate::ops::blocking::blocking;
 use crate::store::kept::Kept;
 use crate::store::live;
-use crate::store::{Job, SmallBlob, Summary, Ticket};
+use crate::store::{SmallBlob, Spec, Summary};
 
-impl Pipeline {
+/// What the files of an upload hold.
+struct Contents {
+    /// The mesh, then its buffers; or the points.
+    mesh: Vec<Bytes>,
+    seeds: Option<Bytes>,
+    weights: Option<Bytes>,
+    graph: Option<Bytes>,
+}
+
+impl Attempt {
     /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
-    pub(super) async fn cluster(
-        &self,
-        slot: &Slot,
-        ticket: Ticket,
-        job: &Job,
-        cancel: &Cancel,
-        log: &Arc<Log>,
-        broken_off: CancellationToken,
-    ) -> Result<Outcome> {
-        let mut prepared = self.prepare(ticket, job, slot.clone(), broken_off).await?;
+    pub(super) async fn cluster(&self, slot: &Slot, cancel: &Cancel, broken_off: CancellationToken) -> Result<Outcome> {
+        let Self { pipeline, ticket, job, .. } = self;
+        let mut prepared = self.prepare(slot.clone(), broken_off).await?;
         // the labels of divided faces are not those of the mesh, nor those of some points those of all
         let are_all = prepared.subject.points().is_none_or(|points| points.members.len() == points.members.items());
         if prepared.input.items() <= live::MOST_FACES && prepared.origin.is_none() && are_all {
-            prepared.viewer = Some(Arc::new(self.live.job(job.id)));
+            prepared.viewer = Some(Arc::new(pipeline.live.job(job.id)));
         }
         Span::current().record("faces", prepared.input.items());
         if job.spec.parameters.clusters.is_none() {
@@ -61,8 +66,8 @@ impl Pipeline {
             span: tracing::info_span!("cluster"),
             slot: slot.clone(),
         };
-        let telling = tokio::spawn(inbox.tell(self.store.clone(), ticket, Arc::clone(log)));
-        let outcome = self.device.run(task, &self.small, self.time).await?;
+        let telling = tokio::spawn(inbox.tell(pipeline.store.clone(), *ticket, Arc::clone(&self.log)));
+        let outcome = pipeline.device.run(task, pipeline.time).await?;
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
@@ -71,19 +76,14 @@ impl Pipeline {
 
     /// From labels to files, or to blobs where all of the result is small. They mean nothing until the job has ended
     /// with them. Must not be dropped in the middle: it would go on, and leave files of no job.
-    pub(super) async fn write(
-        &self,
-        slot: &Slot,
-        job: &Job,
-        outcome: &Arc<Mutex<Outcome>>,
-        started: Instant,
-    ) -> Result<(Summary, Vec<SmallBlob>)> {
+    pub(super) async fn write(&self, slot: &Slot, outcome: &Arc<Mutex<Outcome>>) -> Result<(Summary, Vec<SmallBlob>)> {
+        let Self { job, started, .. } = self;
         let image = match job.spec.kept.mesh && job.spec.format.is_image() {
-            true => Some(self.open_file(job, files::MESH).await?.bytes().await?),
+            true => Some(self.open_file(files::MESH).await?.bytes().await?),
             false => None,
         };
-        let (files, slot, outcome) = (Arc::clone(&self.files), slot.clone(), Arc::clone(outcome));
-        let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
+        let (files, slot, outcome) = (Arc::clone(&self.pipeline.files), slot.clone(), Arc::clone(outcome));
+        let (id, attempt, kept, started) = (job.id, job.attempt, job.spec.kept.clone(), *started);
         let (mut summary, blobs) = blocking(move || {
             let (_slot, outcome) = (slot, &mut *outcome.lock());
             let blob = |name: &str| files.result(id, attempt, name);
@@ -95,25 +95,20 @@ impl Pipeline {
         Ok((summary, small))
     }
 
-    /// Reads the files of an upload, when there is memory for them; gives the time in milliseconds, too. The wait for
-    /// memory is no failure.
-    async fn read(&self, ticket: Ticket, job: &Job) -> Result<(Reading, Contents, f64)> {
-        let spec = &job.spec;
-        let mut patience = Patience::new(&self.files, self.patience);
-        let uploads = loop {
-            match self.open(job).await {
-                Ok(uploads) => break uploads,
-                Err(error) => patience.wait(error).await?,
-            }
-        };
+    /// Reads the files of an upload, when there is memory for them; gives the time in milliseconds, too.
+    async fn read(&self) -> Result<(Reading, Contents, f64)> {
+        let Self { pipeline, job, .. } = self;
+        let Pipeline { store, files, .. } = &**pipeline;
+        let mut patience = Patience::new(files, pipeline.patience);
+        let uploads = patience.repeat(|| self.open()).await?;
         drop(patience);
         // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
         let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
-        let memory = self.memory.read(bytes).await?;
-        let mut patience = Patience::new(&self.files, self.patience);
+        let memory = pipeline.memory.read(bytes).await?;
+        let mut patience = Patience::new(files, pipeline.patience);
         // a small upload began with its claim
-        while !spec.is_small
-            && let Err(error) = self.store.begin(ticket).await
+        while !job.spec.is_small
+            && let Err(error) = store.begin(self.ticket).await
         {
             // a database that is away is waited for, room for its row no longer than for a file
             match error.kind {
@@ -121,71 +116,89 @@ impl Pipeline {
                 _ => patience.wait(error).await?,
             }
         }
-        self.faults.abort_at(spec.file_name.as_deref());
+        files.faults.abort_at(job.spec.file_name.as_deref());
         let reading = Instant::now();
         let mut opened = Some(uploads);
-        let contents = loop {
-            match self.contents(job, opened.take()).await {
-                Ok(read) => break read,
-                Err(error) => patience.wait(error).await?,
-            }
-        };
+        let contents = patience.repeat(|| self.contents(opened.take())).await?;
         Ok((memory, contents, milliseconds(reading.elapsed())))
     }
 
     /// Reads the mesh and its buffers, opened again where they were not, then what came beside them.
-    async fn contents(&self, job: &Job, opened: Option<Vec<Blob>>) -> Result<Contents> {
+    async fn contents(&self, opened: Option<Vec<Blob>>) -> Result<Contents> {
         let uploads = match opened {
             Some(uploads) => uploads,
-            None => self.open(job).await?,
+            None => self.open().await?,
         };
         let mut mesh = Vec::new();
         for upload in uploads {
             mesh.push(upload.bytes().await.map_err(upload_is_gone)?);
         }
         let beside = async |name: &str, is_there: bool| match is_there {
-            true => self.open_file(job, name).await?.bytes().await.map(Some),
+            true => self.open_file(name).await?.bytes().await.map(Some),
             false => Ok(None),
         };
-        let seeds = beside(files::SEEDS, job.spec.listed_seeds).await?;
-        let weights = beside(files::WEIGHTS, job.spec.has_weights).await?;
-        Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, job.spec.has_graph).await? })
+        let spec = &self.job.spec;
+        let seeds = beside(files::SEEDS, spec.listed_seeds).await?;
+        let weights = beside(files::WEIGHTS, spec.has_weights).await?;
+        Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, spec.has_graph).await? })
     }
 
-    async fn open(&self, job: &Job) -> Result<Vec<Blob>> {
+    async fn open(&self) -> Result<Vec<Blob>> {
         let mut uploads = Vec::new();
-        for name in iter::once(files::MESH.to_owned()).chain((0..job.spec.buffers.len()).map(files::buffer)) {
-            uploads.push(self.open_file(job, &name).await?);
+        for name in iter::once(files::MESH.to_owned()).chain((0..self.job.spec.buffers.len()).map(files::buffer)) {
+            uploads.push(self.open_file(&name).await?);
         }
         Ok(uploads)
     }
 
-    async fn open_file(&self, job: &Job, name: &str) -> Result<Blob> {
-        job_blobs::upload(&self.files, self.store.as_ref(), job, name, None).await.map_err(upload_is_gone)
+    async fn open_file(&self, name: &str) -> Result<Blob> {
+        let Pipeline { store, files, .. } = &*self.pipeline;
+        job_blobs::upload(files, store, &self.job, name, None).await.map_err(upload_is_gone)
     }
 
-    /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
-    /// A file that is small and has too many faces is opened twice.
-    async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
-        let (memory, contents, milliseconds) = self.read(ticket, job).await?;
-        let (spec, limits) = (job.spec.clone(), self.limits);
-        let span = tracing::info_span!("read");
-        let open = move |admits: &mut Admits<'_>| span.in_scope(|| open(&spec, &contents, limits, admits));
-        let (open, memory, prepared) = match memory.may_be_small() {
-            true => {
-                let slot = slot.clone();
-                let work = move || open_with(open, memory, None, &slot);
-                self.small.thread().await?.run(work).await?
-            }
-            false => (open, Some(memory), None),
-        };
-        let mut prepared = match (prepared, memory) {
-            (None, Some(memory)) => {
-                blocking(move || caught(|| open_with(open, memory, Some(&broken_off), &slot))).await??.2
-            }
-            (prepared, _) => prepared,
+    /// Reads the mesh: a small one on a thread for small meshes, others on all threads, once there is memory for it. A
+    /// file that is small and has too many faces is opened twice: what a thread for small meshes waits for may itself
+    /// wait for such a thread.
+    async fn prepare(&self, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
+        let (mut memory, contents, milliseconds) = self.read().await?;
+        let (spec, limits, span) = (self.job.spec.clone(), self.pipeline.limits, tracing::info_span!("read"));
+        let files = Arc::new((spec, contents, span));
+        let mut prepared = None;
+        if memory.may_be_small() {
+            // held by the thread, which goes on when this is dropped
+            let (files, held) = (Arc::clone(&files), slot.clone());
+            let work = move || {
+                let (_slot, (spec, contents, span)) = (held, &*files);
+                let mut is_small = true;
+                let admits = |need: Needed| {
+                    is_small = need.is_small();
+                    is_small.then_some(()).ok_or_else(Error::cancelled)
+                };
+                match span.in_scope(|| open(spec, contents, limits, admits)) {
+                    Err(_) if !is_small => Ok((None, memory)),
+                    opened => Ok((Some(opened?), memory)),
+                }
+            };
+            (prepared, memory) = self.pipeline.device.small.thread().await?.run(work).await?;
         }
-        .ok_or_else(|| Error::new(Kind::Internal, "a mesh was not read"))?;
+        let mut prepared = match prepared {
+            Some(prepared) => {
+                slot.holds(memory.held);
+                prepared
+            }
+            None => {
+                let work = move || {
+                    let (spec, contents, span) = &*files;
+                    let admits = |need| {
+                        let built = Handle::current().block_on(broken_off.run_until_cancelled(memory.build(need)));
+                        slot.holds(built.unwrap_or_else(|| Err(Error::cancelled()))?);
+                        Ok(())
+                    };
+                    caught(|| span.in_scope(|| open(spec, contents, limits, admits)))
+                };
+                blocking(work).await??
+            }
+        };
         prepared.timings.read = milliseconds;
         Ok(prepared)
     }
@@ -207,6 +220,60 @@ fn upload_is_gone(error: Error) -> Error {
     match error.kind {
         Kind::NotFound => Error::new(Kind::Io, "the upload of the job is gone from the data folder"),
         _ => error,
+    }
+}
+
+/// Reads the mesh or the points of a job, once `admits` got memory for them.
+fn open(
+    spec: &Spec,
+    contents: &Contents,
+    limits: Limits,
+    admits: impl FnOnce(Needed) -> Result<()>,
+) -> Result<Prepared> {
+    let Contents { mesh, seeds, weights, graph } = contents;
+    let [seeds, weights, graph] = [seeds, weights, graph].map(Option::as_deref);
+    let (bytes, buffers) = mesh.split_first().map_or((&[][..], &[][..]), |(mesh, buffers)| (&mesh[..], buffers));
+    let parameters = &spec.parameters;
+    let outputs: Vec<&Artifact> = spec.kept.artifacts(spec.format).collect();
+    let outputs = &outputs[..];
+    match spec.format {
+        InputFormat::Mesh(format) => {
+            let resources = &Parts(spec.buffers.iter().cloned().zip(buffers.iter().cloned()).collect());
+            let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
+            let build = |opened: job::Opened<'_>| {
+                admits(Needed::of_faces(opened.faces(), Some(&opened.spec().clustering)))?;
+                opened.prepare().map_err(|refusal| refusal.error)
+            };
+            job::open(&request, build).map_err(|refusal| refusal.error).flatten()
+        }
+        InputFormat::Points(format) => {
+            let request = PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
+            let size = request.size().map_err(|refusal| refusal.error)?;
+            let merges_items = parameters.algorithm.is_hierarchical() || parameters.seeds == Seeds::Merged;
+            admits(Needed::of_points(size, merges_items))?;
+            job::prepare_points(&request).map_err(|refusal| refusal.error)
+        }
+    }
+}
+
+/// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.
+struct Parts(HashMap<String, Bytes>);
+
+impl Resources for Parts {
+    fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
+        let content = self.0.get(uri).ok_or_else(|| {
+            Error::mesh(format_args!(
+                "the mesh refers to a buffer that did not come with it (send it as a part named buffer with this file \
+                 name): {uri:?}"
+            ))
+        })?;
+        let bytes = content.len() as u64;
+        if bytes > max_bytes {
+            return Err(Error::too_large(format_args!(
+                "a buffer has more bytes than the limit of {max_bytes}, {bytes}: {uri:?}"
+            )));
+        }
+        Ok(content.to_vec())
     }
 }
 
@@ -260,4 +327,23 @@ fn write(
         blobs: contents,
     };
     Ok((summary, blobs))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mesh_gets_at_the_parts_by_their_names_and_at_nothing_else() {
+        let contents = [("a/b c.bin", "first"), ("../x", "second")];
+        let parts = Parts(contents.map(|(name, content)| (name.to_owned(), Bytes::from(content))).into());
+        assert_eq!(parts.load("a/b c.bin", 5).as_deref(), Ok(&b"first"[..]));
+        // a name is a name, whatever it looks like
+        assert_eq!(parts.load("../x", 9).as_deref(), Ok(&b"second"[..]));
+        assert_eq!(parts.load("a/b c.bin", 4).map_err(|error| error.kind), Err(Kind::TooLarge));
+        for uri in ["buffer-0", "mesh", "/etc/passwd", "../buffer-0", "b c.bin", ""] {
+            let error = parts.load(uri, 100).expect_err(uri);
+            assert_eq!(error.kind, Kind::InvalidMesh);
+        }
+    }
 }

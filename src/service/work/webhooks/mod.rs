@@ -17,7 +17,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use hmac::{Hmac, KeyInit as _, Mac as _};
-use reqwest::{StatusCode, Url};
+use reqwest::StatusCode;
 use serde_json::json;
 use sha2::Sha256;
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -38,23 +38,17 @@ const PATIENCE: Duration = Duration::from_secs(15);
 const PAUSE: Duration = Duration::from_secs(5);
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
-/// Time after the end of a job after which its webhook is given up.
 const GIVEN_UP_AFTER: Duration = Duration::from_secs(24 * 3600);
 
-/// How long the store is left alone after it failed.
+/// Pause after a failure of the store.
 const BREATHER: Duration = Duration::from_secs(5);
 
 const SECRET_PREFIX: &str = "whsec_";
 
 pub(crate) struct Webhooks {
     targets: Targets,
-    /// None where no webhooks are allowed.
-    sender: Option<Sender>,
-}
-
-struct Sender {
-    client: reqwest::Client,
-    key: Vec<u8>,
+    /// What sends, and what signs with the key; none where no webhooks are allowed.
+    sender: Option<(reqwest::Client, Hmac<Sha256>)>,
 }
 
 impl Webhooks {
@@ -74,30 +68,28 @@ impl Webhooks {
                     .dns_resolver(Arc::new(targets.clone()))
                     .build()
                     .map_err(|error| {
-                        Error::new(
-                            Kind::Unavailable,
-                            format_args!("webhooks cannot be sent (are there CA certificates?): {error:?}"),
-                        )
+                        let why = format_args!("webhooks cannot be sent (are there CA certificates?): {error:?}");
+                        Error::new(Kind::Unavailable, why)
                     })?;
-                Some(Sender { client, key: read_secret(path)? })
+                Some((client, read_secret(path)?))
             }
             _ => None,
         };
         Ok(Self { targets, sender })
     }
 
-    /// Refuses a webhook that would go where none may.
     pub fn check(&self, webhook: &str) -> Result<()> {
         self.targets.check(webhook).map(drop)
     }
 }
 
-fn read_secret(path: &Path) -> Result<Vec<u8>> {
+fn read_secret(path: &Path) -> Result<Hmac<Sha256>> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| Error::io(format_args!("the secret of webhooks cannot be read: {}", path.display()), error))?;
     let text = text.trim();
     let key = STANDARD.decode(text.strip_prefix(SECRET_PREFIX).unwrap_or(text)).ok();
-    key.filter(|key| (24..=64).contains(&key.len())).ok_or_else(|| {
+    let key = key.filter(|key| (24..=64).contains(&key.len()));
+    key.and_then(|key| Hmac::new_from_slice(&key).ok()).ok_or_else(|| {
         Error::parameter(format_args!(
             "the secret of webhooks must be {SECRET_PREFIX} and 24 to 64 bytes in base64 (`echo {SECRET_PREFIX}$(head \
              -c 32 /dev/urandom | base64)` makes one); it is not, in {}",
@@ -168,19 +160,16 @@ impl Teller {
             }
         };
         let age = notice.ended_at.elapsed().unwrap_or_default();
-        let failed = match self.send(&notice).await {
-            Ok(status) if status.is_success() => None,
-            Ok(status) => Some((status == StatusCode::GONE, format!("the receiver answered {status}"))),
-            Err(error) => Some((false, error.message)),
-        };
-        let outcome = match failed {
-            None => "delivered",
-            Some((is_gone, why)) => {
+        let outcome = match self.send(&notice).await {
+            Ok(status) if status.is_success() => "delivered",
+            failed => {
+                let is_gone = failed == Ok(StatusCode::GONE);
+                let why = failed.map_or_else(|error| error.message, |status| format!("the receiver answered {status}"));
                 tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
                 if is_gone || age > GIVEN_UP_AFTER { "given_up" } else { "failed" }
             }
         };
-        self.metrics.told(outcome);
+        self.metrics.families.webhooks.get_or_create(&[("outcome", outcome)]).inc();
         if outcome == "failed" {
             return false;
         }
@@ -196,33 +185,18 @@ impl Teller {
     async fn send(&self, notice: &Notice) -> Result<StatusCode> {
         let (url, places) = self.webhooks.targets.check(&notice.webhook)?;
         let sender = self.webhooks.sender.as_ref();
-        let sender = sender.ok_or_else(|| Error::new(Kind::Unavailable, "there is no secret to sign it with"))?;
+        let no_secret = || Error::new(Kind::Unavailable, "there is no secret to sign it with");
+        let (client, mac) = sender.ok_or_else(no_secret)?;
         // they are never closed
         let _place = places.acquire().await.ok();
-        sender.send(url, notice).await
-    }
-}
-
-/// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.
-fn webhook_id(notice: &Notice) -> String {
-    match notice.end {
-        0 | 1 => notice.job.to_string(),
-        end => format!("{}.{end}", notice.job),
-    }
-}
-
-impl Sender {
-    async fn send(&self, url: Url, notice: &Notice) -> Result<StatusCode> {
         let path = urls::path(notice.job);
         let problem = notice.problem.as_ref().map(|error| Problem::new(error, &path));
         let data = json!({ "id": notice.job, "state": notice.state, "problem": problem, "url": path });
         let body = json!({ "type": "job.ended", "timestamp": rfc3339(notice.ended_at), "data": data }).to_string();
         let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         let id = webhook_id(notice);
-        let no_key = || Error::new(Kind::Internal, "a webhook cannot be signed: no key");
-        let signature = sign(&self.key, &id, timestamp, &body).ok_or_else(no_key)?;
-        let mut request = self
-            .client
+        let signature = sign(mac.clone(), &id, timestamp, &body);
+        let mut request = client
             .post(url)
             .header("content-type", "application/json")
             .header("webhook-id", id)
@@ -241,11 +215,18 @@ impl Sender {
     }
 }
 
+/// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.
+fn webhook_id(notice: &Notice) -> String {
+    match notice.end {
+        0 | 1 => notice.job.to_string(),
+        end => format!("{}.{end}", notice.job),
+    }
+}
+
 /// The signature of a delivery: `v1,` and the HMAC-SHA256 of id, timestamp and body, joined by dots.
-fn sign(key: &[u8], id: impl std::fmt::Display, timestamp: u64, body: &str) -> Option<String> {
-    let mut mac = Hmac::<Sha256>::new_from_slice(key).ok()?;
-    mac.update(format!("{id}.{timestamp}.{body}").as_bytes());
-    Some(format!("v1,{}", STANDARD.encode(mac.finalize().into_bytes())))
+fn sign(mac: Hmac<Sha256>, id: &str, timestamp: u64, body: &str) -> String {
+    let signature = mac.chain_update(format!("{id}.{timestamp}.{body}")).finalize();
+    format!("v1,{}", STANDARD.encode(signature.into_bytes()))
 }
 
 /// Reads a URL and a host.
@@ -265,8 +246,9 @@ mod tests {
     #[test]
     fn deliveries_are_signed_as_the_standard_says() {
         let key = STANDARD.decode("MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").expect("base64");
-        let signature = sign(&key, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);
-        assert_eq!(signature.as_deref(), Some("v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="));
+        let mac = Hmac::new_from_slice(&key).expect("a key");
+        let signature = sign(mac, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);
+        assert_eq!(signature, "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE=");
     }
 
     #[test]
