@@ -89,18 +89,18 @@ impl TrafficConstants {
     /// says so: jobs could not read and write theirs otherwise. Refuses when there is room for none.
     pub fn fit(&mut self, files: u64) -> Result<()> {
         let most = files.saturating_sub(OTHER_FILES) / FILES_OF_CONNECTION;
-        match u32::try_from(most).unwrap_or(u32::MAX) {
-            0 => Err(Error::parameter(format_args!(
+        let most = u32::try_from(most).unwrap_or(u32::MAX);
+        if most == 0 {
+            return Err(Error::parameter(format_args!(
                 "this process may open too few files for a service (ulimit -n, LimitNOFILE of systemd): allow it 4096 \
                  or more; it is {files}"
-            ))),
-            most if most < self.connections => {
-                tracing::warn!(files, "connections at a time are at most {most}: this process may open so few files");
-                self.connections = most;
-                Ok(())
-            }
-            _ => Ok(()),
+            )));
         }
+        if most < self.connections {
+            tracing::warn!(files, "connections at a time are at most {most}: this process may open so few files");
+            self.connections = most;
+        }
+        Ok(())
     }
 }
 
