@@ -153,14 +153,8 @@ impl Transaction<'_> {
         let Standing { state, attempt, uncounted, has_begun, suspicion, .. } = standing;
         let Standing { not_before, started_at, lease_until, cancel_requested, .. } = standing;
         let mut values = values![live.number, state, attempt, uncounted, has_begun, suspicion, not_before, started_at];
-        values.extend(values![
-            lease_until,
-            cancel_requested,
-            live.worker.clone(),
-            live.worker_id,
-            live.last_seq,
-            live.ends
-        ]);
+        let (worker, seq) = (live.worker.clone(), live.last_seq);
+        values.extend(values![lease_until, cancel_requested, worker, live.worker_id, seq, live.ends]);
         values.extend(end);
         self.rows.write(SAVE, values)?;
         self.effects.arrivals |= matches!(event, Some(What::Queued | What::End(..)));
