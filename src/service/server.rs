@@ -87,7 +87,7 @@ impl Server {
         let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, extras.faults.clone())?;
         files.allow_references(&settings.storage.mesh_prefixes)?;
         let access = Arc::new(Access::open(&settings.access).await?);
-        let store = open_store(&settings, &files, extras.faults.clone()).await?;
+        let mut store = open_store(&settings, &files, extras.faults.clone()).await?;
         let check = async {
             files.probe_elsewhere().await?;
             if !store.is_shared() && store.is_durable() && !store.was_used().await? {
