@@ -5,6 +5,7 @@
 //! could prolong a lease, so a lease that was over when the server started is valid for another term.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -25,6 +26,8 @@ const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
         coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next, \
         coalesce((SELECT max(served) FROM tenants), 0.0) AS clock \
     FROM names WHERE names.tenant IS NOT NULL";
+
+const WAITS: &str = "SELECT number FROM jobs WHERE state = 'queued' LIMIT 1";
 
 const WAITING: &str = "SELECT number, urgency FROM jobs WHERE state = 'queued' AND suspicion = 0 AND tenant = $1 \
     ORDER BY urgency, number LIMIT $2";
@@ -64,8 +67,13 @@ impl Store {
     /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on. Also gives the time
     /// until a job that was passed over may be claimed, if that needs time only.
     pub async fn claim_as(&self, claiming: Claiming) -> Result<(Vec<(Ticket, Job)>, Option<Duration>)> {
+        // without the lock of the queue: an arrival wakes all workers
+        if self.is_idle.load(Relaxed) && self.query("look", WAITS, Vec::new()).await?.is_empty() {
+            return Ok((Vec::new(), None));
+        }
         let (is_alone, lease) = (!self.is_shared(), claiming.lease);
         let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
+        self.is_idle.store(taken.is_empty(), Relaxed);
         if !is_alone && !taken.is_empty() {
             // the claim did not wait for the disk; once this is there, so is the claim
             self.heartbeat(&[], lease).await?;

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
@@ -39,6 +40,8 @@ pub(crate) struct Store {
     name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
+    /// Whether the last claim took no job.
+    pub(super) is_idle: AtomicBool,
     observer: Option<Observer>,
 }
 
@@ -78,6 +81,7 @@ impl Store {
             listeners,
             name: String::new(),
             held: Mutex::default(),
+            is_idle: AtomicBool::new(false),
             observer: None,
         };
         let name = Uuid::new_v4().to_string();

@@ -32,6 +32,14 @@ pub struct Session<'c> {
     is_begun: bool,
     /// Changes that are not sent yet.
     changes: Vec<Query>,
+    /// The clock, read with the first query behind the lock of the queue.
+    clock: Clock,
+}
+
+enum Clock {
+    NotWanted,
+    Wanted,
+    Read(Row),
 }
 
 impl Drop for Session<'_> {
@@ -52,7 +60,7 @@ impl<'c> Session<'c> {
         is_change: bool,
     ) -> Self {
         let changes = if is_change { vec![("BEGIN", Vec::new())] } else { Vec::new() };
-        Self { connections, client: Some(client), handle, deadline, is_begun: false, changes }
+        Self { connections, client: Some(client), handle, deadline, is_begun: false, changes, clock: Clock::NotWanted }
     }
 
     /// Ends a transaction, by `COMMIT` or `ROLLBACK`.
@@ -128,11 +136,14 @@ impl Rows for Session<'_> {
             return Err(Abort::Broken(Error::new(Kind::Internal, "a transaction has no connection")));
         };
         self.is_begun |= !changes.is_empty();
-        let sent: Vec<&Query> = changes.iter().chain(queries).collect();
-        match self.handle.block_on(timeout_at(self.deadline, send(client, &sent))) {
-            Ok(answer) => Ok(answer.map_err(failure)?.split_off(changes.len())),
-            Err(_) => Err(self.connections.too_late()),
+        let clock = matches!(self.clock, Clock::Wanted).then(|| (CLOCK, Vec::new()));
+        let sent: Vec<&Query> = changes.iter().chain(queries).chain(&clock).collect();
+        let answer = self.handle.block_on(timeout_at(self.deadline, send(client, &sent)));
+        let mut answer = answer.map_err(|_| self.connections.too_late())?.map_err(failure)?.split_off(changes.len());
+        if clock.is_some() {
+            self.clock = answer.pop().and_then(|mut rows| rows.pop()).map_or(Clock::NotWanted, Clock::Read);
         }
+        Ok(answer)
     }
 
     fn write(&mut self, sql: &'static str, values: Vec<Value>) -> Result<(), Abort> {
@@ -141,13 +152,17 @@ impl Rows for Session<'_> {
     }
 
     fn now(&mut self) -> Result<SystemTime, Abort> {
-        Ok(self.one(CLOCK, Vec::new())?.get("now")?)
+        match &self.clock {
+            Clock::Read(row) => Ok(row.get("now")?),
+            _ => Ok(self.one(CLOCK, Vec::new())?.get("now")?),
+        }
     }
 
     fn lock_queue(&mut self, is_brief: bool) -> Result<(), Abort> {
         if is_brief {
             self.write("SET LOCAL synchronous_commit = off", Vec::new())?;
         }
+        self.clock = Clock::Wanted;
         self.write("SELECT pg_advisory_xact_lock(1953723250, 1)", Vec::new())
     }
 
