@@ -134,8 +134,6 @@ async fn the_system_keeps_many_connections_until_they_are_accepted() {
 async fn requests_are_logged_with_the_address_behind_trusted_proxies() {
     // the service runs on this thread, as the test does
     let log = Log::default();
-    // With a single subscriber, tracing lets the thread that first meets a log line decide about it: another test's.
-    let _second = tracing::Dispatch::new(tracing_subscriber::registry());
     let lines = tracing_subscriber::fmt().json().with_current_span(false).with_writer(log.clone());
     let _logging = tracing::subscriber::set_default(lines.with_max_level(tracing::Level::INFO).finish());
     let proxies = vec!["127.0.0.0/8".parse().expect("a network")];
@@ -177,7 +175,6 @@ async fn requests_are_logged_with_the_address_behind_trusted_proxies() {
 #[tokio::test]
 async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     let log = Log::default();
-    let _second = tracing::Dispatch::new(tracing_subscriber::registry());
     let lines = tracing_subscriber::fmt().json().with_current_span(false).with_writer(log.clone());
     let _logging = tracing::subscriber::set_default(lines.with_max_level(tracing::Level::INFO).finish());
     let (device, _gate) = Held::behind_gate();

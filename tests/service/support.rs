@@ -355,12 +355,23 @@ impl Held {
 }
 
 /// What was logged.
-#[derive(Clone, Default)]
-pub struct Log(Arc<Mutex<Vec<u8>>>);
+#[derive(Clone)]
+pub struct Log {
+    bytes: Arc<Mutex<Vec<u8>>>,
+    _second: tracing::Dispatch,
+}
+
+impl Default for Log {
+    /// With a single subscriber, tracing lets the thread that first meets a log line decide about it: another test's. So
+    /// there is a second one.
+    fn default() -> Self {
+        Self { bytes: Arc::default(), _second: tracing::Dispatch::new(tracing_subscriber::registry()) }
+    }
+}
 
 impl Log {
     pub fn text(&self) -> String {
-        String::from_utf8(self.0.lock().expect("unpoisoned").clone()).expect("text")
+        String::from_utf8(self.bytes.lock().expect("unpoisoned").clone()).expect("text")
     }
 
     /// The lines of a target, where each is a JSON object.
@@ -373,7 +384,7 @@ impl Log {
 
 impl Write for Log {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        Write::write(&mut *self.0.lock().expect("unpoisoned"), bytes)
+        Write::write(&mut *self.bytes.lock().expect("unpoisoned"), bytes)
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
