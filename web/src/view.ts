@@ -29,6 +29,7 @@ export class View {
   readonly canvas: HTMLCanvasElement;
   readonly rig: Rig;
   readonly guessedUp: Up;
+  readonly items: number;
 
   private readonly renderer: WebGLRenderer;
   private readonly geometry: BufferGeometry;
@@ -41,7 +42,7 @@ export class View {
     this.theme = themeOf(this.box);
     this.draw();
   };
-  private up: Up;
+  private up: Up | null = null;
   private theme: ReturnType<typeof themeOf>;
   private parting: Parting = "beside";
   private isAbove = false;
@@ -65,6 +66,7 @@ export class View {
     format = "glb",
     up: Up | null = null,
   ) {
+    this.items = mesh.positions.length / 9;
     this.renderer = makeRenderer(this.ratio);
     this.canvas = this.renderer.domElement;
     this.geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(mesh.positions, 3));
@@ -74,19 +76,15 @@ export class View {
     this.seen = new Seen(this.renderer, this.geometry);
     this.paints = [new Paint(mesh, this.radius)];
     this.guessedUp = guessUp(mesh.positions, format);
-    this.up = up ?? this.guessedUp;
-    this.seen.setGround(groundOf(mesh.positions, this.up));
     this.theme = themeOf(box);
     this.rig = new Rig(this.canvas);
     this.rig.onMove = () => this.move();
     box.replaceChildren(this.canvas);
     this.resize();
-    this.setUp(this.up);
+    this.setUp(up ?? this.guessedUp);
     listen(this.canvas, {
       click: (x, y, withShift) => this.onPick(this.at(x, y), withShift),
-      hover: (x, y) => {
-        if (!this.pace.isMoving) this.onHover(this.at(x, y));
-      },
+      hover: (x, y) => this.pace.isMoving || this.onHover(this.at(x, y)),
       leave: () => this.onHover(null),
     });
     this.scheme.addEventListener("change", this.redraw);
@@ -96,10 +94,6 @@ export class View {
       if (x !== box.clientWidth || y !== box.clientHeight) this.resize();
     });
     this.observer.observe(box);
-  }
-
-  get items(): number {
-    return this.mesh.positions.length / 9;
   }
 
   setUp(up: Up): void {
@@ -157,6 +151,12 @@ export class View {
     this.rig.isTurning = true;
     this.then = performance.now();
     this.draw();
+  }
+
+  /** Stops that: the camera rests in the next frame, however soon it is drawn. */
+  hold(): void {
+    if (this.pace.isCoarse) this.finer = 0;
+    this.rig.isTurning = this.pace.isMoving = false;
   }
 
   /** Turns the mesh to where a normal of it is seen. */

@@ -74,7 +74,7 @@ export class Visit {
       clearTimeout(this.resting);
       this.resting = window.setTimeout(() => address.amend({ clusters }), REST);
       // a turn takes a software renderer longer than a cut
-      view.rig.isTurning = false;
+      view.hold();
       this.pending ||= requestAnimationFrame(show);
     });
     level.set(wanted);
