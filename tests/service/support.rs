@@ -362,8 +362,7 @@ pub struct Log {
 }
 
 impl Default for Log {
-    /// With a single subscriber, tracing lets the thread that first meets a log line decide about it: another test's. So
-    /// there is a second one.
+    /// With a single subscriber, tracing leaves a log line to the thread that meets it first: another test's.
     fn default() -> Self {
         Self { bytes: Arc::default(), _second: tracing::Dispatch::new(tracing_subscriber::registry()) }
     }
