@@ -52,8 +52,8 @@ impl Metrics {
         };
         let labels = [("kind", kind.to_owned()), ("name", device.name.clone()), ("backend", device.backend.clone())];
         families.device.get_or_create(&labels).set(1);
-        families.disk_reserve.set(settings.storage.min_free_bytes.cast_signed());
-        families.queue_limit.set(settings.max_queued_jobs as i64);
+        families.disk_reserve.set(i64::try_from(settings.storage.min_free_bytes).unwrap_or(i64::MAX));
+        families.queue_limit.set(i64::try_from(settings.max_queued_jobs).unwrap_or(i64::MAX));
         // what never happened is 0, not absent
         for operation in ["create", "get", "claim", "append", "finish"] {
             families.store_errors.get_or_create(&[("operation", operation)]).inc_by(0);

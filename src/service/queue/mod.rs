@@ -13,7 +13,7 @@
 //!            └───────── cancel ─────────────────────────────────────────┘
 //! ```
 //!
-//! [`Standing::apply`] has one arm for each change. Every change of state is an [`What`], which the store numbers from
+//! [`Standing::apply`] has one arm for each change. Every change of state is a [`What`], which the store numbers from
 //! 1 without gaps and appends in the same transaction: all events together give the state.
 //!
 //! A claim is a lease: a worker prolongs it by heartbeats, and a job whose lease is over waits again at its old place.

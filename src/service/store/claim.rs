@@ -74,11 +74,14 @@ impl Store {
         let (is_alone, lease) = (!self.is_shared(), claiming.lease);
         let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
         self.is_idle.store(taken.is_empty(), Relaxed);
+        self.held.lock().extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
         if !is_alone && !taken.is_empty() {
             // the claim did not wait for the disk; once this is there, so is the claim
-            self.heartbeat(&[], lease).await?;
+            // the worker has the jobs anyway: if a crash undid the claim, what it writes is refused
+            if let Err(error) = self.heartbeat(&[], lease).await {
+                tracing::warn!(%error, jobs = taken.len(), "jobs begin before their claim is known to be stored");
+            }
         }
-        self.held.lock().extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
         Ok((taken.into_iter().map(|(ticket, _, job)| (ticket, job)).collect(), wait))
     }
 

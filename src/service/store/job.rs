@@ -204,5 +204,6 @@ pub(crate) fn keeps_upload(problem: Option<&Error>) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct Ticket {
     pub job: JobId,
+    /// Counts the claims of the job; an older one writes nothing.
     pub attempt: u32,
 }

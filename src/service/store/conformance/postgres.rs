@@ -133,6 +133,23 @@ async fn a_job_that_is_cancelled_during_its_claim_is_not_claimed() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn claimed_jobs_have_their_worker_though_the_wait_for_the_disk_failed() {
+    let Some(server) = Server::start() else { return };
+    let store = open(&server.database(), RULES).await;
+    let id = create(&store).await.id;
+    for sql in [
+        "CREATE FUNCTION fail() RETURNS trigger LANGUAGE plpgsql AS 'BEGIN RAISE EXCEPTION ''on purpose''; END'",
+        "CREATE TRIGGER fail BEFORE UPDATE ON workers FOR EACH ROW EXECUTE FUNCTION fail()",
+    ] {
+        store.change("test", move |change| change.rows.write(sql, Vec::new())).await.expect("written");
+    }
+    let (ticket, _) = claim(&store).await;
+    assert_eq!(ticket.job, id);
+    assert!(store.heartbeat(&[], LEASE).await.is_err(), "it is what the claim waited by");
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn changes_whose_answer_was_lost_are_not_made_twice() {
     let Some(server) = Server::start() else { return };
     let store = open(&server.database(), RULES).await;

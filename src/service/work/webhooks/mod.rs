@@ -38,6 +38,7 @@ const PATIENCE: Duration = Duration::from_secs(15);
 const PAUSE: Duration = Duration::from_secs(5);
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
+/// Time after the end of a job after which its webhook is given up.
 const GIVEN_UP_AFTER: Duration = Duration::from_secs(24 * 3600);
 
 /// Pause after a failure of the store.

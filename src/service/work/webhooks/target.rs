@@ -12,7 +12,7 @@ use tokio::sync::Semaphore;
 
 use crate::settings::WebhookHost;
 
-/// Deliveries at a time.
+/// Deliveries to one host at a time.
 const PER_HOST: usize = 8;
 
 /// Longest URL of a webhook, in bytes.

@@ -109,8 +109,8 @@ async fn run<T: Send + 'static>(
             let mut session = Session::new(&pool, client, handle, deadline, is_change);
             let mut effects = Effects::default();
             let outcome = match work(&mut session, &mut effects) {
-                Ok(done) => session.end("COMMIT").map(|()| (done, effects)),
-                Err(Abort::Refused(error)) => session.end("ROLLBACK").and(Err(Abort::Refused(error))),
+                Ok(done) => session.commit().map(|()| (done, effects)),
+                Err(Abort::Refused(error)) => session.roll_back().and(Err(Abort::Refused(error))),
                 Err(abort) => Err(abort),
             };
             (work, outcome)

@@ -63,10 +63,18 @@ impl<'c> Session<'c> {
         Self { connections, client: Some(client), handle, deadline, is_begun: false, changes, clock: Clock::NotWanted }
     }
 
-    /// Ends a transaction, by `COMMIT` or `ROLLBACK`.
-    pub fn end(&mut self, how: &'static str) -> Result<(), Abort> {
+    pub fn commit(&mut self) -> Result<(), Abort> {
         if self.is_begun || !self.changes.is_empty() {
-            self.all(&[(how, Vec::new())])?;
+            self.all(&[("COMMIT", Vec::new())])?;
+            self.is_begun = false;
+        }
+        Ok(())
+    }
+
+    pub fn roll_back(&mut self) -> Result<(), Abort> {
+        self.changes.clear();
+        if self.is_begun {
+            self.all(&[("ROLLBACK", Vec::new())])?;
             self.is_begun = false;
         }
         Ok(())
