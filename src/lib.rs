@@ -45,7 +45,7 @@
 //! | what connected moves are | [`mod@cluster::relocation::settle`]; as code: [`device::plain::ConnectedMoves`] |
 //! | what a merge costs (P§6) | `merge_cost` in `energy/cvd.rs` and `shaders/energy/cvd.wgsl` |
 //! | which merge is next (P§5.4) | the order: [`device::dual_edge`]; the rounds: [`cluster::hierarchy`] |
-//! | from a label to an answer | [`job::finish()`]; `service/work/pipeline/stages.rs`, `service/http/api/labels.rs` |
+//! | from a label to an answer | [`job::finish()`]; `service/work/pipeline/stages.rs`, `service/http/api/outputs.rs` |
 //! | what a new mesh format needs | `mesh/format.rs` says it; a reader gives a [`mesh::PolygonMesh`] |
 //! | what a new energy needs | [`energy`] |
 //! | what a new kernel needs | [`device::gpu::kernels`] |

@@ -210,7 +210,7 @@ impl Blob {
         }
     }
 
-    /// The bytes for a thread that may block; to be called on the runtime.
+    /// The bytes for a thread that may block; to be called where there is a runtime.
     pub fn into_reader(self) -> Box<dyn Input + Send> {
         let length = self.length();
         match self {

@@ -22,8 +22,12 @@ pub enum BlobPlace {
     /// A folder.
     Folder(PathBuf),
     /// `s3://NAME/PREFIX`
-    #[allow(missing_docs)]
-    Bucket { name: String, prefix: BlobPath },
+    Bucket {
+        /// The bucket.
+        name: String,
+        /// What the keys of blobs begin with; may be empty.
+        prefix: BlobPath,
+    },
 }
 
 impl FromStr for BlobPlace {

@@ -22,7 +22,7 @@ pub(super) fn alone(crashes: u32) -> Duration {
 /// single job that had begun.
 pub(crate) fn crashed(jobs: &[Standing]) -> Vec<Change> {
     let begun = jobs.iter().filter(|job| job.has_begun).count();
-    jobs.iter().map(|job| Change::Crashed(job.has_begun && begun == 1)).collect()
+    jobs.iter().map(|job| Change::Crashed { counts: job.has_begun && begun == 1 }).collect()
 }
 
 /// What suspects let a worker claim.

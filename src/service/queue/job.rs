@@ -79,15 +79,24 @@ pub(crate) enum Change {
     Begin(u32),
     /// The worker is alive: its lease ends this long after now.
     Heartbeat(u32, Duration),
-    /// The worker gives it back. With an error, the attempt failed, and another one may not; it counts if it had begun.
+    /// The worker gives it back. With a fault, the attempt failed, and another one may not; it counts if it had begun.
     /// Without, it was broken off without fault, and does not count.
-    Release(u32, Option<Error>),
+    Release {
+        attempt: u32,
+        fault: Option<Error>,
+    },
     /// The worker ends it in that state, with the problem of a failed job.
-    End(u32, State, Option<Error>),
+    End {
+        attempt: u32,
+        state: State,
+        problem: Option<Error>,
+    },
     /// Its lease is over, but the worker is alive: it stood still.
     LeaseOver,
     /// The worker crashed, and whether that counts: see [`crashed`](super::crashed).
-    Crashed(bool),
+    Crashed {
+        counts: bool,
+    },
     /// A client requests its end: a waiting job ends at once, a running one when its worker stops, an ended one stays.
     Cancel,
     Retry,
@@ -118,10 +127,10 @@ impl Standing {
             Change::Claim(worker, lease) => self.claimed(&worker, lease, now),
             Change::Begin(_) => (Self { has_begun: true, ..self }, None),
             Change::Heartbeat(_, lease) => (Self { lease_until: Some(now + lease), ..self }, None),
-            Change::Release(_, fault) => self.given_back(fault, rules, now),
-            Change::End(_, state, problem) => self.ended(state, problem),
+            Change::Release { fault, .. } => self.given_back(fault, rules, now),
+            Change::End { state, problem, .. } => self.ended(state, problem),
             Change::LeaseOver => self.given_back(Some(lease_is_over()), rules, now),
-            Change::Crashed(counts) => {
+            Change::Crashed { counts } => {
                 let suspicion = self.suspicion.saturating_add(self.has_begun.into());
                 let fault = counts.then(lease_is_over);
                 Self { suspicion, ..self }.given_back(fault, rules, now + rules.crash_pause)
@@ -142,9 +151,9 @@ impl Standing {
             Change::Claim(..) => self.state == State::Queued,
             Change::Begin(attempt)
             | Change::Heartbeat(attempt, _)
-            | Change::Release(attempt, _)
-            | Change::End(attempt, ..) => self.state == State::Running && self.attempt == *attempt,
-            Change::LeaseOver | Change::Crashed(_) => self.state == State::Running,
+            | Change::Release { attempt, .. }
+            | Change::End { attempt, .. } => self.state == State::Running && self.attempt == *attempt,
+            Change::LeaseOver | Change::Crashed { .. } => self.state == State::Running,
             Change::Cancel => true,
             Change::Retry => self.state == State::Failed,
         }

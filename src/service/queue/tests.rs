@@ -135,7 +135,7 @@ fn a_job_is_claimed_once_blamed_alone_and_begins_anew_with_a_retry() {
     let (running, _) = apply(Standing { is_small: true, ..Standing::default() }, claim.clone()).expect("it waits");
     assert_eq!(apply(running, claim), Err(State::Running));
     let claimed = Standing { has_begun: false, ..running };
-    let blamed = |counts: [bool; 2]| counts.map(Change::Crashed);
+    let blamed = |counts: [bool; 2]| counts.map(|counts| Change::Crashed { counts });
     assert_eq!(crashed(&[claimed, running]), blamed([false, true]));
     assert_eq!(crashed(&[running, running]), blamed([false, false]), "either may have caused it");
     let ended = Standing { state: State::Succeeded, ..running };
@@ -164,7 +164,7 @@ fn a_late_killer_among_many_jobs_is_given_up_and_they_are_not() {
                 model.crash(0).await;
             }
             for (job, attempt, _) in running.extract_if(.., |(job, _, start)| *job > 0 && *start < round) {
-                assert!(model.change(job, Change::End(attempt, State::Succeeded, None)).await);
+                assert!(model.change(job, Change::End { attempt, state: State::Succeeded, problem: None }).await);
             }
         }
         let mut states = Vec::new();

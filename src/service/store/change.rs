@@ -118,7 +118,7 @@ impl Transaction<'_> {
         let before = live.standing;
         let is_fault = match change {
             Change::LeaseOver => before.has_begun,
-            Change::Crashed(counts) => counts,
+            Change::Crashed { counts } => counts,
             _ => false,
         };
         let after = before.apply(change, &self.rules, now);

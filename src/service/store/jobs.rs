@@ -113,7 +113,8 @@ impl Store {
     /// cancelled where that was requested.
     pub async fn release(&self, ticket: Ticket, fault: Option<Error>) -> Result<State> {
         let release = move |change: &mut Transaction<'_>, live| {
-            let released = change.apply(live, Change::Release(ticket.attempt, fault.clone()), None)?;
+            let released =
+                change.apply(live, Change::Release { attempt: ticket.attempt, fault: fault.clone() }, None)?;
             Ok(released.standing.state)
         };
         self.work("release", ticket, true, release).await
@@ -129,7 +130,8 @@ impl Store {
             if is_mine && live.standing.state == state {
                 return Ok(());
             }
-            change.apply(live, Change::End(ticket.attempt, state, problem.cloned()), Some(&ending)).map(drop)
+            let end = Change::End { attempt: ticket.attempt, state, problem: problem.cloned() };
+            change.apply(live, end, Some(&ending)).map(drop)
         };
         self.work("finish", ticket, true, end).await
     }

@@ -37,10 +37,10 @@ pub(crate) async fn check(State(refuses_names): State<bool>, request: Request, n
     {
         return ([(header::CONNECTION, "close")], Failure::from(error)).into_response();
     }
-    match check_name(&request) {
-        Err(error) if refuses_names => Failure::from(error).into_response(),
-        _ => next.run(request).await,
+    if refuses_names && let Err(error) = check_name(&request) {
+        return Failure::from(error).into_response();
     }
+    next.run(request).await
 }
 
 /// HTTP/1.1 needs exactly one `Host`, so that proxies and services agree on the target; HTTP/1.0 at most one.

@@ -25,7 +25,11 @@ pub const TENANTS: [&str; 3] = ["a", "b", "c"];
 pub enum Step {
     Create(New),
     /// A worker claims so many jobs, and so many of newcomers.
-    Claim(usize, usize, usize),
+    Claim {
+        worker: usize,
+        limit: usize,
+        newcomers: usize,
+    },
     Act(usize, Act),
     /// A worker crashes.
     Crash(usize),
@@ -64,7 +68,7 @@ pub fn histories() -> impl Strategy<Value = Vec<Step>> {
         Step::Create(New { tenant, priority, is_small, kills_after })
     });
     let claim = (0..9usize, 0..4usize, 0..2usize);
-    let claim = claim.prop_map(|(worker, limit, newcomers)| Step::Claim(worker, limit, newcomers));
+    let claim = claim.prop_map(|(worker, limit, newcomers)| Step::Claim { worker, limit, newcomers });
     let acts = [Begin, Begin, Begin, Begin, End, End, Fail, Fail, Free, LeaseOver, Stale, Cancel, Retry, Retry];
     let act = (any::<usize>(), prop::sample::select(acts.to_vec())).prop_map(|(job, act)| Step::Act(job, act));
     let crash = (0..9usize).prop_map(Step::Crash);
@@ -131,7 +135,9 @@ impl<S: Stored> Play<'_, S> {
                 self.stored.create(new).await;
                 self.jobs.push(Job { new, ..Job::default() });
             }
-            Step::Claim(worker, limit, newcomers) => self.claim(worker % self.stored.workers(), limit, newcomers).await,
+            Step::Claim { worker, limit, newcomers } => {
+                self.claim(worker % self.stored.workers(), limit, newcomers).await
+            }
             Step::Act(job, act) => self.act(job, act).await,
             Step::Crash(worker) => self.crash(worker % self.stored.workers()).await,
             Step::Wait(seconds) => {
@@ -176,7 +182,7 @@ impl<S: Stored> Play<'_, S> {
     async fn act(&mut self, job: usize, act: Act) {
         let Some(job) = job.checked_rem(self.jobs.len()) else { return };
         let Job { attempt, state, begun, .. } = self.jobs[job];
-        let end = |attempt| Change::End(attempt, State::Succeeded, None);
+        let end = |attempt| Change::End { attempt, state: State::Succeeded, problem: None };
         let failure = Error::new(Kind::DeviceLost, "the card fell out");
         let is_running = state == State::Running;
         // with what comes of it if it is allowed: whether the job was given back by a fault
@@ -184,8 +190,8 @@ impl<S: Stored> Play<'_, S> {
             Act::Begin => (Change::Begin(attempt), is_running, None),
             Act::End => (end(attempt), is_running, None),
             Act::Stale => (end(attempt.wrapping_sub(1)), false, None),
-            Act::Fail => (Change::Release(attempt, Some(failure)), is_running, Some(begun.is_some())),
-            Act::Free => (Change::Release(attempt, None), is_running, Some(false)),
+            Act::Fail => (Change::Release { attempt, fault: Some(failure) }, is_running, Some(begun.is_some())),
+            Act::Free => (Change::Release { attempt, fault: None }, is_running, Some(false)),
             Act::LeaseOver => (Change::LeaseOver, is_running, Some(begun.is_some())),
             Act::Cancel => (Change::Cancel, true, None),
             Act::Retry => (Change::Retry, state == State::Failed, None),
@@ -240,7 +246,7 @@ impl<S: Stored> Play<'_, S> {
             }
             for worker in 0..self.stored.workers() {
                 let running = self.running().filter(|(_, job)| job.worker == worker).count();
-                self.step(&Step::Claim(worker, 2usize.saturating_sub(running), 1)).await;
+                self.step(&Step::Claim { worker, limit: 2usize.saturating_sub(running), newcomers: 1 }).await;
             }
             for job in 0..self.jobs.len() {
                 self.step(&Step::Act(job, Act::Begin)).await;

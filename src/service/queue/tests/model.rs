@@ -124,7 +124,7 @@ impl Stored for Model {
         let standings: Vec<_> = numbers.iter().map(|job| self.rows[*job].standing).collect();
         for (job, mut change) in numbers.into_iter().zip(crashed(&standings)) {
             if self.altered == Altered::Blame {
-                change = Change::Crashed(true);
+                change = Change::Crashed { counts: true };
             }
             assert!(self.change(job, change).await, "{job} runs");
         }

@@ -68,8 +68,8 @@ impl Stored for Workers {
         let ticket = |attempt| Ticket { job: id, attempt };
         match change {
             Change::Begin(attempt) => store.begin(ticket(attempt)).await.is_ok(),
-            Change::Release(attempt, fault) => store.release(ticket(attempt), fault).await.is_ok(),
-            Change::End(attempt, ..) => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
+            Change::Release { attempt, fault } => store.release(ticket(attempt), fault).await.is_ok(),
+            Change::End { attempt, .. } => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
             Change::Cancel => store.cancel(id).await.expect("asked").is_some(),
             Change::Retry => match store.retry(id, None).await {
                 Ok(_) => true,
@@ -80,7 +80,7 @@ impl Stored for Workers {
                 let lost = store.heartbeat(&[ticket(attempt)], Duration::ZERO).await.expect("writable");
                 lost.is_empty() && store.reclaim().await == Ok(vec![ticket(attempt)])
             }
-            Change::Claim(..) | Change::Heartbeat(..) | Change::Crashed(_) => unreachable!("{change:?}"),
+            Change::Claim(..) | Change::Heartbeat(..) | Change::Crashed { .. } => unreachable!("{change:?}"),
         }
     }
 
