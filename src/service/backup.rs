@@ -20,7 +20,7 @@ use walkdir::WalkDir;
 use crate::blobs::folder::{link, whole_files};
 use crate::files::{self, Folder, OWNER, RESULTS, UPLOADS};
 use crate::ops::private;
-use crate::store::{JobId, State};
+use crate::store::JobId;
 
 const STORE: &str = "jobs.sqlite3";
 
@@ -38,7 +38,7 @@ pub struct Backup {
 /// A folder with files of a job.
 struct Wanted {
     job: JobId,
-    folder: Folder,
+    path: PathBuf,
     /// A file that is there unless the job is worth nothing: the mesh of an upload, or what came with one in a bucket;
     /// the report of a result. None of a job that failed, whose upload may be there or not.
     needed: Option<String>,
@@ -47,11 +47,7 @@ struct Wanted {
 impl Wanted {
     /// Whether the backup in `to` lacks files that the job needs.
     fn is_lost(&self, to: &Path) -> bool {
-        self.needed.as_ref().is_some_and(|file| !to.join(self.path()).join(file).is_file())
-    }
-
-    fn path(&self) -> PathBuf {
-        self.folder.path().as_ref().into()
+        self.needed.as_ref().is_some_and(|file| !to.join(&self.path).join(file).is_file())
     }
 }
 
@@ -120,10 +116,7 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
         Error::new(Kind::Io, format_args!("the store of jobs cannot be copied to {}: {error}", copy.display()))
     };
     let mut jobs = copy_store(&store, &copy).map_err(failed)?;
-    let wanted = match is_elsewhere {
-        true => Vec::new(),
-        false => wanted(&jobs).map_err(failed)?,
-    };
+    let wanted = if is_elsewhere { Vec::new() } else { wanted(&jobs).map_err(failed)? };
     take_files(from, to).map_err(cannot_write)?;
     let lost: Vec<JobId> = wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job).collect();
     leave_out(&mut jobs, &lost).map_err(failed)?;
@@ -131,7 +124,8 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     let count = jobs.query_row("SELECT count(*) FROM jobs", [], |row| row.get(0)).map_err(failed)?;
     jobs.close().map_err(|(_, error)| failed(error))?;
     let backup = Backup { jobs: count, files: all_files(to).len() as u64, left_out: lost.len() as u64 };
-    sync(to).map_err(cannot_write)?;
+    let mut all = WalkDir::new(to).contents_first(true).into_iter();
+    all.try_for_each(|entry| File::open(entry?.path())?.sync_all()).map_err(cannot_write)?;
     Ok(backup)
 }
 
@@ -150,34 +144,27 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<Connection> {
     Ok(copy)
 }
 
-/// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others, where meshes in
-/// a bucket have no file.
+/// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others.
 fn wanted(copy: &Connection) -> rusqlite::Result<Vec<Wanted>> {
-    let sql = "SELECT id, state, attempt, spec ->> 'referred' IS NOT NULL, \
-               coalesce(spec ->> 'listed_seeds', 0), coalesce(spec ->> 'has_weights', 0), \
-               coalesce(spec ->> 'has_graph', 0), coalesce(json_array_length(spec, '$.buffers'), 0) FROM jobs \
-               WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
-    let mut statement = copy.prepare(sql)?;
+    let (report, mesh, buffer) = (REPORT_JSON.file, files::MESH, files::buffer(0));
+    let (seeds, weights, graph) = (files::SEEDS, files::WEIGHTS, files::GRAPH);
+    let sql = format!(
+        "SELECT id, state = 'succeeded', attempt, CASE \
+             WHEN state = 'succeeded' THEN '{report}' \
+             WHEN state NOT IN ('queued', 'running') THEN NULL \
+             WHEN spec ->> 'referred' IS NULL THEN '{mesh}' \
+             WHEN spec ->> 'listed_seeds' THEN '{seeds}' \
+             WHEN spec ->> 'has_weights' THEN '{weights}' \
+             WHEN spec ->> 'has_graph' THEN '{graph}' \
+             WHEN json_array_length(spec, '$.buffers') > 0 THEN '{buffer}' END FROM jobs \
+         WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)"
+    );
+    let mut statement = copy.prepare(&sql)?;
     let rows = statement.query_map([], |row| {
-        let (id, state): (String, String) = (row.get(0)?, row.get(1)?);
         let unreadable = |error| rusqlite::Error::FromSqlConversionFailure(0, Type::Text, Box::new(error));
-        let job = id.parse().map_err(unreadable)?;
-        let has = |one: State| state == one.name();
-        if has(State::Succeeded) {
-            let (folder, report) = (Folder::Result(job, row.get(2)?), REPORT_JSON.file.to_owned());
-            return Ok(Wanted { job, folder, needed: Some(report) });
-        }
-        let is_in_bucket: bool = row.get(3)?;
-        let files = [
-            (!is_in_bucket, files::MESH.to_owned()),
-            (row.get(4)?, files::SEEDS.to_owned()),
-            (row.get(5)?, files::WEIGHTS.to_owned()),
-            (row.get(6)?, files::GRAPH.to_owned()),
-            (row.get::<_, i64>(7)? > 0, files::buffer(0)),
-        ];
-        let needed = files.into_iter().find_map(|(is_there, file)| is_there.then_some(file));
-        let needed = needed.filter(|_| has(State::Queued) || has(State::Running));
-        Ok(Wanted { job, folder: Folder::Upload(job), needed })
+        let job = row.get::<_, String>(0)?.parse().map_err(unreadable)?;
+        let folder = if row.get(1)? { Folder::Result(job, row.get(2)?) } else { Folder::Upload(job) };
+        Ok(Wanted { job, path: folder.path().as_ref().into(), needed: row.get(3)? })
     })?;
     rows.collect()
 }
@@ -204,7 +191,7 @@ fn take_files(from: &Path, to: &Path) -> io::Result<()> {
 }
 
 fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
-    let wanted: HashSet<PathBuf> = wanted.iter().map(Wanted::path).collect();
+    let wanted: HashSet<&Path> = wanted.iter().map(|wanted| &*wanted.path).collect();
     for file in all_files(to) {
         let folder = file.parent().unwrap_or(&file);
         if !wanted.contains(folder) {
@@ -214,10 +201,6 @@ fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
         }
     }
     Ok(())
-}
-
-fn sync(folder: &Path) -> io::Result<()> {
-    WalkDir::new(folder).contents_first(true).into_iter().try_for_each(|entry| File::open(entry?.path())?.sync_all())
 }
 
 #[cfg(test)]
@@ -241,8 +224,8 @@ mod tests {
     fn a_job_whose_files_went_is_lost() {
         let [from, to] = folders();
         let job = JobId::random();
-        let wanted = Wanted { job, folder: Folder::Upload(job), needed: Some(files::MESH.to_owned()) };
-        let folder = wanted.path();
+        let folder = PathBuf::from(Folder::Upload(job).path().as_ref());
+        let wanted = Wanted { job, path: folder.clone(), needed: Some(files::MESH.to_owned()) };
         let file = folder.join(files::MESH);
         link(from.path(), to.path(), &file).expect("nothing to take");
         assert!(!to.path().join(&folder).exists() && wanted.is_lost(to.path()));
