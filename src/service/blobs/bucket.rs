@@ -1,8 +1,8 @@
 //! Blobs in a bucket of S3, or of a server that speaks its protocol.
 //! `docs/durability.md` has the variables `AWS_…` that say where it is, and with which key it is used.
 //!
-//! A request is repeated a few times for some seconds; then its failure is one of the storage, and the service waits
-//! until the bucket answers again ([`Storage`](crate::files::storage::Storage)).
+//! A request is repeated three times within 15 s at the most; then its failure is one of the storage, and the service
+//! waits until the bucket answers again ([`Storage`](crate::files::storage::Storage)).
 
 use std::net::IpAddr;
 use std::time::Duration;
@@ -13,15 +13,6 @@ use object_store::prefix::PrefixStore;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, RetryConfig};
 use reqwest::Url;
 use tesserae_mesh::error::{Error, Result};
-
-const RETRIES: usize = 3;
-/// Time after which no request is repeated.
-const RETRYING: Duration = Duration::from_secs(15);
-const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-
-const CONNECTING: Duration = Duration::from_secs(5);
-/// Time without a byte after which a request has failed. A whole answer may take longer: clients read it at their pace.
-const SILENCE: Duration = Duration::from_secs(30);
 
 pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
     let cannot = |error: object_store::Error| {
@@ -40,13 +31,14 @@ pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
     }
     let options = ClientOptions::new()
         .with_allow_http(allows_http || is_local)
-        .with_connect_timeout(CONNECTING)
-        .with_read_timeout(SILENCE)
+        .with_connect_timeout(Duration::from_secs(5))
+        // without a byte: a whole answer may take longer, because clients read it at their pace
+        .with_read_timeout(Duration::from_secs(30))
         .with_timeout_disabled();
     let retry = RetryConfig {
-        backoff: BackoffConfig { max_backoff: LONGEST_PAUSE, ..BackoffConfig::default() },
-        max_retries: RETRIES,
-        retry_timeout: RETRYING,
+        backoff: BackoffConfig { max_backoff: Duration::from_secs(2), ..BackoffConfig::default() },
+        max_retries: 3,
+        retry_timeout: Duration::from_secs(15),
     };
     let bucket = builder.with_client_options(options).with_retry(retry).build().map_err(cannot)?;
     Ok(PrefixStore::new(bucket, prefix.clone()))

@@ -15,15 +15,12 @@ use walkdir::WalkDir;
 use crate::ops::blocking::blocking;
 use crate::ops::private;
 
-pub(super) const PART: usize = 1 << 20;
-
 /// The next segment of every path below a path.
 pub(super) async fn names(root: &Path, below: &BlobPath) -> Result<Vec<String>> {
     let (root, folder) = (root.to_owned(), root.join(below.as_ref()));
     blocking(move || {
         let names = std::fs::read_dir(&folder).and_then(|entries| {
-            let names = entries.map(|entry| Ok(entry?.file_name().into_string().ok()));
-            Ok(names.collect::<io::Result<Vec<_>>>()?.into_iter().flatten().collect())
+            entries.filter_map(|entry| entry.map(|entry| entry.file_name().into_string().ok()).transpose()).collect()
         });
         match names {
             // no blob has such a path, unless the root is away
@@ -51,7 +48,10 @@ pub(super) async fn remove(root: &Path, below: &BlobPath) -> Result<u64> {
         let bytes = size(&folder);
         match std::fs::remove_dir_all(&folder) {
             Ok(()) => {
-                remove_empty_above(&root, &folder);
+                // folders above go while they are empty; those in the root stay, with their modes
+                let is_below = |parent: &Path| parent != root && parent.starts_with(&root);
+                let above = folder.ancestors().skip(1).take_while(|above| above.parent().is_some_and(is_below));
+                let _ = above.map(std::fs::remove_dir).find(io::Result::is_err);
                 Ok(bytes)
             }
             // another task removed it, and counted its bytes
@@ -60,16 +60,6 @@ pub(super) async fn remove(root: &Path, below: &BlobPath) -> Result<u64> {
         }
     })
     .await?
-}
-
-/// Removes the folders above a removed one that are empty now. Those in the root stay, with their modes.
-fn remove_empty_above(root: &Path, folder: &Path) {
-    let is_below = |parent: &Path| parent != root && parent.starts_with(root);
-    for above in folder.ancestors().skip(1).take_while(|above| above.parent().is_some_and(is_below)) {
-        if std::fs::remove_dir(above).is_err() {
-            return;
-        }
-    }
 }
 
 /// The whole files below a path, relative to the root.

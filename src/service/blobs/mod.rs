@@ -9,10 +9,11 @@ mod bucket;
 pub(crate) mod folder;
 pub(crate) mod place;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::iter;
 use std::path::PathBuf;
 use std::time::SystemTime;
 
@@ -30,12 +31,6 @@ use tokio::runtime::Handle;
 use tokio_util::io::{ReaderStream, StreamReader, SyncIoBridge};
 use uuid::Uuid;
 
-const CHUNK: usize = 1 << 16;
-
-/// Bytes of a part of a blob in an object store. S3 takes none below 5 MiB but the last, and at most 10,000.
-#[cfg(any(test, feature = "s3"))]
-const PART: usize = 8 << 20;
-
 #[derive(Debug)]
 pub(crate) struct Blobs {
     store: Box<dyn ObjectStore>,
@@ -48,13 +43,14 @@ pub(crate) struct Blobs {
 impl Blobs {
     #[cfg(any(test, feature = "s3"))]
     pub fn stored(store: impl ObjectStore) -> Self {
-        Self { store: Box::new(store), folder: None, part: PART }
+        // S3 takes no part below 5 MiB but the last, and at most 10,000
+        Self { store: Box::new(store), folder: None, part: 8 << 20 }
     }
 
     /// Those below a folder that is there; with `is_kept`, a blob is on the disk when its writing returns.
     pub fn in_folder(root: &std::path::Path, is_kept: bool) -> io::Result<Self> {
         let store = LocalFileSystem::new_with_prefix(root).map_err(io::Error::other)?.with_fsync(is_kept);
-        Ok(Self { store: Box::new(store), folder: Some(root.to_owned()), part: folder::PART })
+        Ok(Self { store: Box::new(store), folder: Some(root.to_owned()), part: 1 << 20 })
     }
 
     /// Stores a blob, which stays when this returns.
@@ -128,8 +124,7 @@ impl Blobs {
     }
 }
 
-/// A blob that is stored in parts. It is there when [complete](Self::complete); the parts of one that is dropped before
-/// are removed.
+/// A blob that is stored in parts. It is there when [complete](Self::complete); dropped before, its parts are removed.
 #[derive(Debug)]
 pub(crate) struct Parts {
     /// None once it is complete.
@@ -203,7 +198,7 @@ impl Blob {
             Self::Found(found) => match file(found) {
                 Ok(file) => {
                     let file = tokio::fs::File::from_std(file).take(length);
-                    Body::from_stream(ReaderStream::with_capacity(file, CHUNK))
+                    Body::from_stream(ReaderStream::with_capacity(file, 1 << 16))
                 }
                 Err(found) => Body::from_stream(found.into_stream()),
             },
@@ -218,8 +213,7 @@ impl Blob {
             Self::Found(found) => match file(found) {
                 Ok(file) => Box::new(file.take(length)),
                 Err(found) => {
-                    let stream =
-                        found.into_stream().map(|chunk| chunk.map_err(|error| io::Error::other(cannot_read(error))));
+                    let stream = found.into_stream().map_err(|error| io::Error::other(cannot_read(error)));
                     Box::new(Arriving(SyncIoBridge::new(StreamReader::new(stream))))
                 }
             },
@@ -282,12 +276,10 @@ fn may_not_read(error: object_store::Error) -> Error {
 /// The error of a blob, for clients: the first error of the system among its causes, which names no path.
 fn failed(what: &str, error: object_store::Error) -> Error {
     tracing::warn!(%error, "{what}");
-    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(&error);
-    while let Some(error) = cause {
-        if let Some(error) = error.downcast_ref::<io::Error>() {
-            return Error::new(Kind::of_storage(error), format_args!("{what}: {error}"));
-        }
-        cause = error.source();
+    let first: &(dyn std::error::Error + 'static) = &error;
+    let mut causes = iter::successors(Some(first), |error| error.source());
+    if let Some(error) = causes.find_map(|error| error.downcast_ref::<io::Error>()) {
+        return Error::new(Kind::of_storage(error), format_args!("{what}: {error}"));
     }
     Error::new(Kind::Unavailable, format_args!("{what}; the log of the service says why"))
 }

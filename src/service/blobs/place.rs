@@ -35,12 +35,9 @@ impl FromStr for BlobPlace {
 
     fn from_str(text: &str) -> Result<Self> {
         let Some(rest) = text.strip_prefix(BUCKET) else {
-            return match text.contains("://") || text.is_empty() {
-                true => Err(Error::parameter(format_args!(
-                    "a place for blobs is a folder or s3://BUCKET/PREFIX, not {text:?}"
-                ))),
-                false => Ok(Self::Folder(text.into())),
-            };
+            let why = format_args!("a place for blobs is a folder or s3://BUCKET/PREFIX, not {text:?}");
+            let is_folder = !text.is_empty() && !text.contains("://");
+            return if is_folder { Ok(Self::Folder(text.into())) } else { Err(Error::parameter(why)) };
         };
         let (name, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         let is_name = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);
@@ -85,12 +82,8 @@ impl BlobPlace {
 
     /// The same bucket without the prefix, and the prefix; none for a folder.
     pub(crate) fn bucket(&self) -> Option<(Self, &BlobPath)> {
-        match self {
-            Self::Folder(_) => None,
-            Self::Bucket { name, prefix } => {
-                Some((Self::Bucket { name: name.clone(), prefix: BlobPath::default() }, prefix))
-            }
-        }
+        let Self::Bucket { name, prefix } = self else { return None };
+        Some((Self::Bucket { name: name.clone(), prefix: BlobPath::default() }, prefix))
     }
 }
 

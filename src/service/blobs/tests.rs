@@ -12,7 +12,7 @@ use super::place::BlobPlace;
 use super::*;
 use crate::ops::blocking::blocking;
 
-fn content(bytes: usize) -> Bytes {
+pub(crate) fn content(bytes: usize) -> Bytes {
     (0..bytes).map(|at| (at % 251) as u8).collect()
 }
 

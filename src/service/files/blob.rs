@@ -18,8 +18,6 @@ use crate::blobs::{Blob, Parts};
 use crate::ops::faults::FaultPoint;
 use crate::store::{Contents, JobId, SMALL_BLOBS, SmallBlob};
 
-const CHUNK: usize = 1 << 16;
-
 /// A blob in the making; without [`finish`](Self::finish) nothing is left of it.
 pub(crate) struct BlobWriter {
     files: Arc<Files>,
@@ -53,8 +51,7 @@ impl BlobWriter {
 
     /// The blob, of which nothing was written to the disk yet, as one for the store.
     fn into_small(mut self) -> Result<SmallBlob> {
-        let bytes = self.take_buffer().map_err(|error| self.files.noted(error))?;
-        Ok(SmallBlob { name: std::mem::take(&mut self.name), bytes })
+        Ok(SmallBlob { bytes: self.take_buffer()?, name: std::mem::take(&mut self.name) })
     }
 
     fn path(&self) -> BlobPath {
@@ -62,10 +59,6 @@ impl BlobWriter {
     }
 
     pub async fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.take(bytes).await.map_err(|error| self.files.noted(error))
-    }
-
-    async fn take(&mut self, bytes: &[u8]) -> Result<()> {
         if !self.is_upload() {
             self.sha256.update(bytes);
         }
@@ -84,7 +77,7 @@ impl BlobWriter {
     /// Takes what `content` writes, on a blocking thread of the runtime.
     pub fn fill(mut self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<Self> {
         let mut filling = Filling { writer: &mut self, runtime: Handle::current(), failed: None };
-        let mut out = io::BufWriter::with_capacity(CHUNK, &mut filling);
+        let mut out = io::BufWriter::with_capacity(1 << 16, &mut filling);
         let written = content(&mut out).and_then(|()| out.flush());
         // what it still holds after a failure is not to be written
         drop(out.into_parts());
@@ -97,20 +90,17 @@ impl BlobWriter {
 
     /// Makes the blob appear, whole. It is on the disk when this returns.
     pub async fn finish(mut self) -> Result<()> {
-        self.complete().await.map_err(|error| self.files.noted(error))
-    }
-
-    async fn complete(&mut self) -> Result<()> {
         if self.parts.is_some() && !self.buffer.is_empty() {
             self.write_part().await?;
         }
-        match self.parts.take() {
-            Some(parts) => parts.complete().await?,
+        let stored = match self.parts.take() {
+            Some(parts) => parts.complete().await,
             None => {
                 let bytes = self.take_buffer()?;
-                self.files.blobs.put(&self.path(), bytes).await?;
+                self.files.blobs.put(&self.path(), bytes).await
             }
-        }
+        };
+        stored.map_err(|error| self.files.noted(error))?;
         // they stay
         self.written = 0;
         Ok(())
@@ -119,22 +109,23 @@ impl BlobWriter {
     async fn write_part(&mut self) -> Result<()> {
         let bytes = self.take_buffer()?;
         let path = self.path();
-        let parts = match &mut self.parts {
-            Some(parts) => parts,
-            none => none.insert(self.files.blobs.start(&path).await?),
+        let writing = async {
+            let parts = match &mut self.parts {
+                Some(parts) => parts,
+                none => none.insert(self.files.blobs.start(&path).await?),
+            };
+            parts.add(bytes).await
         };
-        parts.add(bytes).await
+        writing.await.map_err(|error| self.files.noted(error))
     }
 
     /// What is held, if it may be written.
     fn take_buffer(&mut self) -> Result<Bytes> {
         if self.is_upload() {
-            self.files.check_room(self.buffer.len() as u64, self.written)?;
+            let room = self.files.check_room(self.buffer.len() as u64, self.written);
+            room.map_err(|error| self.files.noted(error))?;
         }
-        self.files
-            .faults
-            .hit(FaultPoint::WriteBlob)
-            .map_err(|error| storage_error("a file cannot be stored", error))?;
+        self.files.hit(FaultPoint::WriteBlob, "a file cannot be stored")?;
         let bytes = self.buffer.len() as u64;
         self.written += bytes;
         if self.is_upload() {
@@ -237,9 +228,7 @@ impl Drop for Incoming {
         let (files, id) = (Arc::clone(&self.files), self.id);
         if self.kept {
             files.incoming.lock().remove(&id);
-            return;
-        }
-        if let Ok(runtime) = Handle::try_current() {
+        } else if let Ok(runtime) = Handle::try_current() {
             runtime.spawn(async move {
                 files.remove_upload(id).await;
                 files.incoming.lock().remove(&id);
@@ -260,7 +249,7 @@ impl Files {
     }
 
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
-        self.may_read()?;
+        self.hit(FaultPoint::ReadBlob, "a file cannot be read")?;
         let found = self.blobs.get(&folder.path().join(name), range).await;
         match found {
             // that a blob is not there means nothing while the folder is not there
@@ -270,12 +259,11 @@ impl Files {
     }
 
     pub fn held(&self, bytes: &Bytes, range: Option<GetRange>) -> Result<Blob> {
-        self.may_read()?;
+        self.hit(FaultPoint::ReadBlob, "a file cannot be read")?;
         Blob::held(bytes, range)
     }
 
-    fn may_read(&self) -> Result<()> {
-        let hit = self.faults.hit(FaultPoint::ReadBlob).map_err(|error| storage_error("a file cannot be read", error));
-        hit.map_err(|error| self.noted(error))
+    fn hit(&self, point: FaultPoint, what: &str) -> Result<()> {
+        self.faults.hit(point).map_err(|error| self.noted(storage_error(what, error)))
     }
 }

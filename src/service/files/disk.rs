@@ -1,8 +1,7 @@
 //! Room on the disk of the data folder.
 //!
 //! An upload is accepted while the disk has room for it, for the results of all uploads that are there, and for the
-//! reserve. The reserve is what the store of jobs grows by, with the small jobs in it. A job whose results find no room
-//! all the same repeats their writing (`pipeline::bounds`).
+//! reserve: what the store of jobs grows by. A job whose results find no room writes them again (`pipeline::bounds`).
 //!
 //! Ballast is two files of no meaning in the data folder, made again when there is room:
 //!
@@ -27,19 +26,11 @@ use crate::ops::private;
 pub(super) const BALLAST: &str = "ballast";
 pub(super) const LAST: &str = "ballast.last";
 
-/// Bytes of the ballast, at most: a few transactions of the store of jobs. It takes no more than this part of the disk.
-const MOST_BALLAST: u64 = 16 << 20;
-const PART_OF_DISK: u64 = 16;
-
-/// The part of the ballast that the last one is as large as.
-const PART_OF_BALLAST: u64 = 4;
-
 /// Least reserve: the log of the store of jobs grows with every change before it is written over.
 pub(super) const STORE_ROOM: u64 = 8 << 20;
 
 /// Bytes that results may take for each byte of an upload. A face takes 12 to 50 bytes of an upload, 4 of labels, 24 of
-/// a kept mesh, and 132 of a hierarchy of `pml`, whose OBJ has about 35. A compressed image takes more: its job repeats
-/// its writing where there is no room.
+/// a kept mesh, and 132 of a hierarchy of `pml`, whose OBJ has about 35. A compressed image takes more.
 const RESULTS: u64 = 4;
 
 pub(super) fn check_reserve(folder: &Path, reserve: u64) -> Result<()> {
@@ -67,8 +58,8 @@ pub(super) struct Disk {
 impl Disk {
     pub fn new(root: PathBuf, is_kept: bool, reserve: u64, has_uploads: bool) -> Self {
         let uploads = AtomicU64::new(size(&root.join(UPLOADS)));
-        let ballast = total_bytes(&root).map_or(MOST_BALLAST, |bytes| MOST_BALLAST.min(bytes / PART_OF_DISK));
-        let ballast = if is_kept { ballast } else { 0 };
+        // at most a few transactions of the store of jobs, and a small part of the disk
+        let ballast = if is_kept { (16 << 20).min(total_bytes(&root).unwrap_or(u64::MAX) / 16) } else { 0 };
         Self { root, reserve: reserve.max(STORE_ROOM), has_uploads, uploads, ballast }
     }
 
@@ -85,19 +76,16 @@ impl Disk {
                  mesh, or ask for larger storage; bytes: {needs}"
             )));
         }
-        // free space is for the operator (`/metrics`), not for clients
-        match self.free() {
-            // what was written before is among the uploads
-            Some(free) if free < self.taken().saturating_add(with_results(more)) => Err(Error::new(
-                Kind::InsufficientStorage,
-                format_args!(
-                    "the disk has less room than its reserve (--min-free-bytes), what accepted jobs will need \
-                     included, so uploads are refused; delete jobs, or try again later; the reserve in bytes: {}",
-                    self.reserve
-                ),
-            )),
-            _ => Ok(()),
+        // free space is for the operator (`/metrics`), not for clients; what was written before is among the uploads
+        if self.free().is_some_and(|free| free < self.taken().saturating_add(with_results(more))) {
+            let why = format_args!(
+                "the disk has less room than its reserve (--min-free-bytes), what accepted jobs will need included, so \
+                 uploads are refused; delete jobs, or try again later; the reserve in bytes: {}",
+                self.reserve
+            );
+            return Err(Error::new(Kind::InsufficientStorage, why));
         }
+        Ok(())
     }
 
     pub fn free(&self) -> Option<u64> {
@@ -126,7 +114,7 @@ impl Disk {
 
     /// Makes the ballast that is not there, when there is room to spare. Blocks.
     pub fn make_ballast(&self) -> io::Result<()> {
-        for (name, size) in [(LAST, self.ballast / PART_OF_BALLAST), (BALLAST, self.ballast)] {
+        for (name, size) in [(LAST, self.ballast / 4), (BALLAST, self.ballast)] {
             let path = self.root.join(name);
             let there = path.metadata().map_or(0, |found| found.len());
             if there >= size || self.spare() <= size {
@@ -138,11 +126,6 @@ impl Disk {
             made.inspect_err(|_| _ = std::fs::remove_file(&path))?;
         }
         Ok(())
-    }
-
-    /// Removes one of the files of ballast; whether it was there. Blocks.
-    pub fn give_up(&self, name: &str) -> bool {
-        std::fs::remove_file(self.root.join(name)).is_ok()
     }
 }
 

@@ -19,9 +19,6 @@ use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::private;
 use crate::store::JobId;
 
-/// Part of the room for uploads that the store of jobs may keep free for itself.
-const STORE_PART: u64 = 8;
-
 #[derive(Debug)]
 pub(crate) struct Files {
     pub(super) root: Root,
@@ -50,10 +47,7 @@ impl Files {
     /// Takes the folder `data_dir`, which is made if need be, or a temporary one; the blobs lie in it or `elsewhere`. A
     /// folder that another process works in is refused. No upload takes the last `reserve` free bytes.
     pub fn open(data_dir: Option<&Path>, elsewhere: Option<&BlobPlace>, reserve: u64, faults: Faults) -> Result<Self> {
-        let root = match data_dir {
-            Some(path) => Root::keep(path)?,
-            None => Root::temporary(&std::env::temp_dir())?,
-        };
+        let root = data_dir.map_or_else(Root::temporary, Root::keep)?;
         // nothing that is to stay lies in a temporary folder then
         let reserve = if elsewhere.is_some() && !root.is_kept() { 0 } else { reserve };
         disk::check_reserve(&root.path, reserve)?;
@@ -61,13 +55,8 @@ impl Files {
             let path = root.path.join(folder);
             private::make_folder(&path).map_err(|error| cannot_make(&path, error))?;
         }
-        let blobs = match elsewhere {
-            Some(place) => place.open()?,
-            None => {
-                let blobs = Blobs::in_folder(&root.path, root.is_kept());
-                blobs.map_err(|error| cannot_make(&root.path, error))?
-            }
-        };
+        let here = || Blobs::in_folder(&root.path, root.is_kept()).map_err(|error| cannot_make(&root.path, error));
+        let blobs = elsewhere.map_or_else(here, BlobPlace::open)?;
         let disk = Disk::new(root.path.clone(), root.is_kept(), reserve, elsewhere.is_none());
         let files = Self {
             root,
@@ -85,7 +74,8 @@ impl Files {
         };
         // the store needs some room to be opened
         let is_full = || files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8);
-        if is_full() && (files.disk.give_up(BALLAST) || files.disk.give_up(LAST)) {
+        let gives_up = |name: &&str| std::fs::remove_file(files.root.path.join(name)).is_ok();
+        if is_full() && [BALLAST, LAST].iter().any(gives_up) {
             tracing::warn!("the disk is full: the service gives up ballast to start");
         }
         Ok(files)
@@ -146,9 +136,9 @@ impl Files {
         self.disk.free()
     }
 
-    /// Whether bytes that are free in the store of jobs would be a good part of what uploads may take.
+    /// Whether bytes that are free in the store of jobs would be an eighth or more of what uploads may take.
     pub fn is_short_of(&self, free_in_store: u64) -> bool {
-        free_in_store > self.disk.spare() / STORE_PART
+        free_in_store > self.disk.spare() / 8
     }
 
     /// Whether the folder is there and takes a file; says what is wrong. Blocks.

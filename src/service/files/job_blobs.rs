@@ -1,9 +1,7 @@
-//! The blobs of a job, of which small ones lie with it in the store and others in files: where they are found, and how
-//! they go with the job, also when the disk is full.
+//! The blobs of a job, of which small ones lie with it in the store and others in files: where they are, how they go.
 //!
-//! The store deletes the job before its files are removed, because a sweep finds files without a job later. To delete a
-//! job the store must write. On a full disk there are two more attempts: after the ballast is removed, and after the
-//! files of the job are.
+//! The store deletes the job before its files are removed, because a sweep finds files without a job later. On a full
+//! disk, where it cannot write, it tries again after the ballast is removed, and again after the files of the job are.
 
 use object_store::GetRange;
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -12,13 +10,7 @@ use crate::blobs::Blob;
 use crate::files::{Files, Folder, MESH};
 use crate::store::{Deletion, Job, JobId, Store};
 
-pub(crate) async fn upload(
-    files: &Files,
-    store: &Store,
-    job: &Job,
-    name: &str,
-    range: Option<GetRange>,
-) -> Result<Blob> {
+pub async fn upload(files: &Files, store: &Store, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
     if let Some(referred) = job.spec.referred.as_ref().filter(|_| name == MESH) {
         return files.read_referred(&job.spec.tenant, referred, range).await;
     }
@@ -29,13 +21,7 @@ pub(crate) async fn upload(
 }
 
 /// A blob of the result of a job, or a range of it. [`Kind::NotFound`] for a job without one.
-pub(crate) async fn result(
-    files: &Files,
-    store: &Store,
-    job: &Job,
-    name: &str,
-    range: Option<GetRange>,
-) -> Result<Blob> {
+pub async fn result(files: &Files, store: &Store, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
     match &job.summary {
         Some(summary) if summary.is_small => small(files, store, job, name, range).await,
         _ => files.read(Folder::Result(job.id, job.attempt), name, range).await,
@@ -48,7 +34,7 @@ async fn small(files: &Files, store: &Store, job: &Job, name: &str, range: Optio
     files.held(&bytes, range)
 }
 
-pub(crate) async fn delete(files: &Files, store: &Store, id: JobId) -> Result<Deletion> {
+pub async fn delete(files: &Files, store: &Store, id: JobId) -> Result<Deletion> {
     let mut outcome = store.delete(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {
         outcome = store.delete(id).await;
@@ -64,7 +50,7 @@ pub(crate) async fn delete(files: &Files, store: &Store, id: JobId) -> Result<De
 }
 
 /// Cancels a job, as [`Store::cancel`] does.
-pub(crate) async fn cancel(files: &Files, store: &Store, id: JobId) -> Result<Option<Job>> {
+pub async fn cancel(files: &Files, store: &Store, id: JobId) -> Result<Option<Job>> {
     let mut outcome = store.cancel(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {
         outcome = store.cancel(id).await;

@@ -38,10 +38,7 @@ pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
         out.write_all(&(count as u64).to_le_bytes())?;
     }
     for x in positions.as_flattened() {
-        match is_single {
-            true => out.write_all(&(*x as f32).to_le_bytes())?,
-            false => out.write_all(&x.to_le_bytes())?,
-        }
+        if is_single { out.write_all(&(*x as f32).to_le_bytes())? } else { out.write_all(&x.to_le_bytes())? }
     }
     for corner in faces.all_corners() {
         out.write_all(&corner.to_le_bytes())?;
@@ -58,23 +55,21 @@ pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
 pub(crate) fn read(from: impl Read, faces: u64, format: Format) -> Result<PolygonMesh> {
     let damaged = |why| Error::new(Kind::Internal, format_args!("the kept mesh is damaged: {why}"));
     let (positions, faces) = read_numbers(from, faces).map_err(damaged)?;
-    let adjusted = Adjusted::default();
-    Ok(PolygonMesh { format, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted })
+    Ok(PolygonMesh { format, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted: Adjusted::default() })
 }
 
 fn read_numbers(from: impl Read, expected: u64) -> io::Result<(Vec<[f64; 3]>, Faces)> {
-    let wrong = |what: &str| io::Error::other(what.to_owned());
     let mut from = io::BufReader::new(zstd::Decoder::new(from)?);
     let mut head = [0; 10];
     from.read_exact(&mut head)?;
     let [magic @ .., is_single, are_triangles] = head;
     if magic != *MAGIC {
-        return Err(wrong("it begins with something else"));
+        return Err(io::Error::other("it begins with something else"));
     }
     let counts = read_all(&mut from, 3, u64::from_le_bytes)?;
     let (coordinates, faces, corners) = (counts[0].saturating_mul(3), counts[1], counts[2]);
     if faces != expected {
-        return Err(wrong("it has another number of faces"));
+        return Err(io::Error::other("it has another number of faces"));
     }
     let flat: Vec<f64> = match is_single {
         1 => read_all(&mut from, coordinates, |bytes| f64::from(f32::from_le_bytes(bytes)))?,
@@ -82,17 +77,17 @@ fn read_numbers(from: impl Read, expected: u64) -> io::Result<(Vec<[f64; 3]>, Fa
     };
     let corners = read_all(&mut from, corners, u32::from_le_bytes)?;
     if corners.iter().any(|&corner| u64::from(corner) >= counts[0]) {
-        return Err(wrong("a corner is no point"));
+        return Err(io::Error::other("a corner is no point"));
     }
     let faces = match are_triangles {
         1 if corners.len() as u64 == 3 * faces => Faces::from_triangles(corners),
-        1 => return Err(wrong("triangles have three corners")),
+        1 => return Err(io::Error::other("triangles have three corners")),
         _ => {
             let mut polygons = Faces::with_capacity(faces as usize);
             let mut rest = &corners[..];
             for length in read_all(&mut from, faces, u32::from_le_bytes)? {
                 let (face, after) =
-                    rest.split_at_checked(length as usize).ok_or_else(|| wrong("corners are missing"))?;
+                    rest.split_at_checked(length as usize).ok_or_else(|| io::Error::other("corners are missing"))?;
                 polygons.push(face);
                 rest = after;
             }

@@ -1,10 +1,8 @@
 //! The place of the blobs: the data folder, or elsewhere (`--blobs`), where other processes may have theirs.
 //!
 //! A store of jobs belongs to a place, and a place to one store: another store would sweep its files away, and at
-//! another place the jobs have no files. So a place keeps the name of its store as a blob, [`OWNER`]. That the store of
-//! a data folder was lost is noticed by the same blob.
-//!
-//! The room of a place elsewhere is not counted: other processes fill it too.
+//! another place the jobs have no files. So a place keeps the name of its store as a blob, [`OWNER`], which also shows
+//! that the store of a data folder was lost. The room of a place elsewhere is not counted: other processes fill it too.
 
 use axum::body::Bytes;
 use object_store::path::Path as BlobPath;
@@ -28,10 +26,8 @@ impl Files {
 
     /// Checks a store of jobs that never knew a job: there are no results then.
     pub async fn check_unused_store(&self) -> Result<()> {
-        match self.is_shared() || self.jobs_in(RESULTS).await?.is_empty() {
-            true => Ok(()),
-            false => Err(self.lost_store()),
-        }
+        let is_unused = self.is_shared() || self.jobs_in(RESULTS).await?.is_empty();
+        if is_unused { Ok(()) } else { Err(self.lost_store()) }
     }
 
     fn lost_store(&self) -> Error {

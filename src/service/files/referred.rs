@@ -28,27 +28,27 @@ impl Files {
     pub async fn find_referred(&self, tenant: &str, url: &str) -> Result<ObjectMeta> {
         let (blobs, path) = self.place_of(tenant, url)?;
         let found = self.explain_forbidden(blobs.find(&path).await, url).await;
-        found.map_err(|error| match error.kind {
-            Kind::NotFound => no_object(url),
-            _ => self.noted(error),
-        })
+        found.map_err(|error| self.of_referred(error, url))
     }
 
     /// Opens a mesh that no request brought, or a range of it.
     pub async fn read_referred(&self, tenant: &str, referred: &Referred, range: Option<GetRange>) -> Result<Blob> {
         let (blobs, path) = self.place_of(tenant, &referred.url)?;
         let found = blobs.get_tagged(&path, range, referred.tag.as_deref()).await;
-        found.map_err(|error| match error.kind {
+        found.map_err(|error| self.of_referred(error, &referred.url))
+    }
+
+    fn of_referred(&self, error: Error, url: &str) -> Error {
+        match error.kind {
             Kind::Conflict => Error::mesh("the mesh was replaced by another one after the job was accepted"),
-            Kind::NotFound => no_object(&referred.url),
+            Kind::NotFound => Error::parameter(format_args!("there is no object at mesh_url: {url:?}")),
             // it could be read when the job was accepted: a key that may not read it now may do so again
             Kind::Forbidden => self.noted(Error::new(Kind::Unavailable, error.message)),
             _ => self.noted(error),
-        })
+        }
     }
 
-    /// Says what to do where a bucket does not let the service read a mesh. While it lets the service read nothing, its
-    /// key is wrong, and nothing is wrong with the mesh.
+    /// Says what to do where a bucket does not let the service read a mesh, unless its key lets it read nothing.
     pub(super) async fn explain_forbidden<T>(&self, found: Result<T>, url: &str) -> Result<T> {
         match found {
             Err(error) if error.kind == Kind::Forbidden => {
@@ -75,10 +75,6 @@ impl Files {
             ))
         })
     }
-}
-
-fn no_object(url: &str) -> Error {
-    Error::parameter(format_args!("there is no object at mesh_url: {url:?}"))
 }
 
 /// The path in its bucket of an object below a prefix, as a tenant sees it.

@@ -111,11 +111,11 @@ impl Root {
         Ok(Self { path, temporary, lock, taken })
     }
 
-    /// Makes a temporary folder in `among`. A process that is killed leaves it.
-    pub fn temporary(among: &Path) -> Result<Self> {
+    /// Makes a temporary folder. A process that is killed leaves it.
+    pub fn temporary() -> Result<Self> {
         let mut builder = tempfile::Builder::new();
         builder.prefix("tesserae-jobs-").permissions(Permissions::from_mode(0o700));
-        let folder = builder.tempdir_in(among).map_err(|error| cannot_make(among, error))?;
+        let folder = builder.tempdir().map_err(|error| cannot_make(&std::env::temp_dir(), error))?;
         Self::taken(folder.path().to_owned(), None, Some(folder))
     }
 
@@ -126,9 +126,7 @@ impl Root {
     /// Whether the folder is still the one that was opened: not removed, unmounted, or mounted over.
     pub fn check(&self) -> io::Result<()> {
         let (now, taken) = (self.path.metadata()?, self.taken.metadata()?);
-        match (now.dev(), now.ino()) == (taken.dev(), taken.ino()) {
-            true => Ok(()),
-            false => Err(io::Error::other("it was replaced by another")),
-        }
+        let is_same = (now.dev(), now.ino()) == (taken.dev(), taken.ino());
+        if is_same { Ok(()) } else { Err(io::Error::other("it was replaced by another")) }
     }
 }

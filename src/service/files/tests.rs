@@ -9,6 +9,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::*;
 use crate::blobs::place::BlobPlace;
+use crate::blobs::tests::content;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::store::tests::{SUMMARY, new_job, store_in};
 use crate::store::{Created, End, JobId, NewJob, SMALL_BLOBS};
@@ -34,10 +35,6 @@ async fn read(files: &Files, folder: Folder, name: &str) -> Vec<u8> {
 
 async fn is_there(files: &Files, folder: Folder, name: &str) -> bool {
     files.read(folder, name, None).await.is_ok()
-}
-
-fn content(bytes: usize) -> Vec<u8> {
-    (0..bytes).map(|at| (at % 251) as u8).collect()
 }
 
 #[tokio::test]
@@ -121,8 +118,7 @@ async fn a_disk_that_fails_says_how() {
     // gone, as when it is unmounted
     let elsewhere = folder.path().with_extension("moved");
     std::fs::rename(folder.path(), &elsewhere).expect("moved");
-    let error = files.probe().expect_err("gone");
-    assert_eq!(error.kind, Kind::Unavailable);
+    assert_eq!(files.probe().expect_err("gone").kind, Kind::Unavailable);
     assert!(write(files.incoming().blob("x"), b"x").await.is_err() || files.probe().is_err());
     let _ = std::fs::remove_dir_all(folder.path());
     std::fs::rename(&elsewhere, folder.path()).expect("moved back");
@@ -157,13 +153,11 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     let coming_in = files.incoming();
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
-    let ticket = claimed[0].0;
-    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
-    write(files.result(succeeded, 1, REPORT_JSON.file), b"{}").await.expect("written");
-    write(files.result(succeeded, 7, REPORT_JSON.file), b"{}").await.expect("written");
-    write(files.result(waiting, 1, REPORT_JSON.file), b"{}").await.expect("written");
+    store.finish(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
     let unknown = JobId::random();
-    write(files.result(unknown, 1, REPORT_JSON.file), b"{}").await.expect("written");
+    for (job, attempt) in [(succeeded, 1), (succeeded, 7), (waiting, 1), (unknown, 1)] {
+        write(files.result(job, attempt, REPORT_JSON.file), b"{}").await.expect("written");
+    }
     // half-written by a process that was killed
     let never_accepted = folder.path().join(Folder::Upload(JobId::random()).path().as_ref());
     std::fs::create_dir(&never_accepted).expect("made");
