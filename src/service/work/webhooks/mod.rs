@@ -32,18 +32,6 @@ use crate::settings::WebhookSettings;
 use crate::store::{JobId, Notice, Store};
 use crate::work::urls;
 
-const PATIENCE: Duration = Duration::from_secs(15);
-
-/// Pause after the first attempt that failed; each further one is six times as long, up to an hour.
-const PAUSE: Duration = Duration::from_secs(5);
-const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
-
-/// Time after the end of a job after which its webhook is given up.
-const GIVEN_UP_AFTER: Duration = Duration::from_secs(24 * 3600);
-
-/// Pause after a failure of the store.
-const BREATHER: Duration = Duration::from_secs(5);
-
 const SECRET_PREFIX: &str = "whsec_";
 
 pub(crate) struct Webhooks {
@@ -65,7 +53,7 @@ impl Webhooks {
                     // what is allowed is one host, not wherever that points to
                     .redirect(reqwest::redirect::Policy::none())
                     .no_proxy()
-                    .timeout(PATIENCE)
+                    .timeout(Duration::from_secs(15))
                     .dns_resolver(Arc::new(targets.clone()))
                     .build()
                     .map_err(|error| {
@@ -117,7 +105,7 @@ impl Teller {
                 Ok(untold) => untold,
                 Err(error) => {
                     tracing::error!(%error, "it cannot be read which ends are to be told");
-                    let _ = stop.run_until_cancelled(tokio::time::sleep(BREATHER)).await;
+                    let _ = stop.run_until_cancelled(tokio::time::sleep(Duration::from_secs(5))).await;
                     continue;
                 }
             };
@@ -129,7 +117,14 @@ impl Teller {
             for id in untold {
                 by_job.entry(id).or_insert_with(|| {
                     let this = Arc::clone(&this);
-                    tasks.spawn(async move { this.deliver(id).await })
+                    tasks.spawn(async move {
+                        let mut pause = Duration::from_secs(5);
+                        // boxed: most tasks wait
+                        while !Box::pin(this.attempt(id)).await {
+                            tokio::time::sleep(pause).await;
+                            pause = (6 * pause).min(Duration::from_secs(3600));
+                        }
+                    })
                 });
             }
             tokio::select! {
@@ -138,15 +133,6 @@ impl Teller {
                 // a retried job may have ended again meanwhile
                 Some(_) = tasks.join_next() => {}
             }
-        }
-    }
-
-    async fn deliver(&self, id: JobId) {
-        let mut pause = PAUSE;
-        // boxed: most tasks wait
-        while !Box::pin(self.attempt(id)).await {
-            tokio::time::sleep(pause).await;
-            pause = (6 * pause).min(LONGEST_PAUSE);
         }
     }
 
@@ -167,7 +153,7 @@ impl Teller {
                 let is_gone = failed == Ok(StatusCode::GONE);
                 let why = failed.map_or_else(|error| error.message, |status| format!("the receiver answered {status}"));
                 tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
-                if is_gone || age > GIVEN_UP_AFTER { "given_up" } else { "failed" }
+                if is_gone || age > Duration::from_secs(24 * 3600) { "given_up" } else { "failed" }
             }
         };
         self.metrics.families.webhooks.get_or_create(&[("outcome", outcome)]).inc();
@@ -181,13 +167,11 @@ impl Teller {
         settled.is_ok()
     }
 
-    /// Sends a notice, if that is allowed now: the list of hosts may be another than when the job was accepted, and may
-    /// be the same again later.
+    /// Sends a notice, if that is allowed now: the list of hosts may have changed since the job was accepted.
     async fn send(&self, notice: &Notice) -> Result<StatusCode> {
         let (url, places) = self.webhooks.targets.check(&notice.webhook)?;
-        let sender = self.webhooks.sender.as_ref();
         let no_secret = || Error::new(Kind::Unavailable, "there is no secret to sign it with");
-        let (client, mac) = sender.ok_or_else(no_secret)?;
+        let (client, mac) = self.webhooks.sender.as_ref().ok_or_else(no_secret)?;
         // they are never closed
         let _place = places.acquire().await.ok();
         let path = urls::path(notice.job);
@@ -195,7 +179,7 @@ impl Teller {
         let data = json!({ "id": notice.job, "state": notice.state, "problem": problem, "url": path });
         let body = json!({ "type": "job.ended", "timestamp": rfc3339(notice.ended_at), "data": data }).to_string();
         let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-        let id = webhook_id(notice);
+        let id = webhook_id(notice.job, notice.end);
         let signature = sign(mac.clone(), &id, timestamp, &body);
         let mut request = client
             .post(url)
@@ -216,12 +200,9 @@ impl Teller {
     }
 }
 
-/// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.
-fn webhook_id(notice: &Notice) -> String {
-    match notice.end {
-        0 | 1 => notice.job.to_string(),
-        end => format!("{}.{end}", notice.job),
-    }
+/// The `webhook-id` of an end: the job's id, and for later ends of a retried job their number.
+fn webhook_id(job: JobId, end: u32) -> String {
+    if end > 1 { format!("{job}.{end}") } else { job.to_string() }
 }
 
 /// The signature of a delivery: `v1,` and the HMAC-SHA256 of id, timestamp and body, joined by dots.
@@ -241,7 +222,6 @@ pub(crate) fn for_fuzzing(text: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::State;
 
     /// The example of the standard's own libraries.
     #[test]
@@ -254,17 +234,9 @@ mod tests {
 
     #[test]
     fn a_later_end_of_a_retried_job_has_an_id_of_its_own() {
-        let notice = Notice {
-            job: JobId::random(),
-            webhook: String::new(),
-            trace_parent: None,
-            state: State::Succeeded,
-            problem: None,
-            ended_at: UNIX_EPOCH,
-            end: 1,
-        };
-        assert_eq!(webhook_id(&notice), notice.job.to_string());
-        assert_eq!(webhook_id(&Notice { end: 2, ..notice.clone() }), format!("{}.2", notice.job));
+        let job = JobId::random();
+        assert_eq!(webhook_id(job, 1), job.to_string());
+        assert_eq!(webhook_id(job, 2), format!("{job}.2"));
     }
 
     #[test]

@@ -12,12 +12,6 @@ use tokio::sync::Semaphore;
 
 use crate::settings::WebhookHost;
 
-/// Deliveries to one host at a time.
-const PER_HOST: usize = 8;
-
-/// Longest URL of a webhook, in bytes.
-const MAX_BYTES: usize = 2048;
-
 #[derive(Debug, Clone, Default)]
 pub(super) struct Targets {
     hosts: Arc<HashMap<WebhookHost, Semaphore>>,
@@ -25,17 +19,16 @@ pub(super) struct Targets {
 
 impl Targets {
     pub fn new(hosts: &[WebhookHost]) -> Self {
-        let places = |host: &WebhookHost| (host.clone(), Semaphore::new(PER_HOST));
+        // deliveries to one host at a time
+        let places = |host: &WebhookHost| (host.clone(), Semaphore::new(8));
         Self { hosts: Arc::new(hosts.iter().map(places).collect()) }
     }
 
     /// The URL, if webhooks may go there, and the places of its host.
     pub fn check(&self, text: &str) -> Result<(Url, &Semaphore)> {
-        if text.len() > MAX_BYTES {
-            return Err(Error::parameter(format_args!(
-                "webhook must have at most {MAX_BYTES} bytes, not {}",
-                text.len()
-            )));
+        let (bytes, most) = (text.len(), 2048);
+        if bytes > most {
+            return Err(Error::parameter(format_args!("webhook must have at most {most} bytes, not {bytes}")));
         }
         let url = Url::parse(text)
             .map_err(|error| Error::parameter(format_args!("webhook must be a URL ({error}), not {text:?}")))?;
