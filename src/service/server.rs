@@ -1,7 +1,6 @@
 //! Start and stop.
 
 use std::fmt;
-use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -29,16 +28,12 @@ use crate::ops::health::{Health, Part};
 use crate::settings::{Settings, Switch};
 use crate::store::live::Live;
 use crate::store::{Rules, Store};
-use crate::work::pipeline::device_thread::{DeviceThread, Reopen};
-use crate::work::pipeline::{Memory, PATIENCE, Pipeline, worker_name};
+use crate::work::pipeline::device_thread::{self, DeviceThread, Reopen};
+use crate::work::pipeline::{Memory, Pipeline, worker_name};
 use crate::work::webhooks::{Teller, Webhooks};
 
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
 const LAST_MOMENT: Duration = Duration::from_secs(2);
-
-/// Hierarchies and other large results that are in memory at a time, to be cut or written: other requests wait for
-/// their turn.
-const ENCODED_AT_ONCE: usize = 2;
 
 /// What a service can do without.
 #[derive(Default)]
@@ -69,8 +64,7 @@ impl fmt::Debug for Server {
 }
 
 impl Server {
-    /// Takes the address and the data folder, and takes up what is there. Needs a tokio runtime with its timers and
-    /// network on.
+    /// Takes the address and the data folder, and what is there. Needs a tokio runtime with its timers and network on.
     pub async fn bind(
         settings: Settings,
         device: Box<dyn Device>,
@@ -120,6 +114,14 @@ impl Server {
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let live = Arc::<Live>::default();
+        let context = device_thread::Context {
+            reopen: extras.reopen,
+            faults: extras.faults.clone(),
+            cpu_below_faces: description.cpu_below_faces,
+            timeout: settings.work.device_timeout,
+            health: Arc::clone(&health),
+            metrics: Arc::clone(&metrics),
+        };
         let pipeline = Pipeline {
             tokens: access.tokens(),
             worker: worker_name().into(),
@@ -127,15 +129,7 @@ impl Server {
             store: Arc::clone(&store),
             files: Arc::clone(&files),
             storage: Arc::clone(&storage),
-            device: DeviceThread::start(
-                device,
-                description.cpu_below_faces,
-                extras.reopen,
-                extras.faults.clone(),
-                settings.work.device_timeout,
-                Arc::clone(&health),
-                Arc::clone(&metrics),
-            )?,
+            device: DeviceThread::start(device, context)?,
             metrics: Arc::clone(&metrics),
             live: Arc::clone(&live),
             limits: settings.limits(),
@@ -143,8 +137,8 @@ impl Server {
             newcomer: Arc::new(Semaphore::new(1)),
             memory: Memory::new(settings.work.memory_budget),
             leases: Arc::default(),
-            time: settings.work.max_job(),
-            patience: extras.patience.unwrap_or(PATIENCE),
+            time: Some(Duration::from_secs(settings.work.max_job_seconds)).filter(|time| !time.is_zero()),
+            patience: extras.patience.unwrap_or(Duration::from_secs(600)),
         };
         let shared = Arc::new(Shared {
             store,
@@ -154,7 +148,8 @@ impl Server {
             health,
             live,
             stop: CancellationToken::new(),
-            encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
+            // hierarchies and other large results that are in memory at a time, to be cut or written
+            encoding: Arc::new(Semaphore::new(2)),
             memory: pipeline.memory.clone(),
             traffic: Arc::new(Traffic::new(&settings, Arc::clone(&access), extras.faults.clone())),
             access,
@@ -179,15 +174,14 @@ impl Server {
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
-        let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-        let retention = Retention::new(files, store, kept, (SystemTime::now(), Instant::now())).await?;
+        let now = (SystemTime::now(), Instant::now());
+        let retention = Retention::new(&shared.files, &shared.store, kept, now).await?;
         let mut work = match shared.settings.work.work {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),
         };
         let tasks = TaskTracker::new();
-        let (storage, until) = (Arc::clone(&shared.storage), close.clone());
-        tasks.spawn(async move { storage.watch(until).await });
+        tasks.spawn(Arc::clone(&shared.storage).watch(close.clone()));
         tasks.spawn(retention.run(stop.clone()));
         let (traffic, metrics) = (shared.settings.traffic.clone(), Arc::clone(&shared.metrics));
         let _close = close.clone().drop_guard();
@@ -236,10 +230,6 @@ impl Server {
     }
 }
 
-/// Connections to a shared store: ten services leave room below PostgreSQL's default of 100.
-#[cfg(feature = "postgres")]
-const STORE_CONNECTIONS: usize = 8;
-
 async fn open_store(settings: &Settings, files: &Files, faults: Faults) -> Result<Store> {
     let rules = Rules {
         max_queued: settings.max_queued_jobs,
@@ -248,7 +238,8 @@ async fn open_store(settings: &Settings, files: &Files, faults: Faults) -> Resul
     };
     #[cfg(feature = "postgres")]
     if let Some(url) = &settings.storage.store {
-        return Store::shared(url, STORE_CONNECTIONS, rules).await;
+        // eight connections: ten services leave room below PostgreSQL's default of 100
+        return Store::shared(url, 8, rules).await;
     }
     let is_temporary = settings.data_dir.is_none();
     if !is_temporary {
@@ -257,13 +248,11 @@ async fn open_store(settings: &Settings, files: &Files, faults: Faults) -> Resul
     Store::open(&files.database(), is_temporary, rules, faults).await
 }
 
-/// Connections that the system keeps until they are accepted: those of a second's rush; it may have a lower limit.
-const BACKLOG: u32 = 1024;
-
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     // a restarted service takes its address again at once
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
-    socket.listen(BACKLOG)
+    // connections that wait to be accepted: those of a second's rush; the system may have a lower limit
+    socket.listen(1024)
 }

@@ -4,13 +4,11 @@
 //! No job expires at once because the system's clock jumped forward: while the operator sets it right, nothing is
 //! deleted. A jump cannot be distinguished from a time in which the service was stopped.
 //!
-//! Files of a job that the store does not know stay for a while: a store that was restored from an older copy knows
-//! fewer jobs than there are files, and removing these would make the loss final. An upload that is not whole goes at
-//! once.
+//! Files of a job that the store does not know stay for a while, since a store that was restored from an older copy
+//! knows fewer jobs, and removing their files would make the loss final. An upload that is not whole goes at once.
 //!
-//! A place that is shared holds uploads that come in at another process, which the store does not know yet, and which
-//! this process cannot tell from those that a killed process left. There, what belongs to no job goes when its newest
-//! blob is a day old by the clock of the place.
+//! A place that is shared holds uploads that come in at another process, which look like those that a killed process
+//! left. There, what belongs to no job goes when its newest blob is a day old by the clock of the place.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -24,20 +22,13 @@ use tokio_util::sync::CancellationToken;
 use super::folder::Files;
 use super::root::{Folder, MESH, RESULTS, UPLOADS};
 use crate::files::job_blobs;
-use crate::store::{Deletion, Job, JobId, State, Store};
+use crate::store::{Deletion, JobId, State, Store};
 
 const AT_ONCE: usize = 100;
 const INTERVAL: Duration = Duration::from_secs(30);
 
-/// Time between two sweeps of files that a failed removal left.
-const SWEEP: Duration = Duration::from_secs(3600);
-/// Time from the start to the first sweep: a service that is started again every hour would never sweep otherwise.
-const FIRST_SWEEP: Duration = Duration::from_secs(5);
-
 /// Least time for which files stay of jobs that the store does not know.
 const UNKNOWN: Duration = Duration::from_secs(7 * 86_400);
-/// Age at which blobs without a job go from a place that is shared. An upload that takes longer is lost.
-const OLD: Duration = Duration::from_secs(86_400);
 
 /// The clock jumped when it is ahead of the time that passed by more than this.
 const JUMP: Duration = Duration::from_secs(3600);
@@ -58,24 +49,24 @@ pub(crate) struct Retention {
 
 impl Retention {
     /// For the jobs of a store. The clock was right when the newest job was created.
-    pub async fn new(files: Arc<Files>, store: Arc<Store>, kept: Option<Duration>, now: Clocks) -> Result<Self> {
-        let newest = store.newest().await?;
+    pub async fn new(files: &Arc<Files>, store: &Arc<Store>, kept: Option<Duration>, now: Clocks) -> Result<Self> {
         // a stop and a jump of the clock look alike
-        let last = (newest.unwrap_or(now.0), now.1);
-        Ok(Self { files, store, kept, last, pause: None })
+        let last = (store.newest().await?.unwrap_or(now.0), now.1);
+        Ok(Self { files: Arc::clone(files), store: Arc::clone(store), kept, last, pause: None })
     }
 
     pub async fn run(mut self, stop: CancellationToken) {
         let kept = self.kept;
         let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
-        let (mut swept, mut pause) = (Instant::now(), FIRST_SWEEP);
+        // the first sweep is early: a service that is started again every hour would never sweep otherwise
+        let (mut swept, mut pause) = (Instant::now(), Duration::from_secs(5));
         while stop.run_until_cancelled(tokio::time::sleep(interval)).await.is_some() {
             // one service does it for all that share the store
             if !self.store.may_clean_up().await.unwrap_or(false) {
                 continue;
             }
             if self.look((SystemTime::now(), Instant::now())).await && swept.elapsed() >= pause {
-                (swept, pause) = (Instant::now(), SWEEP);
+                (swept, pause) = (Instant::now(), Duration::from_secs(3600));
                 let old = kept.and_then(|kept| SystemTime::now().checked_sub(kept.max(UNKNOWN)));
                 match self.files.sweep(self.store.as_ref(), old).await {
                     Ok(removed) => tracing::debug!(removed, "swept"),
@@ -85,23 +76,10 @@ impl Retention {
         }
     }
 
-    /// Deletes the jobs that have expired, unless the clock jumped; whether it did not.
+    /// Deletes the jobs that have expired; false if the clock jumped since the last look, or a while ago, instead.
     async fn look(&mut self, now: Clocks) -> bool {
-        if self.pauses(now) {
-            return false;
-        }
-        if let Some(before) = self.kept.and_then(|kept| now.0.checked_sub(kept))
-            && let Err(error) = self.expire(before).await
-        {
-            tracing::warn!(%error, "expired jobs cannot be deleted now");
-        }
-        true
-    }
-
-    /// Whether the clock jumped since the last look, or a while ago.
-    fn pauses(&mut self, now: Clocks) -> bool {
-        let (last_wall, last_steady) = std::mem::replace(&mut self.last, now);
         let (wall, steady) = now;
+        let (last_wall, last_steady) = std::mem::replace(&mut self.last, now);
         let expected = last_wall + steady.saturating_duration_since(last_steady);
         let ahead = wall.duration_since(expected).unwrap_or_default();
         if ahead > JUMP {
@@ -109,7 +87,15 @@ impl Retention {
             let why = "the clock jumped forward, or the service was stopped: no job expires for ten minutes";
             tracing::warn!(seconds = ahead.as_secs(), "{why}");
         }
-        self.pause.is_some_and(|end| steady < end)
+        if self.pause.is_some_and(|end| steady < end) {
+            return false;
+        }
+        if let Some(before) = self.kept.and_then(|kept| wall.checked_sub(kept))
+            && let Err(error) = self.expire(before).await
+        {
+            tracing::warn!(%error, "expired jobs cannot be deleted now");
+        }
+        true
     }
 
     async fn expire(&self, before: SystemTime) -> Result<()> {
@@ -132,13 +118,14 @@ impl Retention {
 }
 
 impl Files {
-    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a
-    /// retry, and results of attempts that did not make it. Uploads that are coming in stay, and so do files of unknown
-    /// jobs that were stored after `old`, all of them when none. Returns how many folders went.
+    /// Removes uploads of jobs that were never accepted, or have ended and are not kept for a retry, and results of
+    /// attempts that neither run nor succeeded. Uploads that are coming in stay, and so do files of unknown jobs that
+    /// were stored after `old`, all of them when none. Returns how many folders went.
     pub async fn sweep(&self, store: &Store, old: Option<SystemTime>) -> Result<usize> {
         let (mut removed, mut unknown) = (0, 0);
         let old = match self.is_shared() {
-            true => self.blobs.probe().await?.checked_sub(OLD),
+            // an upload that takes longer is lost
+            true => self.blobs.probe().await?.checked_sub(Duration::from_secs(86_400)),
             false => old,
         };
         for id in self.jobs_in(UPLOADS).await? {
@@ -158,7 +145,15 @@ impl Files {
             // listed before the store is read, which knows an attempt before it has files
             let attempts = self.blobs.names(&Folder::Results(id).path()).await?;
             match store.get(id).await? {
-                Some(job) => removed += self.sweep_attempts(&job, &attempts).await,
+                Some(job) => {
+                    let keeps_last = matches!(job.state, State::Running | State::Succeeded);
+                    for attempt in attempts.iter().filter_map(|name| name.parse().ok()) {
+                        if !(keeps_last && attempt == job.attempt) {
+                            self.remove_result(id, attempt).await;
+                            removed += 1;
+                        }
+                    }
+                }
                 None if self.stays(Folder::Results(id), old).await? => unknown += 1,
                 None => {
                     self.remove(id).await;
@@ -179,19 +174,6 @@ impl Files {
         }
         let newest = self.blobs.newest(&folder.path()).await?;
         Ok(newest.is_some_and(|newest| old.is_none_or(|old| newest > old)))
-    }
-
-    /// Removes what those of some attempts left that are neither running nor the one that succeeded.
-    async fn sweep_attempts(&self, job: &Job, attempts: &[String]) -> usize {
-        let keeps_last = matches!(job.state, State::Running | State::Succeeded);
-        let mut removed = 0;
-        for attempt in attempts.iter().filter_map(|name| name.parse().ok()) {
-            if !(keeps_last && attempt == job.attempt) {
-                self.remove_result(job.id, attempt).await;
-                removed += 1;
-            }
-        }
-        removed
     }
 
     /// The jobs that have a folder. What has another name is not the service's.
@@ -225,10 +207,7 @@ mod tests {
 
         let start = (SystemTime::now(), Instant::now());
         let at = |wall: Duration, steady: Duration| (start.0 + wall, start.1 + steady);
-        let from = async |now| {
-            let (files, jobs) = (Arc::clone(&files), Arc::clone(&store));
-            Retention::new(files, jobs, Some(week), now).await.expect("readable")
-        };
+        let from = async |now| Retention::new(&files, &store, Some(week), now).await.expect("readable");
         let mut retention = from(start).await;
         assert!(retention.look(at(minute, minute)).await);
         assert!(!retention.look(at(week + 2 * minute, 2 * minute)).await, "while the service runs");

@@ -17,11 +17,6 @@ use crate::ops::blocking::blocking;
 use crate::ops::health::{Health, Part};
 use crate::store::{SMALL_BLOBS, Store};
 
-const INTERVAL: Duration = Duration::from_millis(500);
-
-/// Time after which the folder is tried although nothing failed.
-const TRIED_ANYWAY: Duration = Duration::from_secs(10);
-
 pub(crate) struct Storage {
     files: Arc<Files>,
     store: Arc<Store>,
@@ -39,12 +34,13 @@ impl Storage {
         let _ = self.works.subscribe().wait_for(|works| *works).await;
     }
 
-    pub async fn watch(&self, stop: CancellationToken) {
+    pub async fn watch(self: Arc<Self>, stop: CancellationToken) {
         let mut seen = (0, 0);
         let mut tried = Instant::now();
-        while stop.run_until_cancelled(tokio::time::sleep(INTERVAL)).await.is_some() {
+        while stop.run_until_cancelled(tokio::time::sleep(Duration::from_millis(500))).await.is_some() {
             let failures = (self.files.failures.load(Ordering::Relaxed), self.store.statistics().failures);
-            if failures != seen || !*self.works.borrow() || tried.elapsed() >= TRIED_ANYWAY {
+            // tried now and then although nothing failed
+            if failures != seen || !*self.works.borrow() || tried.elapsed() >= Duration::from_secs(10) {
                 (seen, tried) = (failures, Instant::now());
                 self.look().await;
             } else {

@@ -24,9 +24,6 @@ pub enum FaultPoint {
     Finish,
 }
 
-/// Environment variable, for tests only: the process aborts when it begins to read a mesh of this file name.
-const ABORT_AT: &str = "TEST_ABORT_AT_FILE";
-
 /// The faults that are armed; clones share them.
 #[derive(Debug, Clone, Default)]
 pub struct Faults {
@@ -51,8 +48,7 @@ impl Faults {
         self.armed.lock().push(Armed { point, kind, passes: after, failures: times });
     }
 
-    /// From now on, every thread that reaches `point` waits there. [`FaultPoint::Request`] is on threads of
-    /// the runtime: to hold it, a test needs threads of its own.
+    /// From now on, every thread that reaches `point` waits there: a thread of the runtime at [`FaultPoint::Request`].
     pub fn hold(&self, point: FaultPoint) {
         self.held.lock().push((point, 0));
     }
@@ -69,11 +65,10 @@ impl Faults {
         self.released.notify_all();
     }
 
-    /// Aborts the process when [`ABORT_AT`] names this file, as a mesh would that takes all memory.
+    /// Aborts the process when `TEST_ABORT_AT_FILE` is the name of this file, as a mesh would that takes all memory.
     pub(crate) fn abort_at(&self, file_name: Option<&str>) {
-        if cfg!(debug_assertions)
-            && file_name.is_some_and(|name| std::env::var(ABORT_AT).is_ok_and(|wanted| wanted == name))
-        {
+        let is_wanted = |name| std::env::var("TEST_ABORT_AT_FILE").is_ok_and(|wanted| wanted == name);
+        if cfg!(debug_assertions) && file_name.is_some_and(is_wanted) {
             std::process::abort();
         }
     }

@@ -9,12 +9,6 @@ use tesserae_mesh::error::{Error, Result};
 /// Connections at a time that have not begun, or wait for a place. More stay with the system.
 pub(crate) const BEGINNINGS: usize = 256;
 
-/// Files that are open beside those of connections that have a place: of the store, of jobs, of the device.
-const OTHER_FILES: u64 = 256 + BEGINNINGS as u64;
-
-/// Files of a connection that has a place: its socket, and one that it sends or receives.
-const FILES_OF_CONNECTION: u64 = 2;
-
 /// Settings of traffic. A client is a tenant, or an address where there are no tokens.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 #[command(next_help_heading = "Limits")]
@@ -88,8 +82,10 @@ impl TrafficConstants {
     /// Lowers [`connections`](Self::connections) to what a process may have that may open so many files, and
     /// says so: jobs could not read and write theirs otherwise. Refuses when there is room for none.
     pub fn fit(&mut self, files: u64) -> Result<()> {
-        let most = files.saturating_sub(OTHER_FILES) / FILES_OF_CONNECTION;
-        let most = u32::try_from(most).unwrap_or(u32::MAX);
+        // files of the store, of jobs, of the device, and of connections that have not begun
+        let others = 256 + BEGINNINGS as u64;
+        // a connection has two: its socket, and one that it sends or receives
+        let most = u32::try_from(files.saturating_sub(others) / 2).unwrap_or(u32::MAX);
         if most == 0 {
             return Err(Error::parameter(format_args!(
                 "this process may open too few files for a service (ulimit -n, LimitNOFILE of systemd): allow it 4096 \

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::Outcome;
 
 use crate::files::Files;
 
@@ -28,7 +27,7 @@ pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) 
 }
 
 /// What `work` comes to, unless that takes longer than `limit`.
-pub(super) async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
+pub(super) async fn within<T>(limit: Option<Duration>, work: impl Future<Output = Result<T>>) -> Result<T> {
     let Some(limit) = limit else { return work.await };
     tokio::time::timeout(limit, work).await.unwrap_or_else(|_| {
         let why = format_args!(
@@ -39,12 +38,6 @@ pub(super) async fn within(limit: Option<Duration>, work: impl Future<Output = R
         Err(Error::new(Kind::TimeLimit, why))
     })
 }
-
-pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
-
-/// The first pause doubles with every attempt.
-const FIRST_PAUSE: Duration = Duration::from_millis(100);
-const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 
 /// Attempts of a job at its files that failed one after the other. The job keeps its slot and its lease meanwhile.
 pub(super) struct Patience {
@@ -58,7 +51,7 @@ pub(super) struct Patience {
 impl Patience {
     /// The job fails when they take longer than `limit`.
     pub fn new(files: &Arc<Files>, limit: Duration) -> Self {
-        Self { files: Arc::clone(files), limit, pause: FIRST_PAUSE, since: None }
+        Self { files: Arc::clone(files), limit, pause: Duration::from_millis(100), since: None }
     }
 
     /// Repeats `work` until it succeeds, or the job fails.
@@ -91,7 +84,7 @@ impl Patience {
         }
         tracing::warn!(%error, pause = ?self.pause, "a file of the job cannot be read or written");
         tokio::time::sleep(self.pause).await;
-        self.pause = (2 * self.pause).min(LONGEST_PAUSE);
+        self.pause = (2 * self.pause).min(Duration::from_secs(5));
         Ok(())
     }
 }

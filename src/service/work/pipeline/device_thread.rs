@@ -28,7 +28,7 @@ use super::bounds::{caught, pool, within};
 use super::memory::Slot;
 use super::rows::OnRow;
 use super::small::{SMALL_FACES, SmallMeshes};
-use super::turns::Line;
+use super::turns::{Line, Turn};
 use crate::metrics::Metrics;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -45,7 +45,7 @@ pub(super) struct Task {
     pub prepared: Arc<Prepared>,
     /// Requests a stop. Every look at it counts as a sign of life of the device's thread.
     pub cancel: Cancel,
-    /// About how much work it is, to tell short meshes from long ones; not 0.
+    /// About how much work it is, in faces of a flat clustering, to tell short meshes from long ones; not 0.
     pub cost: u64,
     /// Whether an earlier attempt at this mesh failed, maybe with the device.
     pub is_retry: bool,
@@ -58,7 +58,7 @@ pub(super) struct Task {
 }
 
 /// A mesh that the device is done with.
-pub(super) struct Done {
+struct Done {
     prepared: Arc<Prepared>,
     clustered: Clustered,
     _slot: Slot,
@@ -88,16 +88,9 @@ impl Done {
     }
 }
 
-/// A task and the way back for its outcome, whose receiver may be gone.
-struct Submitted {
-    /// None only opens the device.
-    task: Option<Task>,
-    reply: oneshot::Sender<Result<Done>>,
-}
-
 /// The way to the thread. It ends when this is dropped.
 pub(crate) struct DeviceThread {
-    shared: Arc<Shared>,
+    context: Arc<Context>,
     /// For small meshes, which then need not wait for others.
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
@@ -105,86 +98,70 @@ pub(crate) struct DeviceThread {
     pub(super) small: SmallMeshes,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
     beside: Option<SmallMeshes>,
-    timeout: Duration,
 }
+
+type Work = Box<dyn FnOnce(&mut Devices) + Send>;
 
 #[derive(Clone)]
 struct Thread {
-    tasks: mpsc::Sender<Submitted>,
-    /// Counts signs of life of this thread only: not of small meshes beside it, nor of an abandoned thread.
+    queue: mpsc::Sender<Work>,
     life: Arc<AtomicU64>,
 }
 
-struct Shared {
-    reopen: Option<Reopen>,
-    faults: Faults,
-    /// None when the cpu takes no part.
-    cpu_below_faces: Option<u64>,
-    health: Arc<Health>,
-    metrics: Arc<Metrics>,
+pub(crate) struct Context {
+    /// What opens another device after one was lost.
+    pub reopen: Option<Reopen>,
+    pub faults: Faults,
+    /// The cpu takes meshes with fewer faces, and what the device cannot do or is slow at. None when it takes no part.
+    pub cpu_below_faces: Option<u64>,
+    /// Time without a sign of life after which a device counts as lost.
+    pub timeout: Duration,
+    pub health: Arc<Health>,
+    pub metrics: Arc<Metrics>,
 }
 
 impl DeviceThread {
-    /// With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or is slow
-    /// at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another one.
-    pub fn start(
-        device: Box<dyn Device>,
-        cpu_below_faces: Option<u64>,
-        reopen: Option<Reopen>,
-        faults: Faults,
-        timeout: Duration,
-        health: Arc<Health>,
-        metrics: Arc<Metrics>,
-    ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics });
-        *shared.metrics.memory_meter.lock() = Some(device.memory_meter());
-        let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
+    pub fn start(device: Box<dyn Device>, context: Context) -> Result<Self> {
+        let context = Arc::new(context);
+        *context.metrics.memory_meter.lock() = Some(device.memory_meter());
+        let takes_small = context.cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let takes_several = device.info().kind == DeviceKind::Cpu && device.another().is_some();
         let beside = takes_several.then(SmallMeshes::beside).transpose()?;
         let like = Mutex::new(device.another().or_else(cpu));
-        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
-        let small = SmallMeshes::start()?;
-        Ok(Self { shared, like, thread, line: Line::default(), small, beside, timeout })
-    }
-
-    async fn run_beside(
-        &self,
-        mut device: Box<dyn Device>,
-        threads: &SmallMeshes,
-        task: Task,
-        limit: Option<Duration>,
-    ) -> Result<Outcome> {
-        let thread = threads.thread().await?;
-        let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
-        let work = move || {
-            let clustered = task.run(|task| task.cluster(device.as_mut(), &shared.metrics))?;
-            span.in_scope(|| clustered.finish(&shared.faults))
-        };
-        within(limit, thread.run(work)).await
+        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &context)?)?);
+        Ok(Self { context, like, thread, line: Line::default(), small: SmallMeshes::start()?, beside })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
     /// that beside the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it
     /// takes longer than `limit`, not counting the time that it waits for others.
     pub(super) async fn run(&self, task: Task, limit: Option<Duration>) -> Result<Outcome> {
-        if let Some(device) = self.another().filter(|_| task.prepared.subject.items() <= SMALL_FACES) {
-            return self.run_beside(device, &self.small, task, limit).await;
-        }
-        let turn = match &self.beside {
-            None => self.line.turn(task.cost).await,
-            Some(beside) => match self.line.turn_unless_short(task.cost).await {
-                Some(turn) => turn,
+        let small = self.another().filter(|_| task.prepared.subject.items() <= SMALL_FACES);
+        let (mut device, threads) = match (small, &self.beside) {
+            (Some(device), _) => (device, &self.small),
+            (None, None) => return self.run_in_turn(self.line.turn(task.cost).await, task, limit).await,
+            (None, Some(beside)) => match self.line.turn_unless_short(task.cost).await {
+                Some(turn) => return self.run_in_turn(turn, task, limit).await,
                 None => {
                     let gone = || Error::new(Kind::Internal, "the device for short meshes is gone");
-                    return self.run_beside(self.another().ok_or_else(gone)?, beside, task, limit).await;
+                    (self.another().ok_or_else(gone)?, beside)
                 }
             },
         };
+        let (context, span) = (Arc::clone(&self.context), task.span.clone());
+        let work = move || {
+            let done = task.run(|task| task.cluster(device.as_mut(), &context.metrics))?;
+            span.in_scope(|| done.finish(&context.faults))
+        };
+        threads.run(limit, work).await
+    }
+
+    async fn run_in_turn(&self, turn: Turn, task: Task, limit: Option<Duration>) -> Result<Outcome> {
         let work = async {
-            let done = self.submit(Some(task)).await;
+            let done = self.on_thread(|devices| task.run(|task| devices.run(task))).await;
             drop(turn);
-            let (done, faults, span) = (done?, self.shared.faults.clone(), tracing::info_span!("finish"));
+            let (done, faults, span) = (done?, self.context.faults.clone(), tracing::info_span!("finish"));
             blocking(move || caught(|| span.in_scope(|| done.finish(&faults)))).await?
         };
         within(limit, work).await
@@ -196,29 +173,36 @@ impl DeviceThread {
 
     /// Completes once there is a device, or the cpu instead.
     pub(super) async fn is_there(&self) {
-        while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
+        while self.context.health.severity(Part::Device) == Some(Severity::Failing) {
             tokio::time::sleep(REOPEN).await;
             let _turn = self.line.turn(0).await;
-            let _ = self.submit(None).await;
+            let _ = self.on_thread(|devices| devices.device().map(drop)).await;
         }
     }
 
-    async fn submit(&self, task: Option<Task>) -> Result<Done> {
+    /// Runs `work` on the thread. [`Kind::DeviceLost`] when the device shows no sign of life meanwhile.
+    async fn on_thread<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut Devices) -> Result<T> + Send + 'static,
+    ) -> Result<T> {
         let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
-        let (reply, mut outcome) = oneshot::channel();
-        let Thread { tasks, life } = self.thread.lock().clone();
+        let (reply, outcome) = oneshot::channel();
+        let Thread { queue, life } = self.thread.lock().clone();
         let work = async {
-            tasks.send(Submitted { task, reply }).map_err(|_| gone())?;
-            (&mut outcome).await.map_err(|_| gone())?
+            // the receiver may be gone
+            let work = move |devices: &mut Devices| drop(reply.send(work(devices)));
+            queue.send(Box::new(work)).map_err(|_| gone())?;
+            outcome.await.map_err(|_| gone())?
         };
+        let timeout = self.context.timeout;
         tokio::select! {
             outcome = work => outcome,
             () = self.lifeless(&life) => {
-                tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is abandoned");
-                self.shared.lost("it showed no sign of life");
-                let thread = Thread::start(Devices::new(None, &self.shared)?)?;
+                tracing::error!(?timeout, "the device shows no sign of life; its thread is abandoned");
+                self.context.lost("it showed no sign of life");
+                let thread = Thread::start(Devices::new(None, &self.context)?)?;
                 *self.thread.lock() = thread;
-                let why = format_args!("the device showed no sign of life for {:?}", self.timeout);
+                let why = format_args!("the device showed no sign of life for {timeout:?}");
                 Err(Error::new(Kind::DeviceLost, why))
             }
         }
@@ -232,7 +216,7 @@ impl DeviceThread {
             if seen.replace(looks) == Some(looks) {
                 return;
             }
-            tokio::time::sleep(self.timeout).await;
+            tokio::time::sleep(self.context.timeout).await;
         }
     }
 }
@@ -240,61 +224,51 @@ impl DeviceThread {
 impl Thread {
     fn start(mut devices: Devices) -> Result<Self> {
         // a sender has the turn, or has given up waiting: there are never many
-        let (tasks, queue) = mpsc::channel::<Submitted>();
-        let life = Arc::<AtomicU64>::default();
-        let looks = Arc::clone(&life);
+        let (queue, tasks) = mpsc::channel::<Work>();
+        let life = Arc::clone(&devices.life);
         std::thread::Builder::new()
             .name("device".to_owned())
-            .spawn(move || {
-                while let Ok(Submitted { task, reply }) = queue.recv() {
-                    let outcome = match task {
-                        Some(mut task) => {
-                            task.cancel = task.cancel.counting(Arc::clone(&looks));
-                            task.run(|task| devices.run(task))
-                        }
-                        None => devices.device().map(drop).and(Err(Error::cancelled())),
-                    };
-                    let _ = reply.send(outcome);
-                }
-            })
+            .spawn(move || tasks.iter().for_each(|task| task(&mut devices)))
             .map_err(|error| Error::io("the thread of the device cannot be started", error))?;
-        Ok(Self { tasks, life })
+        Ok(Self { queue, life })
     }
 }
 
-impl Shared {
+impl Context {
     fn lost(&self, how: &str) {
         self.health.degrade(Part::Device, format!("the device was lost and is opened anew: {how}"));
     }
 }
 
 struct Devices {
-    shared: Arc<Shared>,
+    context: Arc<Context>,
     /// None after it was lost.
     device: Option<Box<dyn Device>>,
     /// For what the device cannot do.
     cpu: Option<CpuDevice>,
-    /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, so that none of those
-    /// holds it up.
+    /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, which would delay it.
     workers: Option<Arc<ThreadPool>>,
     next_attempt: Option<Instant>,
+    /// Counts signs of life of this thread only: not of small meshes beside it, nor of an abandoned thread.
+    life: Arc<AtomicU64>,
 }
 
 impl Devices {
-    fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Result<Self> {
+    fn new(device: Option<Box<dyn Device>>, context: &Arc<Context>) -> Result<Self> {
         let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
-        let cpu = (shared.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
+        let cpu = (context.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
         let is_cpu = device.as_ref().is_some_and(|device| device.info().kind == DeviceKind::Cpu);
         let workers = (is_cpu || cpu.is_some()).then(|| pool(0, |index| format!("cluster-{index}")).map(Arc::new));
         let workers = workers.transpose()?;
-        Ok(Self { shared: Arc::clone(shared), device, cpu, workers, next_attempt: None })
+        Ok(Self { context: Arc::clone(context), device, cpu, workers, next_attempt: None, life: Arc::default() })
     }
 
     fn run(&mut self, task: &mut Task) -> Result<Clustered> {
+        task.cancel = task.cancel.counting(Arc::clone(&self.life));
         let items = task.prepared.subject.items() as u64;
-        let is_few = self.shared.cpu_below_faces.is_some_and(|faces| items < faces);
+        let is_few = self.context.cpu_below_faces.is_some_and(|faces| items < faces);
         let suits_cpu = task.prepared.wants_cpu() || task.is_retry || is_few;
-        let metrics = Arc::clone(&self.shared.metrics);
+        let metrics = Arc::clone(&self.context.metrics);
         let workers = self.workers.clone();
         let mut run = |device: &mut dyn Device| match &workers {
             Some(workers) if device.info().kind == DeviceKind::Cpu => {
@@ -312,10 +286,7 @@ impl Devices {
         }
         let outcome = match self.device() {
             Ok(device) => run(device.as_mut()),
-            Err(error) => match &mut self.cpu {
-                Some(cpu) => return run(cpu),
-                None => return Err(error),
-            },
+            Err(error) => return self.cpu.as_mut().map_or(Err(error), |cpu| run(cpu)),
         };
         match (outcome, &mut self.cpu) {
             (Err(error), Some(cpu)) if error.kind == Kind::DeviceUnsuitable => {
@@ -324,41 +295,33 @@ impl Devices {
             }
             (Err(error), cpu) if error.kind == Kind::DeviceWrong => {
                 tracing::error!(%error, "the cpu runs the job again");
-                self.shared.metrics.families.device_wrong.inc();
-                self.shared.lost(&error.message);
-                self.device.take_if(|_| self.shared.reopen.is_some());
+                self.context.metrics.families.device_wrong.inc();
+                self.context.lost(&error.message);
+                self.device.take_if(|_| self.context.reopen.is_some());
                 let outcome = run(cpu.get_or_insert_with(CpuDevice::new));
                 outcome.map(|clustered| clustered.with_warning(instead_of_gpu(&error.message)))
             }
             (Err(error), _) if error.kind == Kind::DeviceLost => {
                 // cancelled, too, when the thread was abandoned, whose failures say nothing about the next device
                 if !task.cancel.is_cancelled() {
-                    self.shared.lost(&error.message);
+                    self.context.lost(&error.message);
                 }
-                self.device.take_if(|_| self.shared.reopen.is_some());
+                self.device.take_if(|_| self.context.reopen.is_some());
                 Err(error)
             }
-            (outcome, _) => {
-                if outcome.is_ok() {
-                    self.shared.health.clear(Part::Device);
-                }
-                outcome
-            }
+            (outcome, _) => outcome.inspect(|_| self.context.health.clear(Part::Device)),
         }
     }
 
     /// The device, opened if it is not.
     fn device(&mut self) -> Result<&mut Box<dyn Device>> {
-        let device = match self.device.take() {
-            Some(device) => device,
-            None => self.open()?,
-        };
+        let device = self.device.take().map_or_else(|| self.open(), Ok)?;
         Ok(self.device.insert(device))
     }
 
     fn open(&mut self) -> Result<Box<dyn Device>> {
         let refuse = |why: &str| Error::new(Kind::DeviceLost, format_args!("the device cannot be opened again: {why}"));
-        let error = match &self.shared.reopen {
+        let error = match &self.context.reopen {
             // not at every mesh: looking for a device takes its time
             _ if self.next_attempt.is_some_and(|next| Instant::now() < next) => {
                 return Err(refuse("it could not be a moment ago"));
@@ -366,9 +329,9 @@ impl Devices {
             Some(reopen) => match caught(|| reopen()) {
                 Ok(device) => {
                     tracing::info!(device = device.info().name, "the device was opened anew");
-                    *self.shared.metrics.memory_meter.lock() = Some(device.memory_meter());
+                    *self.context.metrics.memory_meter.lock() = Some(device.memory_meter());
                     self.next_attempt = None;
-                    self.shared.health.clear(Part::Device);
+                    self.context.health.clear(Part::Device);
                     return Ok(device);
                 }
                 Err(error) => refuse(&error.message),
@@ -377,8 +340,8 @@ impl Devices {
         };
         self.next_attempt = Some(Instant::now() + REOPEN / 2);
         match self.cpu {
-            Some(_) => self.shared.health.degrade(Part::Device, format!("the cpu stands in: {error}")),
-            None => self.shared.health.fail(Part::Device, error.message.clone()),
+            Some(_) => self.context.health.degrade(Part::Device, format!("the cpu stands in: {error}")),
+            None => self.context.health.fail(Part::Device, error.message.clone()),
         }
         Err(error)
     }

@@ -14,9 +14,6 @@ use crate::store::{Store, Ticket};
 /// A database may restart within a lease, and clients wait no longer for another worker.
 pub(super) const TERM: Duration = Duration::from_secs(30);
 
-/// Parts of a lease after which it is prolonged.
-const PARTS: u32 = 3;
-
 /// Time until a prolongation that failed is tried again: other services may take the jobs once it can succeed.
 const AGAIN: Duration = Duration::from_secs(1);
 
@@ -33,24 +30,21 @@ impl Leases {
         Lease { leases: Arc::clone(self), ticket, lost }
     }
 
-    /// Prolongs leases and reclaims those that are over, for a worker of that name on that device, until `stop`.
-    pub async fn keep(&self, store: &Store, worker: &str, device: &str, stop: CancellationToken) {
-        let beats = async {
-            loop {
-                let kept = self.beat(store).await;
-                // nothing depends on it, so that it may not delay the next beat
-                let announced = tokio::time::timeout(AGAIN, store.announce(worker, device));
-                if let Ok(Err(error)) = announced.await {
-                    tracing::debug!(%error, "the worker cannot be announced now");
-                }
-                // a store that fails costs no lease: no other process could take the job either
-                if let Err(error) = &kept {
-                    tracing::warn!(%error, "leases cannot be prolonged or reclaimed now");
-                }
-                tokio::time::sleep(if kept.is_ok() { TERM / PARTS } else { AGAIN }).await;
+    /// Prolongs leases and reclaims those that are over, for a worker of that name on that device, until it is dropped.
+    pub async fn keep(&self, store: &Store, worker: &str, device: &str) {
+        loop {
+            let kept = self.beat(store).await;
+            // nothing depends on it, so that it may not delay the next beat
+            let announced = tokio::time::timeout(AGAIN, store.announce(worker, device));
+            if let Ok(Err(error)) = announced.await {
+                tracing::debug!(%error, "the worker cannot be announced now");
             }
-        };
-        stop.run_until_cancelled(beats).await;
+            // a store that fails costs no lease: no other process could take the job either
+            if let Err(error) = &kept {
+                tracing::warn!(%error, "leases cannot be prolonged or reclaimed now");
+            }
+            tokio::time::sleep(if kept.is_ok() { TERM / 3 } else { AGAIN }).await;
+        }
     }
 
     async fn beat(&self, store: &Store) -> Result<()> {

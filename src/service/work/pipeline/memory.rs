@@ -2,9 +2,7 @@
 //!
 //! A job reserves memory in two steps: for its files before they are read, and for its faces before the surface is
 //! built. One job at a time is between the two, so that no two wait for memory that the other holds. A small mesh
-//! reserves both at once and takes no turn.
-//!
-//! The reservation also covers the results that are made while the device works on the next job.
+//! reserves both at once and takes no turn. Results, made while the device works on the next job, are covered, too.
 
 use std::sync::{Arc, OnceLock};
 

@@ -12,12 +12,6 @@ use tokio_util::sync::CancellationToken;
 use super::bounds::AGAIN;
 use crate::store::{Progress, Store, Ticket, What};
 
-/// Rows that are appended to the job's events at once.
-const ROWS_AT_ONCE: usize = 1024;
-
-/// For how long rows are gathered before they are appended: a short job has all of them stored with its end.
-const GATHERING: Duration = Duration::from_millis(50);
-
 /// Rows that were not appended when the last one came, and the progress after them.
 pub(super) type Log = Mutex<Option<(Vec<What>, Progress)>>;
 
@@ -46,9 +40,10 @@ impl Inbox {
     /// Appends rows to the events of a job until it is clustered; what is left then goes to `log`. No row wakes this.
     pub async fn tell(mut self, store: Arc<Store>, ticket: Ticket, log: Arc<Log>) -> Result<()> {
         let mut progress = Progress::default();
-        let (mut events, mut at_once) = (Vec::new(), ROWS_AT_ONCE);
+        let (mut events, mut at_once) = (Vec::new(), 1024);
         'rows: loop {
-            let is_over = tokio::time::timeout(GATHERING, self.clustered.cancelled()).await.is_ok();
+            // rows are gathered: a short job has all of them stored with its end
+            let is_over = tokio::time::timeout(Duration::from_millis(50), self.clustered.cancelled()).await.is_ok();
             while events.len() < at_once
                 && let Ok(row) = self.rows.try_recv()
             {

@@ -27,9 +27,6 @@ use crate::ops::trace::TraceParent;
 use crate::store::live::Live;
 use crate::store::{self, Claiming, End, Ending, Job, State, Store, Summary, Ticket};
 
-/// Least wait for the next start, so that a start that is due does not spin.
-const EARLY: Duration = Duration::from_millis(1);
-
 pub(crate) struct Pipeline {
     pub store: Arc<Store>,
     pub files: Arc<Files>,
@@ -66,8 +63,9 @@ pub(super) struct Attempt {
 #[derive(Debug)]
 enum Verdict {
     Ended(Ending),
-    /// It is to be tried again: the attempt failed, or was broken off without fault.
+    /// It is to be tried again: the device or the process failed and not the mesh, or it was broken off without fault.
     Released(Option<Error>),
+    /// Another process has it by now.
     Lost,
 }
 
@@ -78,11 +76,10 @@ impl Pipeline {
     pub async fn run(self, stop: CancellationToken, abort: CancellationToken) {
         let this = Arc::new(self);
         let jobs = TaskTracker::new();
-        let done = CancellationToken::new();
-        let (keeper, until) = (Arc::clone(&this), done.clone());
+        let keeper = Arc::clone(&this);
         let leases = tokio::spawn(async move {
             let Self { store, worker, device_name, leases, .. } = &*keeper;
-            leases.keep(store, worker, device_name, until).await;
+            leases.keep(store, worker, device_name).await
         });
         let mut arrivals = this.store.arrivals();
         while let Some(claimed) = this.next(&mut arrivals, &stop).await {
@@ -105,7 +102,7 @@ impl Pipeline {
         }
         jobs.close();
         jobs.wait().await;
-        done.cancel();
+        leases.abort();
         let _ = leases.await;
     }
 
@@ -151,7 +148,8 @@ impl Pipeline {
             };
             // Not broken off in the middle: what it takes would stay taken.
             let again = match self.store.claim_as(claiming).await {
-                Ok((claimed, wait)) if claimed.is_empty() => wait.map(|wait| wait.max(EARLY)),
+                // a start that is due must not spin
+                Ok((claimed, wait)) if claimed.is_empty() => wait.map(|wait| wait.max(Duration::from_millis(1))),
                 Ok((claimed, _)) => {
                     let with_slot = |(ticket, job)| Some((slots.pop().or_else(|| newcomer.take())?, ticket, job));
                     return Some(claimed.into_iter().filter_map(with_slot).collect());
@@ -227,7 +225,13 @@ impl Attempt {
             biased;
             () = self.cancel_requested() => Verdict::Ended(End::Cancelled.into()),
             () = self.lease.lost.cancelled() => Verdict::Lost,
-            () = self.abort.cancelled() => self.stopped(),
+            () = self.abort.cancelled() => match self.pipeline.store.is_durable() {
+                true => Verdict::Released(None),
+                false => {
+                    let why = "the service was stopped before the job ended, and keeps no jobs; submit it again";
+                    judge(Error::new(Kind::Unavailable, why))
+                }
+            },
         }
     }
 
@@ -286,8 +290,7 @@ impl Attempt {
         }
     }
 
-    /// Writes to the store, again and again while the disk fails, until it is time to go. What makes room later may use
-    /// the ballast.
+    /// Writes to the store until the disk works, or it is time to go. What makes room later may use the ballast.
     async fn until_stored<T, F: Future<Output = Result<T>>>(
         &self,
         makes_room: bool,
@@ -319,17 +322,6 @@ impl Attempt {
             std::future::pending::<()>().await;
         }
     }
-
-    /// The outcome of a job that the service does not wait for when it stops.
-    fn stopped(&self) -> Verdict {
-        match self.pipeline.store.is_durable() {
-            true => Verdict::Released(None),
-            false => {
-                let why = "the service was stopped before the job ended, and keeps no jobs; submit it again";
-                Verdict::Ended(End::Failed(Error::new(Kind::Unavailable, why)).into())
-            }
-        }
-    }
 }
 
 fn judge(error: Error) -> Verdict {
@@ -341,13 +333,10 @@ fn judge(error: Error) -> Verdict {
     }
 }
 
-/// Longest name of a host that a worker is named after, in bytes.
-const MAX_HOST: usize = 128;
-
 /// Name of this process in the jobs that it works on.
 pub(crate) fn worker_name() -> String {
     let file = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
     let host = file.or_else(|| std::env::var("HOSTNAME").ok()).unwrap_or_default();
-    let is_name = |host: &&str| (1..=MAX_HOST).contains(&host.len()) && host.chars().all(|c| c.is_ascii_graphic());
+    let is_name = |host: &&str| (1..=128).contains(&host.len()) && host.chars().all(|c| c.is_ascii_graphic());
     format!("{}-{}", Some(host.trim()).filter(is_name).unwrap_or("tesserae"), std::process::id())
 }

@@ -6,13 +6,14 @@
 
 use std::sync::Arc;
 use std::thread::available_parallelism;
+use std::time::Duration;
 
 use rayon::ThreadPool;
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::sync::{Mutex, oneshot};
 
-use super::bounds::{caught, pool};
+use super::bounds::{caught, pool, within};
 
 /// Faces of the largest small mesh.
 pub(super) const SMALL_FACES: usize = 8192;
@@ -28,22 +29,14 @@ pub(crate) struct SmallMeshes {
     back: UnboundedSender<Arc<ThreadPool>>,
 }
 
-/// A pool, taken until this is dropped or what it runs has ended.
-#[derive(Debug)]
-pub(crate) struct Thread {
-    pool: Arc<ThreadPool>,
-    back: UnboundedSender<Arc<ThreadPool>>,
-}
-
 impl SmallMeshes {
     /// As many threads as there are processors, but two at least, so that no mesh waits for the reading of another.
     pub fn start() -> Result<Self> {
         Self::pools(available_parallelism().map_or(2, |count| count.get().max(2)), 1, "small")
     }
 
-    /// As many threads as there are processors for one mesh at a time: a short one, beside a long one that the device
-    /// is at. The system shares the processors between both: a short mesh takes at most about twice its own time, and a
-    /// long one is held up by no more than that.
+    /// As many threads as there are processors for one short mesh at a time, beside a long one that the device is at.
+    /// Both share the processors: the short one takes at most about twice its time, and delays the other by that.
     pub fn beside() -> Result<Self> {
         Self::pools(1, 0, "beside")
     }
@@ -56,34 +49,22 @@ impl SmallMeshes {
         Ok(Self { idle: Mutex::new(idle), back })
     }
 
-    pub async fn thread(&self) -> Result<Thread> {
+    /// Runs `work` once a thread is free, for `limit` at the most; `work` goes on after that. A panic becomes an error.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        limit: Option<Duration>,
+        work: impl FnOnce() -> Result<T> + Send + 'static,
+    ) -> Result<T> {
+        let gone = || Error::new(Kind::Internal, "the threads for small meshes are gone");
         let pool = self.idle.lock().await.recv().await.ok_or_else(gone)?;
-        Ok(Thread { pool, back: self.back.clone() })
-    }
-}
-
-impl Thread {
-    /// Runs `work`. A panic becomes an error. Goes on when the future is dropped.
-    pub async fn run<T: Send + 'static>(self, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
-        let (reply, outcome) = oneshot::channel();
-        let pool = Arc::clone(&self.pool);
-        pool.spawn(move || {
+        let (back, (reply, outcome)) = (self.back.clone(), oneshot::channel());
+        Arc::clone(&pool).spawn(move || {
             let outcome = caught(work);
-            drop(self);
-            // the receiver may be gone
+            // a receiver may be gone
+            let _ = back.send(pool);
             let _ = reply.send(outcome);
         });
-        outcome.await.map_err(|_| gone())?
-    }
-}
-
-fn gone() -> Error {
-    Error::new(Kind::Internal, "the threads for small meshes are gone")
-}
-
-impl Drop for Thread {
-    fn drop(&mut self) {
-        let _ = self.back.send(Arc::clone(&self.pool));
+        within(limit, async { outcome.await.map_err(|_| gone())? }).await
     }
 }
 
@@ -104,15 +85,14 @@ mod tests {
                     together.wait();
                     Ok(std::thread::current().id())
                 };
-                small.thread().await?.run(work).await
+                small.run(None, work).await
             });
             let mut threads = futures_util::future::try_join_all(all).await.expect("run");
             threads.sort_by_key(|id| format!("{id:?}"));
             threads.dedup();
             assert_eq!(threads.len(), count);
             for _ in 0..count {
-                let thread = small.thread().await.expect("a thread");
-                let failed = thread.run(|| -> Result<()> { panic!("on purpose") }).await.expect_err("a panic");
+                let failed = small.run(None, || -> Result<()> { panic!("on purpose") }).await.expect_err("a panic");
                 assert_eq!(failed.kind, Kind::Internal);
             }
         }

@@ -10,7 +10,7 @@ use parking_lot::Mutex;
 use tesserae_mesh::artifacts::{self, Artifact, Content};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{self, Clustering, InputFormat, Outcome, PointsRequest, Prepared, milliseconds};
+use tesserae_mesh::job::{self, InputFormat, Outcome, PointsRequest, Prepared, milliseconds};
 use tesserae_mesh::mesh::{Limits, Resources};
 use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::report::Input;
@@ -24,12 +24,10 @@ use super::memory::{Needed, Reading, Slot};
 use super::rows::Inbox;
 use super::run::{Attempt, Pipeline};
 use crate::blobs::Blob;
-use crate::files::{self, BlobWriter, settle};
-use crate::files::{job_blobs, kept_mesh};
+use crate::files::{self, BlobWriter, job_blobs, kept_mesh, settle};
 use crate::ops::blocking::blocking;
 use crate::store::kept::Kept;
-use crate::store::live;
-use crate::store::{SmallBlob, Spec, Summary};
+use crate::store::{SmallBlob, Spec, Summary, live};
 
 /// What the files of an upload hold.
 struct Contents {
@@ -55,7 +53,13 @@ impl Attempt {
             Span::current().record("clusters", prepared.spec.clustering.clusters());
         }
 
-        let cost = cost(prepared.subject.items() as u64, &prepared.spec.clustering);
+        // the order of magnitude; measured on 20,000 to 1,000,000 faces
+        let factor = match &prepared.spec.clustering {
+            clustering if clustering.is_sequential() => 16,
+            clustering if clustering.is_hierarchical() => 4,
+            _ => 1,
+        };
+        let cost = factor * prepared.subject.items() as u64;
         let (on_row, inbox) = Inbox::open();
         let task = Task {
             prepared: Arc::new(prepared),
@@ -78,10 +82,8 @@ impl Attempt {
     /// with them. Must not be dropped in the middle: it would go on, and leave files of no job.
     pub(super) async fn write(&self, slot: &Slot, outcome: &Arc<Mutex<Outcome>>) -> Result<(Summary, Vec<SmallBlob>)> {
         let Self { job, started, .. } = self;
-        let image = match job.spec.kept.mesh && job.spec.format.is_image() {
-            true => Some(self.open_file(files::MESH).await?.bytes().await?),
-            false => None,
-        };
+        let keeps_image = job.spec.kept.mesh && job.spec.format.is_image();
+        let image = if keeps_image { Some(self.open_file(files::MESH).await?.bytes().await?) } else { None };
         let (files, slot, outcome) = (Arc::clone(&self.pipeline.files), slot.clone(), Arc::clone(outcome));
         let (id, attempt, kept, started) = (job.id, job.attempt, job.spec.kept.clone(), *started);
         let (mut summary, blobs) = blocking(move || {
@@ -125,17 +127,13 @@ impl Attempt {
 
     /// Reads the mesh and its buffers, opened again where they were not, then what came beside them.
     async fn contents(&self, opened: Option<Vec<Blob>>) -> Result<Contents> {
-        let uploads = match opened {
-            Some(uploads) => uploads,
-            None => self.open().await?,
-        };
+        let uploads = if let Some(uploads) = opened { uploads } else { self.open().await? };
         let mut mesh = Vec::new();
         for upload in uploads {
             mesh.push(upload.bytes().await.map_err(upload_is_gone)?);
         }
-        let beside = async |name: &str, is_there: bool| match is_there {
-            true => self.open_file(name).await?.bytes().await.map(Some),
-            false => Ok(None),
+        let beside = async |name: &str, is_there: bool| {
+            if is_there { self.open_file(name).await?.bytes().await.map(Some) } else { Ok(None) }
         };
         let spec = &self.job.spec;
         let seeds = beside(files::SEEDS, spec.listed_seeds).await?;
@@ -157,8 +155,7 @@ impl Attempt {
     }
 
     /// Reads the mesh: a small one on a thread for small meshes, others on all threads, once there is memory for it. A
-    /// file that is small and has too many faces is opened twice: what a thread for small meshes waits for may itself
-    /// wait for such a thread.
+    /// small file with too many faces is opened twice: a job that holds the memory may wait for such a thread.
     async fn prepare(&self, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let (mut memory, contents, milliseconds) = self.read().await?;
         let (spec, limits, span) = (self.job.spec.clone(), self.pipeline.limits, tracing::info_span!("read"));
@@ -179,7 +176,7 @@ impl Attempt {
                     opened => Ok((Some(opened?), memory)),
                 }
             };
-            (prepared, memory) = self.pipeline.device.small.thread().await?.run(work).await?;
+            (prepared, memory) = self.pipeline.device.small.run(None, work).await?;
         }
         let mut prepared = match prepared {
             Some(prepared) => {
@@ -202,17 +199,6 @@ impl Attempt {
         prepared.timings.read = milliseconds;
         Ok(prepared)
     }
-}
-
-/// About how much work a job is, to tell short ones from long ones: faces, times what hierarchies and sequential
-/// algorithms take longer (the order of magnitude; measured on 20,000 to 1,000,000 faces).
-fn cost(faces: u64, clustering: &Clustering) -> u64 {
-    let factor = match clustering {
-        clustering if clustering.is_sequential() => 16,
-        clustering if clustering.is_hierarchical() => 4,
-        _ => 1,
-    };
-    faces.saturating_mul(factor)
 }
 
 /// The error of an upload that cannot be read: it belongs to a job, so it must be there.
@@ -268,12 +254,8 @@ impl Resources for Parts {
             ))
         })?;
         let bytes = content.len() as u64;
-        if bytes > max_bytes {
-            return Err(Error::too_large(format_args!(
-                "a buffer has more bytes than the limit of {max_bytes}, {bytes}: {uri:?}"
-            )));
-        }
-        Ok(content.to_vec())
+        let why = format_args!("a buffer has more bytes than the limit of {max_bytes}, {bytes}: {uri:?}");
+        if bytes > max_bytes { Err(Error::too_large(why)) } else { Ok(content.to_vec()) }
     }
 }
 

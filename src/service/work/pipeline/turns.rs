@@ -1,12 +1,9 @@
-//! Turns at the device: first come, first served, since claims are fair among tenants already. A short mesh does not
-//! wait for a long one that has its turn. Knows no device.
+//! Turns at the device: first come, first served, since claims are fair already. A short mesh does not wait for a long
+//! one that has its turn. Knows no device.
 
 use std::sync::Arc;
 
 use tokio::sync::{Mutex, OwnedMutexGuard, watch};
-
-/// A mesh is short beside another one of at least this multiple of its cost.
-const SHORT: u64 = 4;
 
 /// A queue before the device, in which one mesh at a time has its turn.
 #[derive(Debug, Default)]
@@ -31,13 +28,14 @@ impl Line {
         Turn { cost: Arc::clone(&self.cost), _turn: turn }
     }
 
-    /// Waits for the turn of a mesh; none once the mesh that has its turn is so long that this one is short beside it.
+    /// Waits for the turn of a mesh; none once it is short beside the mesh that has its turn: a quarter of that one's
+    /// cost, or less.
     pub async fn turn_unless_short(&self, cost: u64) -> Option<Turn> {
         let mut other = self.cost.subscribe();
         tokio::select! {
             biased;
             turn = self.turn(cost) => Some(turn),
-            _ = other.wait_for(|other| cost <= other / SHORT) => None,
+            _ = other.wait_for(|other| cost <= other / 4) => None,
         }
     }
 }
