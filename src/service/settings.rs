@@ -211,8 +211,7 @@ pub struct WorkSettings {
           value_parser = clap::value_parser!(u64).range(0..=600))]
     pub crash_pause: u64,
 
-    /// Bytes that all meshes in memory may take together; three quarters of the memory of the container or machine when
-    /// left out. Tests change it.
+    /// Bytes that all meshes in memory take at most; three quarters of the container's or machine's if none. For tests.
     #[arg(skip)]
     pub memory_budget: Option<u64>,
 

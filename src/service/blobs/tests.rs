@@ -1,7 +1,6 @@
 //! What every place for blobs does, what happens to the parts of a blob, and what errors become.
 
 use async_trait::async_trait;
-use futures_util::StreamExt as _;
 use object_store::memory::InMemory;
 use object_store::path::Path;
 use object_store::{PutPayload, PutResult, UploadPart};
@@ -47,12 +46,8 @@ async fn reading(blobs: &Blobs) {
             let blob = open().await;
             assert_eq!((blob.whole_length(), blob.length()), (bytes.len() as u64, slice.len() as u64));
             assert_eq!(blob.bytes().await, Ok(slice.clone()));
-            let mut body = Vec::new();
-            let mut chunks = open().await.into_body().into_data_stream();
-            while let Some(chunk) = chunks.next().await {
-                body.extend(chunk.expect("a chunk"));
-            }
-            assert!(body == slice, "{range:?}");
+            let body = axum::body::to_bytes(open().await.into_body(), usize::MAX).await;
+            assert!(body.expect("readable") == slice, "{range:?}");
             let mut reader = open().await.into_reader();
             let to_thread = blocking(move || {
                 let mut bytes = Vec::new();

@@ -136,7 +136,7 @@ impl Files {
         self.disk.free()
     }
 
-    /// Whether bytes that are free in the store of jobs would be an eighth or more of what uploads may take.
+    /// Whether bytes that are free in the store of jobs would be more than an eighth of what uploads may take.
     pub fn is_short_of(&self, free_in_store: u64) -> bool {
         free_in_store > self.disk.spare() / 8
     }

@@ -10,8 +10,7 @@
 //! | 4 a corner | points of the corners, u32 |
 //! | 4 a face | numbers of corners, u32, unless all faces are triangles |
 //!
-//! All little-endian. A triangle and its half of a vertex take 18 bytes of f32 before compression. Parts, names and
-//! warnings are not kept: no output is made of them.
+//! All little-endian; 18 bytes a triangle of f32 before compression. No output needs parts, names or warnings.
 
 use std::io::{self, Read, Write};
 

@@ -23,8 +23,7 @@ const BYTES_A_FACE: u64 = 275;
 /// 630 were measured for `pml` with optimisation, 540 without, 610 for `hr`; by normals, `pml` 800.
 const BYTES_A_FACE_OF_HIERARCHY: u64 = 900;
 
-/// The same for planes and shapes, whose moments are kept for each cluster: 971 were measured for `ml` of shapes, 735
-/// for `hr`, 820 for flat planes.
+/// The same for planes and shapes, which keep moments of clusters: 971 measured for `ml` of shapes, 735 `hr`, 820 flat.
 const BYTES_A_FACE_OF_SHAPES: u64 = 1100;
 
 /// What an item of points takes in the same way, for each of its coordinates and each of its neighbours besides. Peaks
