@@ -158,7 +158,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
     let ticket = claimed[0].0;
-    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+    store.end(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
     write(files.result(succeeded, 1, REPORT_JSON.file), b"{}").await.expect("written");
     write(files.result(succeeded, 7, REPORT_JSON.file), b"{}").await.expect("written");
     write(files.result(waiting, 1, REPORT_JSON.file), b"{}").await.expect("written");

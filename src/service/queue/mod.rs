@@ -35,7 +35,7 @@
 //! 2. The crash counts as an attempt only if a single job had begun ([`crashed`]).
 //! 3. A suspect starts alone, after a pause. The worker waits until its other jobs have ended, and claims nothing else
 //!    while the suspect runs. Both last 30 seconds at most after the first crash, and twice as long after each further
-//!    one (`crash::alone`). In a farm, the worker with the fewest running jobs waits; the others go on.
+//!    one (`claim::alone`). In a farm, the worker with the fewest running jobs waits; the others go on.
 //!
 //! So a crash never counts for a neighbour of the job that caused it. A job that kills its worker some time after its
 //! start crashes until the time alone is longer than that, and then each crash counts: it is given up. A job of hours
@@ -53,15 +53,9 @@
 //! | several workers that could wait for a suspect | no reservation: the one with the fewest jobs waits |
 
 mod claim;
-mod crash;
 mod job;
-mod rules;
 #[cfg(test)]
 pub(crate) mod tests;
-mod view;
 
-pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
-pub(crate) use self::crash::crashed;
-pub(crate) use self::job::{Change, Standing, State, What};
-pub(crate) use self::rules::{Rules, not_yours};
-pub(crate) use self::view::{Suspect, Tenant, View, Waiting};
+pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Suspect, Tenant, Turn, View, Waiting, claim};
+pub(crate) use self::job::{Change, Rules, Standing, State, What, crashed, not_yours};

@@ -124,8 +124,8 @@ fn a_suspect_starts_alone_and_waits_for_that_in_bounded_time() {
     assert_eq!(claim(view(capped), &claiming(0, 8, 0, 1), &RULES, due), Picks::default(), "its tenant is at its limit");
     let turns = claim(view(tenants()), &claiming(0, 8, 1, 1), &RULES, due).turns;
     assert_eq!(turns, [Turn { tenant: "a".to_owned(), served: 0.0, next: 1.0 }], "it is a turn like any other");
-    assert_eq!([1, 2, 8].map(super::crash::alone), [30, 60, 3840].map(seconds));
-    assert!(super::crash::alone(u32::MAX) < seconds(1 << 22));
+    assert_eq!([1, 2, 8].map(claim::alone), [30, 60, 3840].map(seconds));
+    assert!(claim::alone(u32::MAX) < seconds(1 << 22));
 }
 
 #[test]

@@ -10,8 +10,8 @@ use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::change::{Live, Transaction, standing, unplaced};
-use super::database::{Abort, Query, Row, values};
+use super::change::{Live, Transaction, job, standing};
+use super::database::{Abort, Query, Row, read, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
 use crate::queue::{self, Change, Claiming, Picks, Standing, Suspect, Tenant, Turn, View, Waiting, crashed};
@@ -21,7 +21,7 @@ const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
         SELECT min(tenant) FROM jobs WHERE state = 'queued' \
         UNION ALL SELECT (SELECT min(tenant) FROM jobs WHERE state = 'queued' AND tenant > names.tenant) \
         FROM names WHERE names.tenant IS NOT NULL\
-    ) SELECT names.tenant AS tenant, \
+    ) SELECT names.tenant AS name, \
         (SELECT count(*) FROM jobs WHERE state = 'running' AND tenant = names.tenant) AS running, \
         coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next, \
         coalesce((SELECT max(served) FROM tenants), 0.0) AS clock \
@@ -42,7 +42,7 @@ const BUSY: &str = "SELECT worker_id, count(*) AS jobs FROM jobs WHERE state = '
     GROUP BY worker_id HAVING max(suspicion) = 0";
 
 /// A job that was picked, unless a client ended it meanwhile.
-const PICKED: &str = "SELECT * FROM jobs WHERE number = $1 AND state = 'queued' FOR UPDATE";
+const PICKED: &str = "SELECT *, NULL AS queue_position FROM jobs WHERE number = $1 AND state = 'queued' FOR UPDATE";
 
 const TURN: &str = "INSERT INTO tenants (name, served, next) VALUES ($1, $2, $3) \
     ON CONFLICT (name) DO UPDATE SET served = excluded.served, next = excluded.next";
@@ -133,7 +133,7 @@ fn claim(
     for row in change.rows.all(&picked)?.iter().flatten() {
         let live = change.apply(Live::of(row)?, Change::Claim(worker.clone(), *lease), None)?;
         let Standing { state, attempt, started_at, .. } = live.standing;
-        let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..unplaced(row)? };
+        let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..job(row)? };
         taken.push((live.ticket(), live.last_seq, job));
     }
     for Turn { tenant, served, next } in turns {
@@ -151,25 +151,22 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
     let clock = names.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
     let mut queries = Vec::<Query>::new();
     for row in names {
-        queries.push((WAITING, values![row.get::<String>("tenant")?, most]));
-        queries.push((SUSPECT, values![row.get::<String>("tenant")?]));
+        queries.push((WAITING, values![row.get::<String>("name")?, most]));
+        queries.push((SUSPECT, values![row.get::<String>("name")?]));
     }
     let heads = change.rows.all(&queries)?;
     let mut tenants = Vec::new();
     for (row, heads) in names.iter().zip(heads.chunks(2)) {
-        let waiting =
-            |row: &Row| -> Result<_> { Ok(Waiting { urgency: row.get("urgency")?, number: row.get("number")? }) };
+        let waiting = |row: &Row| -> Result<_> { Ok(read!(row, Waiting { urgency, number; })) };
         let suspect = |row: &Row| -> Result<_> {
             let not_before = row.get::<Option<_>>("not_before")?.unwrap_or(SystemTime::UNIX_EPOCH);
             Ok(Suspect { number: row.get("number")?, crashes: row.get("suspicion")?, not_before })
         };
-        tenants.push(Tenant {
-            name: row.get("tenant")?,
-            running: row.get("running")?,
-            next: row.get("next")?,
+        tenants.push(read!(row, Tenant {
+            name, running, next;
             waiting: heads[0].iter().map(waiting).collect::<Result<_>>()?,
             suspect: heads[1].first().map(suspect).transpose()?,
-        });
+        }));
     }
     let is_least_busy = is_alone || tenants.iter().all(|tenant| tenant.suspect.is_none()) || {
         let load = (mine.len() as u64, me.to_string());

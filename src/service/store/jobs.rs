@@ -6,26 +6,20 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
-use super::change::{Live, Transaction, job, jobs, unplaced};
+use super::change::{Live, Transaction, job, jobs};
 use super::database::{Abort, Rows, json, values};
 use super::job::{Job, JobId, Progress, Ticket, no_such_job, not_failed};
 use super::listeners::marked;
 use super::store::Store;
-#[cfg(test)]
-use super::terms::End;
 use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse};
 use crate::queue::{Change, Rules, State, What, not_yours};
-
-const KNOWN: &str = jobs!("WHERE tenant = $1 AND idempotency_key = $2");
-
-const BY_ID: &str = jobs!("WHERE id = $1");
 
 /// Counts the jobs that wait, to the limit at most.
 const WAITING: &str = "SELECT count(*) AS jobs FROM (SELECT 1 FROM jobs WHERE state = 'queued' LIMIT $1) AS waiting";
 
 const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, is_small, progress, idempotency_key, \
     request_digest, created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, $10, 1) \
-    ON CONFLICT DO NOTHING RETURNING *";
+    ON CONFLICT DO NOTHING RETURNING *, NULL AS queue_position";
 
 /// The waiting jobs of a tenant, and the place of a new one among them.
 const OF_TENANT: &str = "SELECT count(*) AS jobs, \
@@ -41,12 +35,13 @@ fn place(rows: &mut dyn Rows, rules: &Rules, tenant: &str, most: Option<u64>, ur
 }
 
 fn find(rows: &mut dyn Rows, id: JobId) -> Result<Option<Job>, Abort> {
-    Ok(rows.first(BY_ID, values![id])?.as_ref().map(job).transpose()?)
+    Ok(rows.first(jobs!("WHERE id = $1"), values![id])?.as_ref().map(job).transpose()?)
 }
 
 fn known(rows: &mut dyn Rows, tenant: &str, wanted: Option<&Idempotency>) -> Result<Option<Job>, Abort> {
     let Some(Idempotency { key, request }) = wanted else { return Ok(None) };
-    let Some(row) = rows.first(KNOWN, values![tenant, &**key])? else { return Ok(None) };
+    let sql = jobs!("WHERE tenant = $1 AND idempotency_key = $2");
+    let Some(row) = rows.first(sql, values![tenant, &**key])? else { return Ok(None) };
     if row.get::<String>("request_digest")? == *request {
         return Ok(Some(job(&row)?));
     }
@@ -68,8 +63,8 @@ impl Store {
     }
 
     /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may, of all tenants or of its own,
-    /// which services that share a database count at once; [`Kind::KeyReused`] when its
-    /// key stands for another request. When this returns, the job is as durable as anything in this store.
+    /// which services that share a database count at once; [`Kind::KeyReused`] when its key stands for another request.
+    /// When this returns, the job is as durable as anything in this store.
     pub async fn create(&self, new: NewJob) -> Result<Created> {
         self.change("create", move |change| create(change, &new)).await
     }
@@ -104,26 +99,23 @@ impl Store {
     /// The worker begins to read the mesh: from now on the attempt counts. Small uploads begin with their claim.
     /// Nothing happens when the attempt has begun already.
     pub async fn begin(&self, ticket: Ticket) -> Result<()> {
-        let begin =
-            move |change: &mut Transaction<'_>, live| change.apply(live, Change::Begin(ticket.attempt), None).map(drop);
-        self.work("begin", ticket, false, begin).await
+        let begin = Change::Begin(ticket.attempt);
+        self.work("begin", ticket, false, move |change, live| change.apply(live, begin.clone(), None)).await.map(drop)
     }
 
     /// Gives a running job back: it waits again, or has failed ([`Kind::Poison`]) after too many attempts, or is
     /// cancelled where that was requested.
     pub async fn release(&self, ticket: Ticket, fault: Option<Error>) -> Result<State> {
-        let release = move |change: &mut Transaction<'_>, live| {
-            let released =
-                change.apply(live, Change::Release { attempt: ticket.attempt, fault: fault.clone() }, None)?;
-            Ok(released.standing.state)
-        };
-        self.work("release", ticket, true, release).await
+        let release = Change::Release { attempt: ticket.attempt, fault };
+        let released =
+            self.work("release", ticket, true, move |change, live| change.apply(live, release.clone(), None));
+        Ok(released.await?.standing.state)
     }
 
     /// Ends a running job. Small blobs of its upload go, unless it is given up. Nothing happens where this worker ended
     /// it so before: the answer to that was lost.
-    pub async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
-        let is_held = self.held.lock().contains_key(&ticket);
+    pub async fn end(&self, ticket: Ticket, ending: impl Into<Ending>) -> Result<()> {
+        let (ending, is_held) = (ending.into(), self.held.lock().contains_key(&ticket));
         let end = move |change: &mut Transaction<'_>, live: Live| {
             let (state, problem, _) = ending.end.parts();
             let is_mine = is_held && live.worker_id == Some(change.me) && live.ticket() == ticket;
@@ -134,11 +126,6 @@ impl Store {
             change.apply(live, end, Some(&ending)).map(drop)
         };
         self.work("finish", ticket, true, end).await
-    }
-
-    #[cfg(test)]
-    pub async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
-        self.end(ticket, end.into()).await
     }
 
     /// Appends events and replaces the progress. Nothing happens where they were appended before: the answer to that
@@ -152,7 +139,7 @@ impl Store {
             if before.is_some_and(|before| live.last_seq == before + events.len() as u64) {
                 return Ok(live.last_seq);
             }
-            change.tell(live.number, &mut live.last_seq, &events)?;
+            live.last_seq = change.tell(live.number, live.last_seq, events.iter())?;
             let sql = "UPDATE jobs SET progress = $2, last_seq = $3 WHERE number = $1";
             change.rows.write(sql, values![live.number, json(&progress)?, live.last_seq])?;
             change.pulse(&live);
@@ -250,9 +237,9 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
         let gone = || Error::new(Kind::Unavailable, "the job was deleted in this moment; try again").into();
         return known.ok_or_else(gone);
     };
-    let job = Job { queue_position: Some(place), ..unplaced(&row)? };
+    let job = Job { queue_position: Some(place), ..job(&row)? };
     let number = row.get("number")?;
-    change.tell(number, &mut 0, [&What::Queued])?;
+    change.tell(number, 0, [What::Queued].iter())?;
     change.keep(number, upload)?;
     // no task can wait for a job that was not there
     change.effects.arrivals = true;

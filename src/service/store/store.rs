@@ -37,7 +37,8 @@ pub(crate) struct Store {
     /// This process among the workers: new at every start.
     pub(super) me: Uuid,
     pub(super) listeners: Arc<Listeners>,
-    name: String,
+    /// By which its files are known.
+    pub name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
     /// Whether the last claim took no job.
@@ -97,10 +98,6 @@ impl Store {
     /// Lets an observer see every operation from now on.
     pub fn observe(&mut self, observer: impl Fn(&'static str, Duration, bool) + Send + Sync + 'static) {
         self.observer = Some(Box::new(observer));
-    }
-
-    pub fn name(&self) -> &str {
-        &self.name
     }
 
     /// Makes a change in a transaction, and what follows from it. The change refuses before it writes; it is made again

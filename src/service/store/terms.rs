@@ -2,9 +2,9 @@
 
 use std::time::SystemTime;
 
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 
-use super::database::{Row, json, read};
+use super::database::{Row, json, read, unreadable};
 use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
 use crate::queue::{State, What};
 
@@ -110,10 +110,7 @@ impl Event {
             "iteration" => What::Iteration(row.get("data")?),
             "round" => What::Round(row.get("data")?),
             "end" => row.json("data").map(|(state, problem)| What::End(state, problem))?,
-            other => {
-                let message = format_args!("the store of jobs cannot be read: column kind: {other}");
-                return Err(Error::new(Kind::Internal, message));
-            }
+            other => return Err(unreadable("kind", &other)),
         };
         Ok(Self { seq: row.get("seq")?, what })
     }
@@ -167,8 +164,7 @@ pub(crate) struct Statistics {
     pub commands: u64,
     pub failures: u64,
     pub commit_seconds: f64,
-    /// Attempts that failed because the process ended or their lease was over, with
-    /// [`Kind::Unavailable`].
+    /// Attempts that failed because the process ended or their lease was over.
     pub attempts_failed: u64,
     /// Jobs that were given up after such an attempt.
     pub given_up: u64,

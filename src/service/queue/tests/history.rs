@@ -10,7 +10,7 @@ use tesserae_mesh::error::{Error, Kind};
 
 use super::super::{Change, Rules, State, What};
 
-/// Pauses and [times alone](super::super::crash::alone) of a few crashes end within an [`HOUR`], and none within the
+/// Pauses and [times alone](super::super::claim::alone) of a few crashes end within an [`HOUR`], and none within the
 /// time that a database takes for a history.
 pub const RULES: Rules = Rules { max_queued: 1000, max_attempts: 3, crash_pause: Duration::from_secs(1200) };
 

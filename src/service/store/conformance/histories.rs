@@ -47,8 +47,8 @@ impl Stored for Workers {
     }
 
     async fn create(&mut self, New { tenant, priority, is_small, .. }: New) {
-        let spec = Spec { tenant: tenant.to_owned(), priority, is_small, ..spec("x") };
-        let job = add(&self.stores[0], JobId::random(), spec).await;
+        let spec = Spec { tenant: tenant.to_owned(), priority, is_small, ..spec() };
+        let job = add(&self.stores[0], spec).await;
         self.jobs.push((job.id, 0, 0));
     }
 
@@ -69,7 +69,7 @@ impl Stored for Workers {
         match change {
             Change::Begin(attempt) => store.begin(ticket(attempt)).await.is_ok(),
             Change::Release { attempt, fault } => store.release(ticket(attempt), fault).await.is_ok(),
-            Change::End { attempt, .. } => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
+            Change::End { attempt, .. } => store.end(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
             Change::Cancel => store.cancel(id).await.expect("asked").is_some(),
             Change::Retry => match store.retry(id, None).await {
                 Ok(_) => true,
@@ -115,9 +115,7 @@ impl Stored for Workers {
     }
 
     async fn events(&mut self, job: usize) -> Vec<What> {
-        let events = events(self.store(job), self.jobs[job].0, 0, usize::MAX).await;
-        assert!(events.iter().map(|event| event.seq).eq(1..=events.len() as u64), "{events:?}");
-        events.into_iter().map(|event| event.what).collect()
+        whats(self.store(job), self.jobs[job].0).await
     }
 }
 

@@ -27,7 +27,7 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
     let queued = store.list(&ListQuery { state: Some(State::Queued), ..first(100) }).await.expect("listed");
     let (newest, oldest) = (queued.jobs[0].queue_position, queued.jobs[8].queue_position);
     assert_eq!((queued.jobs.len(), newest, oldest), (9, Some(9), Some(1)));
-    store.finish(ticket, End::Cancelled).await.expect("finished");
+    store.end(ticket, End::Cancelled).await.expect("finished");
     let ended = store.list(&ListQuery { state: Some(State::Cancelled), ..first(9) }).await.expect("listed");
     assert_eq!(ids(&ended.jobs), [ticket.job]);
 }
@@ -35,7 +35,7 @@ pub(super) async fn pages_hold_every_job_once(store: &Store) {
 pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &Store) {
     let mut mine = Vec::new();
     for turn in 0..5 {
-        let job = add(store, JobId::random(), of_tenant(["mine", "Mine"][turn % 2])).await;
+        let job = add(store, of_tenant(["mine", "Mine"][turn % 2])).await;
         if turn % 2 == 0 {
             mine.insert(0, job.id);
         }
@@ -95,8 +95,8 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &Sto
     endings.borrow_and_update();
     let mut ids = Vec::new();
     for _ in 0..4 {
-        let hooked = Spec { webhook: Some("https://a.example/x?y=1".to_owned()), ..spec("x") };
-        ids.push(add(store, JobId::random(), hooked).await.id);
+        let hooked = Spec { webhook: Some("https://a.example/x?y=1".to_owned()), ..spec() };
+        ids.push(add(store, hooked).await.id);
     }
     let silent = create(store).await.id;
     assert_eq!(store.untold().await.expect("readable"), []);
@@ -165,6 +165,6 @@ pub(super) async fn a_worker_is_known_with_its_jobs(store: &Store) {
     let again = announced(store).await;
     assert_eq!((again.id, again.started_at, &*again.jobs), (worker.id, worker.started_at, &[job.id][..]));
     assert!(again.seen_at >= worker.seen_at);
-    store.finish(ticket, End::Cancelled).await.expect("finished");
+    store.end(ticket, End::Cancelled).await.expect("finished");
     assert!(announced(store).await.jobs.is_empty());
 }

@@ -26,7 +26,6 @@ const STARTED: &str = "SELECT CAST(extract(epoch FROM pg_postmaster_start_time()
 pub struct Session<'c> {
     connections: &'c Connections,
     client: Option<Object>,
-    handle: Handle,
     deadline: Instant,
     /// Whether a transaction began that has not ended.
     is_begun: bool,
@@ -52,29 +51,19 @@ impl Drop for Session<'_> {
 
 impl<'c> Session<'c> {
     /// A session that reads: every statement is a transaction. Or one for a change.
-    pub fn new(
-        connections: &'c Connections,
-        client: Object,
-        handle: Handle,
-        deadline: Instant,
-        is_change: bool,
-    ) -> Self {
+    pub fn new(connections: &'c Connections, client: Object, deadline: Instant, is_change: bool) -> Self {
         let changes = if is_change { vec![("BEGIN", Vec::new())] } else { Vec::new() };
-        Self { connections, client: Some(client), handle, deadline, is_begun: false, changes, clock: Clock::NotWanted }
+        Self { connections, client: Some(client), deadline, is_begun: false, changes, clock: Clock::NotWanted }
     }
 
-    pub fn commit(&mut self) -> Result<(), Abort> {
-        if self.is_begun || !self.changes.is_empty() {
-            self.all(&[("COMMIT", Vec::new())])?;
-            self.is_begun = false;
+    /// Ends the transaction, if there is one; a rollback sends no changes that are not sent yet.
+    pub fn end(&mut self, is_commit: bool) -> Result<(), Abort> {
+        let sql = if is_commit { "COMMIT" } else { "ROLLBACK" };
+        if !is_commit {
+            self.changes.clear();
         }
-        Ok(())
-    }
-
-    pub fn roll_back(&mut self) -> Result<(), Abort> {
-        self.changes.clear();
-        if self.is_begun {
-            self.all(&[("ROLLBACK", Vec::new())])?;
+        if self.is_begun || !self.changes.is_empty() {
+            self.all(&[(sql, Vec::new())])?;
             self.is_begun = false;
         }
         Ok(())
@@ -146,7 +135,7 @@ impl Rows for Session<'_> {
         self.is_begun |= !changes.is_empty();
         let clock = matches!(self.clock, Clock::Wanted).then(|| (CLOCK, Vec::new()));
         let sent: Vec<&Query> = changes.iter().chain(queries).chain(&clock).collect();
-        let answer = self.handle.block_on(timeout_at(self.deadline, send(client, &sent)));
+        let answer = Handle::current().block_on(timeout_at(self.deadline, send(client, &sent)));
         let mut answer = answer.map_err(|_| self.connections.too_late())?.map_err(failure)?.split_off(changes.len());
         if clock.is_some() {
             self.clock = answer.pop().and_then(|mut rows| rows.pop()).map_or(Clock::NotWanted, Clock::Read);

@@ -9,14 +9,14 @@
 
 mod opening;
 mod place;
-mod session;
 mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use parking_lot::Mutex;
-use rusqlite::Connection;
+use rusqlite::{Connection, params_from_iter};
 use tesserae_mesh::error::Result;
 use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::Semaphore;
@@ -25,7 +25,7 @@ use tokio::task::block_in_place;
 use self::place::{DatabasePlace, closed, failure};
 use self::writer::Writer;
 use super::super::listeners::Listeners;
-use super::{Abort, Rows};
+use super::{Abort, Query, Row, Rows, Value, micros, time};
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 
@@ -79,5 +79,37 @@ impl Sqlite {
         self.readers.close();
         self.writer.close().await;
         self.place.release();
+    }
+}
+
+fn run(connection: &Connection, sql: &str, values: &[Value]) -> rusqlite::Result<Vec<Row>> {
+    // SQLite numbers `$1` by the order in which parameters appear, and `?1` by its number
+    let text = sql.strip_suffix(" FOR UPDATE").unwrap_or(sql).replace('$', "?");
+    let mut statement = connection.prepare_cached(&text)?;
+    let names: Arc<[String]> = statement.column_names().map(ToOwned::to_owned).collect();
+    let rows = statement.query_map(params_from_iter(values), |row| {
+        let values = (0..names.len()).map(|place| row.get(place)).collect::<rusqlite::Result<_>>()?;
+        Ok(Row { names: Arc::clone(&names), values })
+    });
+    rows?.collect()
+}
+
+impl Rows for Connection {
+    fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort> {
+        queries.iter().map(|(sql, values)| Ok(run(self, sql, values)?)).collect()
+    }
+
+    fn write(&mut self, sql: &'static str, values: Vec<Value>) -> Result<(), Abort> {
+        Ok(run(self, sql, &values).map(drop)?)
+    }
+
+    /// The clock of the process, as exactly as it is stored.
+    fn now(&mut self) -> Result<SystemTime, Abort> {
+        Ok(time(micros(SystemTime::now())))
+    }
+
+    /// One thread writes.
+    fn lock_queue(&mut self, _is_brief: bool) -> Result<(), Abort> {
+        Ok(())
     }
 }

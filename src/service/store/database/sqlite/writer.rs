@@ -21,9 +21,6 @@ use super::super::{Abort, Rows};
 use super::place::{DatabasePlace, closed, failure};
 use crate::ops::faults::{FaultPoint, Faults};
 
-/// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
-const BATCH: usize = 256;
-
 /// An error means that the transaction failed.
 type Work = dyn FnMut(&mut Connection, &mut Effects) -> Result<()> + Send;
 
@@ -104,7 +101,8 @@ struct Worker {
 impl Worker {
     fn run(mut self, inbox: &mpsc::Receiver<Command>) {
         while let Ok(command) = inbox.recv() {
-            self.carry_out(iter::once(command).chain(inbox.try_iter()).take(BATCH).collect());
+            // a bound on what fails together, and on how long others wait
+            self.carry_out(iter::once(command).chain(inbox.try_iter()).take(256).collect());
         }
         if let Some(connection) = self.connection.take()
             && let Err((_, error)) = connection.close()
