@@ -92,7 +92,7 @@ pub(crate) fn claim(view: View, claiming: &Claiming, rules: &Rules, now: SystemT
     let Claiming { limit, newcomers, shares, .. } = claiming;
     let mut fair = Fair { view, shares, turns: BTreeMap::new() };
     let mut numbers = Vec::new();
-    let again = match allowed(&fair.view, *limit, |tenant| fair.is_below_limit(tenant), rules, now) {
+    let again = match fair.allowed(*limit, rules, now) {
         Allowed::Nothing(until) => Some(until),
         Allowed::Suspect(index) => {
             numbers.extend(fair.view.tenants[index].suspect.map(|suspect| suspect.number));
@@ -135,6 +135,36 @@ impl Fair<'_> {
         self.share(tenant).max_running.is_none_or(|most| tenant.running < most)
     }
 
+    /// What suspects let the worker claim now; `limit` is 0 when it is full.
+    fn allowed(&self, limit: usize, rules: &Rules, now: SystemTime) -> Allowed {
+        let view = &self.view;
+        // times that are further away than they can be come from a clock that was set back: they are over
+        let is_alone = |job: &&Standing| job.suspicion > 0 && job.started_at.is_some_and(|start| start <= now);
+        let until =
+            view.mine.iter().filter(is_alone).filter_map(|job| Some(job.started_at? + alone(job.suspicion))).max();
+        if let Some(until) = until.filter(|until| *until > now) {
+            return Allowed::Nothing(until);
+        }
+        let waiting = view.tenants.iter().enumerate().filter(|(_, tenant)| self.is_below_limit(tenant));
+        let waiting = waiting.filter_map(|(index, tenant)| {
+            let suspect = tenant.suspect.as_ref()?;
+            let is_in_reach = suspect.not_before <= now + rules.crash_pause;
+            let start = if is_in_reach { suspect.not_before } else { SystemTime::UNIX_EPOCH };
+            Some((start, suspect.number, suspect.crashes, index))
+        });
+        let Some((start, _, crashes, index)) = waiting.min() else { return Allowed::Others(None) };
+        let latest = start + alone(crashes);
+        if start > now {
+            Allowed::Others(Some(start))
+        } else if limit > 0 && (view.mine.is_empty() || latest <= now) {
+            Allowed::Suspect(index)
+        } else if latest > now && view.is_least_busy {
+            Allowed::Nothing(latest)
+        } else {
+            Allowed::Others((latest > now).then_some(latest))
+        }
+    }
+
     /// The tenant that is next.
     fn next(&self, is_for_newcomer: bool) -> Option<usize> {
         let candidates = self.view.tenants.iter().enumerate().filter_map(|(index, tenant)| {
@@ -175,39 +205,4 @@ enum Allowed {
     Suspect(usize),
     /// Jobs that are no suspects. The next suspect may start at that time, if one waits.
     Others(Option<SystemTime>),
-}
-
-/// What suspects let the worker claim now. `is_entitled` says which tenants are below their limits; `limit` is 0 when
-/// the worker is full.
-fn allowed(
-    view: &View,
-    limit: usize,
-    is_entitled: impl Fn(&Tenant) -> bool,
-    rules: &Rules,
-    now: SystemTime,
-) -> Allowed {
-    // times that are further away than they can be come from a clock that was set back: they are over
-    let is_alone = |job: &&Standing| job.suspicion > 0 && job.started_at.is_some_and(|start| start <= now);
-    let until = view.mine.iter().filter(is_alone).filter_map(|job| Some(job.started_at? + alone(job.suspicion))).max();
-    if let Some(until) = until.filter(|until| *until > now) {
-        return Allowed::Nothing(until);
-    }
-    let waiting = view.tenants.iter().enumerate().filter(|(_, tenant)| is_entitled(tenant));
-    let waiting = waiting.filter_map(|(index, tenant)| {
-        let suspect = tenant.suspect.as_ref()?;
-        let is_in_reach = suspect.not_before <= now + rules.crash_pause;
-        let start = if is_in_reach { suspect.not_before } else { SystemTime::UNIX_EPOCH };
-        Some((start, suspect.number, suspect.crashes, index))
-    });
-    let Some((start, _, crashes, index)) = waiting.min() else { return Allowed::Others(None) };
-    let latest = start + alone(crashes);
-    if start > now {
-        Allowed::Others(Some(start))
-    } else if limit > 0 && (view.mine.is_empty() || latest <= now) {
-        Allowed::Suspect(index)
-    } else if latest > now && view.is_least_busy {
-        Allowed::Nothing(latest)
-    } else {
-        Allowed::Others((latest > now).then_some(latest))
-    }
 }

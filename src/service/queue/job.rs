@@ -102,8 +102,7 @@ pub(crate) enum Change {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum What {
     Queued,
-    /// It runs: the number of the attempt, and the worker. Iterations and rounds up to the next state are of this
-    /// attempt.
+    /// It runs: the number of the attempt, which also made the iterations and rounds up to the next state; the worker.
     Started(u32, String),
     /// An iteration was made: the report's row, as JSON text in one line.
     Iteration(String),
@@ -118,8 +117,7 @@ pub(crate) struct Rules {
     pub max_queued: usize,
     /// Counted attempts after which a job that keeps being given back has failed.
     pub max_attempts: u32,
-    /// Pause of a suspect after each crash: long enough that a supervisor does not take the crashes for a service that
-    /// cannot start.
+    /// Pause of a suspect after each crash, so that a supervisor does not take crashes for a service that cannot start.
     pub crash_pause: Duration,
 }
 
@@ -144,7 +142,19 @@ impl Standing {
             return Err(self.state);
         }
         Ok(match change {
-            Change::Claim(worker, lease) => self.claimed(&worker, lease, now),
+            Change::Claim(worker, lease) => {
+                let attempt = self.attempt + 1;
+                let claimed = Self {
+                    state: State::Running,
+                    attempt,
+                    has_begun: self.is_small,
+                    not_before: None,
+                    started_at: Some(now),
+                    lease_until: Some(now + lease),
+                    ..self
+                };
+                (claimed, Some(What::Started(attempt, worker.to_string())))
+            }
             Change::Begin(_) => (Self { has_begun: true, ..self }, None),
             Change::Heartbeat(_, lease) => (Self { lease_until: Some(now + lease), ..self }, None),
             Change::Release { fault, .. } => self.given_back(fault, rules, now),
@@ -182,20 +192,6 @@ impl Standing {
         }
     }
 
-    fn claimed(self, worker: &str, lease: Duration, now: SystemTime) -> (Self, Option<What>) {
-        let attempt = self.attempt + 1;
-        let claimed = Self {
-            state: State::Running,
-            attempt,
-            has_begun: self.is_small,
-            not_before: None,
-            started_at: Some(now),
-            lease_until: Some(now + lease),
-            ..self
-        };
-        (claimed, Some(What::Started(attempt, worker.to_string())))
-    }
-
     /// Puts the job back to its place in the queue, or ends it where that was requested, or where as many attempts
     /// failed as may. A fault counts if the attempt had begun: before that, the mesh cannot be its cause.
     fn given_back(mut self, fault: Option<Error>, rules: &Rules, not_before: SystemTime) -> (Self, Option<What>) {
@@ -221,8 +217,7 @@ impl Standing {
     }
 }
 
-/// The changes of the running jobs of a worker that crashed. The crash counts only if it has one possible cause: a
-/// single job that had begun.
+/// The changes of the jobs of a worker that crashed. It counts only if one job had begun: the one possible cause.
 pub(crate) fn crashed(jobs: &[Standing]) -> Vec<Change> {
     let begun = jobs.iter().filter(|job| job.has_begun).count();
     jobs.iter().map(|job| Change::Crashed { counts: job.has_begun && begun == 1 }).collect()

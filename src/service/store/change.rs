@@ -1,6 +1,4 @@
-//! A change of jobs: its transaction, and the row of a job that changes.
-//!
-//! [`queue`](crate::queue) says what a change makes of a job; this writes the row and the events.
+//! A change of jobs: its transaction, rows and events. [`queue`](crate::queue) says what it makes of a job.
 
 use std::time::SystemTime;
 
@@ -57,9 +55,6 @@ const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, be
     not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker = $11, worker_id = $12, \
     last_seq = $13, ends = $14, problem = $15, summary = $16, ended_at = $17, progress = coalesce($18, progress) \
     WHERE number = $1";
-
-const NOTICE: &str = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
-    VALUES ($1, $2, $3, $4, $5, $6, $7)";
 
 pub struct Live {
     pub id: JobId,
@@ -142,8 +137,8 @@ impl Transaction<'_> {
         let Standing { state, attempt, uncounted, has_begun, suspicion, .. } = standing;
         let Standing { not_before, started_at, lease_until, cancel_requested, .. } = standing;
         let mut values = values![live.number, state, attempt, uncounted, has_begun, suspicion, not_before, started_at];
-        let (worker, seq) = (live.worker.clone(), live.last_seq);
-        values.extend(values![lease_until, cancel_requested, worker, live.worker_id, seq, live.ends]);
+        values.extend(values![lease_until, cancel_requested, live.worker.clone(), live.worker_id]);
+        values.extend(values![live.last_seq, live.ends]);
         values.extend(end);
         self.rows.write(SAVE, values)?;
         self.effects.arrivals |= matches!(event, Some(What::Queued | What::End(..)));
@@ -159,7 +154,9 @@ impl Transaction<'_> {
             let (state, problem, now) = (live.standing.state, problem.map(json).transpose()?, self.now()?);
             let notice = values![live.id, &**webhook, trace_parent.clone(), state, problem, now, live.ends];
             self.rows.write("DELETE FROM notices WHERE job = $1", values![live.id])?;
-            self.rows.write(NOTICE, notice)?;
+            let sql = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
+                VALUES ($1, $2, $3, $4, $5, $6, $7)";
+            self.rows.write(sql, notice)?;
             self.effects.endings = true;
         }
         // a job that was given up may be run again

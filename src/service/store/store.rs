@@ -122,13 +122,8 @@ impl Store {
         self.run(operation, false, move |rows, _| work(rows)).await
     }
 
-    pub(super) async fn query(
-        &self,
-        operation: &'static str,
-        sql: &'static str,
-        values: Vec<Value>,
-    ) -> Result<Vec<Row>> {
-        self.read(operation, move |rows| rows.query(sql, values.clone())).await
+    pub(super) async fn query(&self, name: &'static str, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>> {
+        self.read(name, move |rows| rows.query(sql, values.clone())).await
     }
 
     async fn run<T: Send + 'static>(

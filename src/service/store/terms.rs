@@ -133,8 +133,7 @@ impl Notice {
     }
 }
 
-/// What can change about a job, in short: tasks that wait for a job receive it. The later one is larger: a job ends and
-/// begins anew by an event.
+/// What tasks that wait for a job receive. The later one is larger: a job ends and begins anew by an event.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Pulse {
     pub last_seq: u64,
@@ -142,8 +141,7 @@ pub(crate) struct Pulse {
     pub ended: bool,
 }
 
-/// The end of a job whose webhook is to be sent. Outlives its job: a promised webhook is delivered even if the job is
-/// deleted first.
+/// The end of a job whose webhook is to be sent, even if the job is deleted first.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Notice {
     pub job: JobId,

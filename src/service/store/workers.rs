@@ -16,17 +16,6 @@ use super::store::Store;
 use super::terms::Notice;
 use crate::ops::timestamp::rfc3339;
 
-const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
-    VALUES ($1, $2, $3, $4, $5, $5) ON CONFLICT (id) DO UPDATE SET name = excluded.name, device = excluded.device, \
-    seen_at = excluded.seen_at";
-
-/// A worker that was killed leaves its row; it goes an hour after the worker was last heard of.
-const FORGET: &str = "DELETE FROM workers WHERE seen_at < $1 \
-    AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = workers.id AND state = 'running')";
-
-const CLEANER: &str = "UPDATE identity SET cleaner = $1, cleans_until = $2 \
-    WHERE cleaner IS NULL OR cleaner = $1 OR cleans_until <= $3 RETURNING id";
-
 /// A process that works on jobs.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub(crate) struct Worker {
@@ -51,14 +40,19 @@ pub(crate) struct Worker {
 }
 
 impl Store {
-    /// Says that this process works on jobs, by its name for clients and that of its device; to be repeated every few
-    /// seconds.
+    /// Says every few seconds that this process works on jobs, by its name for clients and that of its device.
     pub async fn announce(&self, name: &str, device: &str) -> Result<()> {
         let (name, device) = (name.to_owned(), device.to_owned());
         let announced = self.change("announce", move |change| {
             let now = change.now()?;
-            change.rows.write(ANNOUNCE, values![change.me, &*name, env!("CARGO_PKG_VERSION"), &*device, now])?;
-            change.rows.write(FORGET, values![now - Duration::from_secs(3600)])
+            let sql = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
+                VALUES ($1, $2, $3, $4, $5, $5) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
+                device = excluded.device, seen_at = excluded.seen_at";
+            change.rows.write(sql, values![change.me, &*name, env!("CARGO_PKG_VERSION"), &*device, now])?;
+            // a worker that was killed leaves its row
+            let sql = "DELETE FROM workers WHERE seen_at < $1 \
+                AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = workers.id AND state = 'running')";
+            change.rows.write(sql, values![now - Duration::from_secs(3600)])
         });
         announced.await
     }
@@ -97,8 +91,9 @@ impl Store {
         }
         let taken = self.change("may_clean_up", |change| {
             let now = change.now()?;
-            let until = now + Duration::from_secs(90);
-            Ok(change.rows.first(CLEANER, values![change.me, until, now])?.is_some())
+            let sql = "UPDATE identity SET cleaner = $1, cleans_until = $2 \
+                WHERE cleaner IS NULL OR cleaner = $1 OR cleans_until <= $3 RETURNING id";
+            Ok(change.rows.first(sql, values![change.me, now + Duration::from_secs(90), now])?.is_some())
         });
         taken.await
     }

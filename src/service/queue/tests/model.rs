@@ -48,8 +48,7 @@ pub struct Model {
 
 impl Model {
     pub fn new(workers: usize, altered: Altered) -> Self {
-        let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1 << 30);
-        Self { workers, altered, now, rows: Vec::new(), turns: BTreeMap::new() }
+        Self { workers, altered, now: super::now(), rows: Vec::new(), turns: BTreeMap::new() }
     }
 
     fn running(&self, worker: usize) -> impl Iterator<Item = &Row> {

@@ -92,8 +92,7 @@ pub(super) fn jobs() -> usize {
     std::env::var("CLAIM_JOBS").map_or(1200, |jobs| jobs.parse().expect("a number"))
 }
 
-/// Claims empty jobs by one claimer a store, each of which ends those that it claimed before it claims again. All
-/// stores have the same jobs.
+/// Claims empty jobs, which all stores have, by one claimer a store, which ends them before it claims again.
 pub(super) async fn claim_all(stores: &[Arc<Store>], limit: usize, jobs: usize) {
     let (mut creators, mut claimers) = (JoinSet::new(), JoinSet::new());
     for creator in 0..8 {

@@ -40,10 +40,9 @@ async fn run(empty: impl AsyncFn(Rules) -> Store, after_crash: impl AsyncFn() ->
     life::an_ended_job_cannot_be_cancelled_and_can_be_deleted(&make(9).await).await;
     life::small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(&make(9).await).await;
     life::unknown_jobs_are_unknown_everywhere(&make(9).await).await;
-    lists::pages_hold_every_job_once(&make(99).await).await;
+    lists::pages_hold_every_job_once_and_go_on_only_at_their_own_cursors(&make(99).await).await;
     lists::a_tenant_sees_only_its_own_jobs(&make(99).await).await;
     lists::every_end_with_a_webhook_is_untold_until_settled(&make(99).await).await;
-    lists::a_foreign_cursor_is_refused(&make(9).await).await;
     lists::the_oldest_job_that_waits_is_known(&make(9).await).await;
     at_once::arrivals_wake_a_worker(&make(9).await).await;
     at_once::many_at_once_lose_nothing(Arc::new(make(1000).await)).await;

@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+use futures_util::future::try_join_all;
 use parking_lot::Mutex;
 use tempfile::TempDir;
 
@@ -13,8 +14,12 @@ use super::super::database::values;
 use super::*;
 use crate::queue::Change;
 
-/// A service on a database.
-pub async fn open(url: &StoreUrl, rules: Rules) -> Store {
+/// Services on a database.
+pub async fn open_all(url: &StoreUrl, count: usize, rules: Rules) -> Vec<Store> {
+    try_join_all((0..count).map(|_| Store::shared(url, 12, rules))).await.expect("they open")
+}
+
+async fn open(url: &StoreUrl, rules: Rules) -> Store {
     Store::shared(url, 12, rules).await.expect("it opens")
 }
 
@@ -22,8 +27,8 @@ pub async fn open(url: &StoreUrl, rules: Rules) -> Store {
 async fn services<const N: usize>() -> Option<(Server, StoreUrl, [Store; N])> {
     let server = Server::start()?;
     let url = server.database();
-    let stores = join_all((0..N).map(|_| open(&url, RULES))).await;
-    Some((server, url, stores.try_into().ok()?))
+    let stores = open_all(&url, N, RULES).await.try_into().ok()?;
+    Some((server, url, stores))
 }
 
 /// Ends the leases of all workers.
@@ -230,19 +235,14 @@ async fn claimers_of_many_services_take_each_job_once() {
     let Some(server) = Server::start() else { return };
     let jobs = at_once::jobs();
     for limit in [1, 8] {
-        let url = server.database();
-        let mut services: Vec<Arc<Store>> = Vec::new();
-        for _ in 0..16 {
-            let rules = Rules { max_queued: jobs, ..RULES };
-            services.push(Arc::new(Store::shared(&url, 2, rules).await.expect("it opens")));
-        }
+        let services = open_all(&server.database(), 16, Rules { max_queued: jobs, ..RULES }).await;
+        let services: Vec<_> = services.into_iter().map(Arc::new).collect();
         at_once::claim_all(&services, limit, jobs).await;
     }
 }
 
-/// Workers on devices that take 50 ms for a job: four do nearly four times as much as one, as none waits for another.
-/// Beside all other tests they do more than twice as much. `WORKER_JOBS=100`, with `-- --nocapture`, gives the figure
-/// in `docs/farm.md`.
+/// Workers on devices that take 50 ms for a job: four do nearly four times as much as one, beside all other tests more
+/// than twice as much. `WORKER_JOBS=100`, with `-- --nocapture`, gives the figure in `docs/farm.md`.
 #[tokio::test(flavor = "multi_thread")]
 async fn workers_add_up() {
     let Some(server) = Server::start() else { return };
@@ -253,11 +253,7 @@ async fn workers_add_up() {
     let rules = Rules { max_queued: 4 * jobs, ..RULES };
     let mut rates = Vec::new();
     for count in [1, 4, 4, 1] {
-        let url = server.database();
-        let mut stores = Vec::new();
-        for _ in 0..count {
-            stores.push(Store::shared(&url, 2, rules).await.expect("it opens"));
-        }
+        let stores = open_all(&server.database(), count, rules).await;
         for _ in 0..jobs * count {
             create(&stores[0]).await;
         }
@@ -270,7 +266,7 @@ async fn workers_add_up() {
                 }
             })
         });
-        futures_util::future::try_join_all(workers).await.expect("no panic");
+        try_join_all(workers).await.expect("no panic");
         let rate = (jobs * count) as f64 / started.elapsed().as_secs_f64();
         println!("{count} workers on devices that take 50 ms: {rate:.1} jobs a second");
         rates.push(rate);

@@ -60,8 +60,7 @@ pub fn cannot_reach(error: Error) -> Error {
 pub struct Connections(pub Pool);
 
 impl Connections {
-    /// A pool of so many connections, none of which is made yet. Encrypted ones are to servers that the certificates of
-    /// the system verify.
+    /// A pool of so many connections, none of which is made yet. The system's certificates verify servers (TLS).
     pub fn new(config: Config, most: usize) -> Result<Self> {
         let manager = ManagerConfig { recycling_method: RecyclingMethod::Fast };
         let manager = match config.get_ssl_mode() {

@@ -5,8 +5,6 @@
 //! `tokio-postgres` rather than `sqlx`: it needs no macros that look at a database during the build, and brings half as
 //! many crates, TLS by rustls included.
 //!
-//! # Claims
-//!
 //! One claim at a time decides, under an advisory lock, so that fairness is exact over all services; a worker with
 //! several free places claims for all of them at once. Running and waiting jobs are counted by index: counters in a row
 //! for each tenant, locked by every change, would make the changes of a tenant wait for the disk one after the other.
@@ -35,12 +33,6 @@ use super::super::listeners::{Effects, Listeners};
 use super::super::terms::Pulse;
 use super::{Abort, Rows, StoreUrl, values};
 use crate::ops::blocking::blocking;
-
-const QUEUE: &str = "SELECT coalesce((SELECT max(number) FROM jobs), 0) AS newest, \
-    EXISTS (SELECT FROM jobs WHERE state = 'queued') AS waits";
-
-const WATCHED: &str =
-    "SELECT id, last_seq, cancel_requested, state FROM jobs WHERE id = ANY (string_to_array($1, ','))";
 
 /// A database with the tables of the store.
 pub struct Postgres {
@@ -124,8 +116,12 @@ async fn look(connections: Connections, listeners: Arc<Listeners>) {
         let watched = listeners.pulses.waited_for();
         let ids = watched.iter().map(JobId::to_string).collect::<Vec<_>>().join(",");
         let found = run(&connections, false, move |rows, _| {
-            let queue = rows.one(QUEUE, Vec::new())?;
-            let watched = rows.query(WATCHED, values![&*ids])?;
+            let sql = "SELECT coalesce((SELECT max(number) FROM jobs), 0) AS newest, \
+                EXISTS (SELECT FROM jobs WHERE state = 'queued') AS waits";
+            let queue = rows.one(sql, Vec::new())?;
+            let sql = "SELECT id, last_seq, cancel_requested, state FROM jobs \
+                WHERE id = ANY (string_to_array($1, ','))";
+            let watched = rows.query(sql, values![&*ids])?;
             Ok((queue.get::<i64>("newest")?, queue.get::<bool>("waits")?, watched))
         });
         let Ok(((newest, waits, rows), _)) = found.await else {

@@ -23,7 +23,7 @@ use tokio::sync::Semaphore;
 use tokio::task::block_in_place;
 
 use self::place::{DatabasePlace, closed, failure};
-use self::writer::Writer;
+use self::writer::{Worker, Writer};
 use super::super::listeners::Listeners;
 use super::{Abort, Query, Row, Rows, Value, micros, time};
 use crate::ops::blocking::blocking;
@@ -41,14 +41,13 @@ pub struct Sqlite {
 }
 
 impl Sqlite {
-    /// Opens the file at `path`, or makes it. No other process may have it open. A temporary file is one that the
-    /// process outlasts.
+    /// Opens the file at `path`, or makes it.
     pub async fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
         let place = Arc::new(DatabasePlace::lock(path.to_owned(), is_temporary)?);
         let file = Arc::clone(&place);
         let (writing, reading) = blocking(move || opening::open(&file)).await??;
-        let writer = Writer::start(writing, Arc::clone(&place), listeners, faults);
-        let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
+        let worker = Worker { connection: Some(writing), place: Arc::clone(&place), listeners, faults };
+        let writer = worker.start().map_err(|error| opening::cannot_open(&place.path, &error))?;
         Ok(Self { writer, place, readers: Semaphore::new(READERS as usize), idle: Mutex::new(vec![reading]) })
     }
 
@@ -106,10 +105,5 @@ impl Rows for Connection {
     /// The clock of the process, as exactly as it is stored.
     fn now(&mut self) -> Result<SystemTime, Abort> {
         Ok(time(micros(SystemTime::now())))
-    }
-
-    /// One thread writes.
-    fn lock_queue(&mut self, _is_brief: bool) -> Result<(), Abort> {
-        Ok(())
     }
 }

@@ -89,7 +89,5 @@ mod tests {
             bring_up_to_date(&later).expect("older");
             assert_eq!(connection.column_exists(None, "jobs", "later"), Ok(true));
         }
-        let error = bring_up_to_date(&MIGRATIONS).expect_err("too new");
-        assert!(error.message.contains("version 2,"), "{error}");
     }
 }

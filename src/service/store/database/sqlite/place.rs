@@ -58,10 +58,8 @@ pub fn lacks_room(error: &rusqlite::Error) -> bool {
         || error.sqlite_error().is_some_and(|error| INDEX_OF_LOG.contains(&error.extended_code))
 }
 
-/// The file, and how connections to it are opened.
-///
-/// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
-/// whatever happened to the lock of the data folder.
+/// The file. The service locks the whole of it for itself, by a lock that SQLite does not know: another service is
+/// refused whatever happened to the lock of the data folder.
 pub struct DatabasePlace {
     pub path: PathBuf,
     /// Whether the process outlasts the file: then no commit waits for the disk.
