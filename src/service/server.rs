@@ -88,7 +88,7 @@ impl Server {
                 files.check_unused_store().await?;
             }
             if store.is_durable() {
-                files.take_place(store.name(), store.newest().await?.is_some()).await?;
+                files.take_place(&store.name, store.newest().await?.is_some()).await?;
             }
             Ok(())
         };

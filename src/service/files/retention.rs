@@ -199,7 +199,7 @@ mod tests {
         let ended = async || {
             store.create(new_job()).await.expect("created");
             let claimed = store.claim(1, week).await.expect("claimable");
-            store.finish(claimed[0].0, End::Cancelled).await.expect("ended");
+            store.end(claimed[0].0, End::Cancelled).await.expect("ended");
             claimed[0].0.job
         };
         let is_there = async |job| store.get(job).await.expect("readable").is_some();

@@ -153,7 +153,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     let coming_in = files.incoming();
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
-    store.finish(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
+    store.end(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
     let unknown = JobId::random();
     for (job, attempt) in [(succeeded, 1), (succeeded, 7), (waiting, 1), (unknown, 1)] {
         write(files.result(job, attempt, REPORT_JSON.file), b"{}").await.expect("written");

@@ -1,32 +1,59 @@
-//! Claims: which jobs a worker gets.
+//! Claims: which jobs a worker gets, and what starts alone after a crash. The [queue](super) has the reasons.
 
 use std::collections::{BTreeMap, HashMap};
+use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use super::crash::{Allowed, allowed};
-use super::rules::Rules;
-use super::view::{Tenant, View};
+use super::job::{Rules, Standing};
+
+/// What a store loads for a claim, in the transaction of the claim. One claim at a time sees the queue.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct View {
+    /// The tenants with waiting jobs, in any order.
+    pub tenants: Vec<Tenant>,
+    /// The latest start of a turn of any tenant: the largest `served`, 0 when there is none.
+    pub clock: f64,
+    pub mine: Vec<Standing>,
+    /// Whether no other worker comes before this one by (number of running jobs, id). Only workers count that run a
+    /// job, and no suspect. True in a store of one worker.
+    pub is_least_busy: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Tenant {
+    pub name: String,
+    /// Its jobs that run, on any worker.
+    pub running: u64,
+    /// When its next turn starts, in virtual time: `next` of its last [`Turn`], 0 before the first one.
+    pub next: f64,
+    /// Its first waiting jobs that are no suspects, by urgency, then by number: as many as are claimed, if there are.
+    pub waiting: Vec<Waiting>,
+    /// Of its waiting suspects the one with the earliest `not_before`, then the smallest number.
+    pub suspect: Option<Suspect>,
+}
+
+/// A waiting job. The order is that in which a tenant's jobs are claimed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Waiting {
+    pub urgency: i16,
+    pub number: i64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Suspect {
+    pub number: i64,
+    pub crashes: u32,
+    pub not_before: SystemTime,
+}
 
 /// What the operator grants a tenant of the queue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Share {
-    /// At least 1: a tenant of weight 2 gets twice as many running jobs as one of weight 1.
-    pub weight: u32,
+    /// A tenant of weight 2 gets twice as many running jobs as one of weight 1, the default.
+    pub weight: Option<NonZeroU32>,
     /// Jobs that may run at a time; any number when none.
     pub max_running: Option<u64>,
-}
-
-impl Default for Share {
-    fn default() -> Self {
-        Self { weight: 1, max_running: None }
-    }
-}
-
-impl Share {
-    fn weight(self) -> f64 {
-        f64::from(self.weight.max(1))
-    }
 }
 
 /// The shares of all tenants; a tenant that is not in it has the default share.
@@ -65,7 +92,7 @@ pub(crate) fn claim(view: View, claiming: &Claiming, rules: &Rules, now: SystemT
     let Claiming { limit, newcomers, shares, .. } = claiming;
     let mut fair = Fair { view, shares, turns: BTreeMap::new() };
     let mut numbers = Vec::new();
-    let again = match allowed(&fair.view, *limit, |tenant| fair.is_below_limit(tenant), rules, now) {
+    let again = match fair.allowed(*limit, rules, now) {
         Allowed::Nothing(until) => Some(until),
         Allowed::Suspect(index) => {
             numbers.extend(fair.view.tenants[index].suspect.map(|suspect| suspect.number));
@@ -100,8 +127,42 @@ impl Fair<'_> {
         self.shares.get(&tenant.name).copied().unwrap_or_default()
     }
 
+    fn weight(&self, tenant: &Tenant) -> f64 {
+        self.share(tenant).weight.map_or(1.0, |weight| weight.get().into())
+    }
+
     fn is_below_limit(&self, tenant: &Tenant) -> bool {
         self.share(tenant).max_running.is_none_or(|most| tenant.running < most)
+    }
+
+    /// What suspects let the worker claim now; `limit` is 0 when it is full.
+    fn allowed(&self, limit: usize, rules: &Rules, now: SystemTime) -> Allowed {
+        let view = &self.view;
+        // times that are further away than they can be come from a clock that was set back: they are over
+        let is_alone = |job: &&Standing| job.suspicion > 0 && job.started_at.is_some_and(|start| start <= now);
+        let until =
+            view.mine.iter().filter(is_alone).filter_map(|job| Some(job.started_at? + alone(job.suspicion))).max();
+        if let Some(until) = until.filter(|until| *until > now) {
+            return Allowed::Nothing(until);
+        }
+        let waiting = view.tenants.iter().enumerate().filter(|(_, tenant)| self.is_below_limit(tenant));
+        let waiting = waiting.filter_map(|(index, tenant)| {
+            let suspect = tenant.suspect.as_ref()?;
+            let is_in_reach = suspect.not_before <= now + rules.crash_pause;
+            let start = if is_in_reach { suspect.not_before } else { SystemTime::UNIX_EPOCH };
+            Some((start, suspect.number, suspect.crashes, index))
+        });
+        let Some((start, _, crashes, index)) = waiting.min() else { return Allowed::Others(None) };
+        let latest = start + alone(crashes);
+        if start > now {
+            Allowed::Others(Some(start))
+        } else if limit > 0 && (view.mine.is_empty() || latest <= now) {
+            Allowed::Suspect(index)
+        } else if latest > now && view.is_least_busy {
+            Allowed::Nothing(latest)
+        } else {
+            Allowed::Others((latest > now).then_some(latest))
+        }
     }
 
     /// The tenant that is next.
@@ -109,7 +170,7 @@ impl Fair<'_> {
         let candidates = self.view.tenants.iter().enumerate().filter_map(|(index, tenant)| {
             let is_entitled = self.is_below_limit(tenant) && (!is_for_newcomer || tenant.running == 0);
             let job = tenant.waiting.first().filter(|_| is_entitled)?;
-            let place = tenant.running as f64 / self.share(tenant).weight();
+            let place = tenant.running as f64 / self.weight(tenant);
             Some((place, tenant.next.max(self.view.clock), job, index))
         });
         let first = candidates.min_by(|(place, start, job, _), (other_place, other_start, other_job, _)| {
@@ -119,7 +180,7 @@ impl Fair<'_> {
     }
 
     fn serve(&mut self, index: usize) {
-        let weight = self.share(&self.view.tenants[index]).weight();
+        let weight = self.weight(&self.view.tenants[index]);
         let tenant = &mut self.view.tenants[index];
         self.view.clock = tenant.next.max(self.view.clock);
         tenant.running += 1;
@@ -127,4 +188,21 @@ impl Fair<'_> {
         let turn = Turn { tenant: tenant.name.clone(), served: self.view.clock, next: tenant.next };
         self.turns.insert(index, turn);
     }
+}
+
+/// For how long at most a worker that has other jobs waits for them before it starts a suspect of that many crashes;
+/// and for how long after the start it claims nothing else. At most 22 days.
+pub(super) fn alone(crashes: u32) -> Duration {
+    Duration::from_secs(30 << crashes.saturating_sub(1).min(16))
+}
+
+/// What suspects let a worker claim.
+#[derive(Debug, PartialEq)]
+enum Allowed {
+    /// Nothing until then, as a suspect runs alone, or is to.
+    Nothing(SystemTime),
+    /// Only the suspect of the tenant at this index.
+    Suspect(usize),
+    /// Jobs that are no suspects. The next suspect may start at that time, if one waits.
+    Others(Option<SystemTime>),
 }

@@ -1,13 +1,12 @@
-//! A job as the rules see it, and its changes.
+//! A job as the rules see it, its changes, and what the operator allows.
 
+use std::fmt::Display;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use serde::{Deserialize, Serialize};
-use tesserae_mesh::error::Error;
+use tesserae_mesh::error::{Error, Kind, Result};
 use utoipa::ToSchema;
-
-use super::rules::{Rules, given_up, lease_is_over};
 
 /// Where a job is in its life.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -42,10 +41,7 @@ impl State {
 
     /// Whether nothing about the job will change any more.
     pub fn is_ended(self) -> bool {
-        match self {
-            State::Queued | State::Running => false,
-            State::Succeeded | State::Failed | State::Cancelled => true,
-        }
+        !matches!(self, State::Queued | State::Running)
     }
 }
 
@@ -93,7 +89,7 @@ pub(crate) enum Change {
     },
     /// Its lease is over, but the worker is alive: it stood still.
     LeaseOver,
-    /// The worker crashed, and whether that counts: see [`crashed`](super::crashed).
+    /// The worker crashed, and whether that counts: see [`crashed`].
     Crashed {
         counts: bool,
     },
@@ -106,8 +102,7 @@ pub(crate) enum Change {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum What {
     Queued,
-    /// It runs: the number of the attempt, and the worker. Iterations and rounds up to the next state are of this
-    /// attempt.
+    /// It runs: the number of the attempt, which also made the iterations and rounds up to the next state; the worker.
     Started(u32, String),
     /// An iteration was made: the report's row, as JSON text in one line.
     Iteration(String),
@@ -117,14 +112,49 @@ pub(crate) enum What {
     End(State, Option<Error>),
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Rules {
+    pub max_queued: usize,
+    /// Counted attempts after which a job that keeps being given back has failed.
+    pub max_attempts: u32,
+    /// Pause of a suspect after each crash, so that a supervisor does not take crashes for a service that cannot start.
+    pub crash_pause: Duration,
+}
+
+impl Rules {
+    /// [`Kind::QueueFull`] when as many jobs wait as may, or `most` of the tenant.
+    pub fn check_room(&self, waiting: u64, own: u64, most: Option<u64>) -> Result<()> {
+        let full = |whose: &str, most: u64| {
+            Err(Error::new(Kind::QueueFull, format_args!("as many jobs{whose} wait as may; try again later: {most}")))
+        };
+        match most {
+            _ if waiting >= self.max_queued as u64 => full("", self.max_queued as u64),
+            Some(most) if own >= most => full(" of this tenant", most),
+            _ => Ok(()),
+        }
+    }
+}
+
 impl Standing {
     /// The job after a change, and the event if the state changed; the state where the change is not allowed.
     pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<What>), State> {
         if !self.allows(&change) {
             return Err(self.state);
         }
-        let after = match change {
-            Change::Claim(worker, lease) => self.claimed(&worker, lease, now),
+        Ok(match change {
+            Change::Claim(worker, lease) => {
+                let attempt = self.attempt + 1;
+                let claimed = Self {
+                    state: State::Running,
+                    attempt,
+                    has_begun: self.is_small,
+                    not_before: None,
+                    started_at: Some(now),
+                    lease_until: Some(now + lease),
+                    ..self
+                };
+                (claimed, Some(What::Started(attempt, worker.to_string())))
+            }
             Change::Begin(_) => (Self { has_begun: true, ..self }, None),
             Change::Heartbeat(_, lease) => (Self { lease_until: Some(now + lease), ..self }, None),
             Change::Release { fault, .. } => self.given_back(fault, rules, now),
@@ -140,9 +170,12 @@ impl Standing {
                 Self { cancel_requested: true, ..self }.ended(State::Cancelled, None)
             }
             Change::Cancel => (Self { cancel_requested: true, ..self }, None),
-            Change::Retry => self.retried(now),
-        };
-        Ok(after)
+            Change::Retry => {
+                // no attempt is counted; a suspect still starts alone, as after one crash
+                let suspicion = self.suspicion.min(1);
+                Self { uncounted: self.attempt, suspicion, cancel_requested: false, ..self }.queued(now)
+            }
+        })
     }
 
     /// Whether the state allows a change, and no earlier attempt names it.
@@ -157,20 +190,6 @@ impl Standing {
             Change::Cancel => true,
             Change::Retry => self.state == State::Failed,
         }
-    }
-
-    fn claimed(self, worker: &str, lease: Duration, now: SystemTime) -> (Self, Option<What>) {
-        let attempt = self.attempt + 1;
-        let claimed = Self {
-            state: State::Running,
-            attempt,
-            has_begun: self.is_small,
-            not_before: None,
-            started_at: Some(now),
-            lease_until: Some(now + lease),
-            ..self
-        };
-        (claimed, Some(What::Started(attempt, worker.to_string())))
     }
 
     /// Puts the job back to its place in the queue, or ends it where that was requested, or where as many attempts
@@ -188,12 +207,6 @@ impl Standing {
         }
     }
 
-    /// Lets a failed job wait again, with no attempt counted. A suspect still starts alone, as after one crash.
-    fn retried(self, now: SystemTime) -> (Self, Option<What>) {
-        let suspicion = self.suspicion.min(1);
-        Self { uncounted: self.attempt, suspicion, cancel_requested: false, ..self }.queued(now)
-    }
-
     fn queued(self, not_before: SystemTime) -> (Self, Option<What>) {
         let not_before = (self.suspicion > 0).then_some(not_before);
         (Self { state: State::Queued, has_begun: false, not_before, lease_until: None, ..self }, Some(What::Queued))
@@ -202,4 +215,29 @@ impl Standing {
     fn ended(self, state: State, problem: Option<Error>) -> (Self, Option<What>) {
         (Self { state, not_before: None, lease_until: None, ..self }, Some(What::End(state, problem)))
     }
+}
+
+/// The changes of the jobs of a worker that crashed. It counts only if one job had begun: the one possible cause.
+pub(crate) fn crashed(jobs: &[Standing]) -> Vec<Change> {
+    let begun = jobs.iter().filter(|job| job.has_begun).count();
+    jobs.iter().map(|job| Change::Crashed { counts: job.has_begun && begun == 1 }).collect()
+}
+
+fn given_up(attempts: u32, last: &Error) -> Error {
+    Error::new(
+        Kind::Poison,
+        format_args!(
+            "the job was given up after {attempts} attempt{}, of which the last failed: {last}; its upload is kept \
+             until the job is deleted: to run it again, POST to its path followed by /retry",
+            if attempts == 1 { "" } else { "s" }
+        ),
+    )
+}
+
+fn lease_is_over() -> Error {
+    Error::new(Kind::Unavailable, "the service ended, or stood still, while the job ran")
+}
+
+pub(crate) fn not_yours(job: impl Display) -> Error {
+    Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {job}"))
 }

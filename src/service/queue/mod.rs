@@ -33,35 +33,20 @@
 //! 1. The jobs that had begun when their worker crashed become *suspects*: any of them may have killed it. The others
 //!    wait again without any mark.
 //! 2. The crash counts as an attempt only if a single job had begun ([`crashed`]).
-//! 3. A suspect starts alone, after a pause. The worker waits until its other jobs have ended, and claims nothing else
-//!    while the suspect runs. Both last 30 seconds at most after the first crash, and twice as long after each further
-//!    one (`crash::alone`). In a farm, the worker with the fewest running jobs waits; the others go on.
+//! 3. A suspect starts alone, after a pause that is always the same; several start one after the other. The worker
+//!    waits until its other jobs have ended, and claims nothing else while the suspect runs. Both last 30 seconds at
+//!    most after the first crash, and twice as long after each further one (`claim::alone`), even one that counts for
+//!    none. In a farm, the worker with the fewest running jobs waits, without a reservation; the others go on.
 //!
 //! So a crash never counts for a neighbour of the job that caused it. A job that kills its worker some time after its
 //! start crashes until the time alone is longer than that, and then each crash counts: it is given up. A job of hours
-//! holds its worker up for half a minute, unless it was in many crashes.
-//!
-//! Time alone is bounded, so a worker that is never idle starts a suspect, too.
-//!
-//! Cases without a rule of their own:
-//!
-//! | case | what happens |
-//! |---|---|
-//! | a crash while several jobs ran, one of them a suspect | counts for none; each is alone for longer next time |
-//! | several suspects of one crash | start one after the other, each alone |
-//! | many crashes of one job | the pause stays the same; the time alone doubles |
-//! | several workers that could wait for a suspect | no reservation: the one with the fewest jobs waits |
+//! holds its worker up for half a minute, unless it was in many crashes. A worker that is never idle starts a suspect,
+//! too, as the time alone is bounded.
 
 mod claim;
-mod crash;
 mod job;
-mod rules;
 #[cfg(test)]
 pub(crate) mod tests;
-mod view;
 
-pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Turn, claim};
-pub(crate) use self::crash::crashed;
-pub(crate) use self::job::{Change, Standing, State, What};
-pub(crate) use self::rules::{Rules, not_yours};
-pub(crate) use self::view::{Suspect, Tenant, View, Waiting};
+pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Suspect, Tenant, Turn, View, Waiting, claim};
+pub(crate) use self::job::{Change, Rules, Standing, State, What, crashed, not_yours};

@@ -1,6 +1,4 @@
-//! A change of jobs: its transaction, and the row of a job that changes.
-//!
-//! [`queue`](crate::queue) says what a change makes of a job; this writes the row and the events.
+//! A change of jobs: its transaction, rows and events. [`queue`](crate::queue) says what it makes of a job.
 
 use std::time::SystemTime;
 
@@ -35,16 +33,10 @@ macro_rules! jobs {
 }
 pub(in crate::store) use jobs;
 
-/// A job, from a row that [`jobs!`] selected.
+/// A job, from a row of all columns and `queue_position`.
 pub fn job(row: &Row) -> Result<Job> {
-    Ok(Job { queue_position: row.get("queue_position")?, ..unplaced(row)? })
-}
-
-/// A job without its place in the queue.
-pub fn unplaced(row: &Row) -> Result<Job> {
     Ok(read!(row, Job {
-        id, state, attempt, worker, cancel_requested, created_at, started_at, ended_at;
-        queue_position: None,
+        id, state, queue_position, attempt, worker, cancel_requested, created_at, started_at, ended_at;
         spec: row.json("spec")?,
         progress: row.json("progress")?,
         problem: row.json("problem")?,
@@ -59,15 +51,10 @@ pub fn standing(row: &Row) -> Result<Standing> {
     }))
 }
 
-const FIND: &str = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
-
 const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, begun = $5, suspicion = $6, \
     not_before = $7, started_at = $8, lease_until = $9, cancel_requested = $10, worker = $11, worker_id = $12, \
     last_seq = $13, ends = $14, problem = $15, summary = $16, ended_at = $17, progress = coalesce($18, progress) \
     WHERE number = $1";
-
-const NOTICE: &str = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
-    VALUES ($1, $2, $3, $4, $5, $6, $7)";
 
 pub struct Live {
     pub id: JobId,
@@ -100,16 +87,14 @@ impl Live {
 impl Transaction<'_> {
     /// Now by the clock of the store: one moment for all that the change does.
     pub fn now(&mut self) -> Result<SystemTime, Abort> {
-        let now = match self.now {
-            Some(now) => now,
-            None => self.rows.now()?,
-        };
+        let now = self.now.map_or_else(|| self.rows.now(), Ok)?;
         Ok(*self.now.insert(now))
     }
 
     /// The job of that id, locked.
     pub fn find(&mut self, id: JobId) -> Result<Option<Live>, Abort> {
-        Ok(self.rows.first(FIND, values![id])?.as_ref().map(Live::of).transpose()?)
+        let sql = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
+        Ok(self.rows.first(sql, values![id])?.as_ref().map(Live::of).transpose()?)
     }
 
     /// The job after a change, or [`Kind::Conflict`](tesserae_mesh::Kind::Conflict) where the rules do not allow it.
@@ -121,8 +106,7 @@ impl Transaction<'_> {
             Change::Crashed { counts } => counts,
             _ => false,
         };
-        let after = before.apply(change, &self.rules, now);
-        let (standing, event) = after.map_err(|_| not_yours(live.id))?;
+        let (standing, event) = before.apply(change, &self.rules, now).map_err(|_| not_yours(live.id))?;
         if standing == before && event.is_none() {
             return Ok(live);
         }
@@ -133,7 +117,7 @@ impl Transaction<'_> {
         }
         let rest = ending.and_then(|ending| ending.rest.as_ref());
         let whats = rest.into_iter().flat_map(|(events, _)| events).chain(&event);
-        self.tell(live.number, &mut live.last_seq, whats)?;
+        live.last_seq = self.tell(live.number, live.last_seq, whats)?;
         let mut end = vec![Value::Null; 4];
         match &event {
             Some(What::Queued) => live.worker_id = None,
@@ -146,15 +130,15 @@ impl Transaction<'_> {
                 let progress = rest.map(|(_, progress)| json(progress)).transpose()?;
                 let text = problem.as_ref().map(json).transpose()?;
                 end = values![text, summary, now, progress];
-                self.ended(&live, problem.as_ref(), ending, now)?;
+                self.ended(&live, problem.as_ref(), ending.map_or(&[], |ending| &ending.result))?;
             }
             _ => {}
         }
         let Standing { state, attempt, uncounted, has_begun, suspicion, .. } = standing;
         let Standing { not_before, started_at, lease_until, cancel_requested, .. } = standing;
         let mut values = values![live.number, state, attempt, uncounted, has_begun, suspicion, not_before, started_at];
-        let (worker, seq) = (live.worker.clone(), live.last_seq);
-        values.extend(values![lease_until, cancel_requested, worker, live.worker_id, seq, live.ends]);
+        values.extend(values![lease_until, cancel_requested, live.worker.clone(), live.worker_id]);
+        values.extend(values![live.last_seq, live.ends]);
         values.extend(end);
         self.rows.write(SAVE, values)?;
         self.effects.arrivals |= matches!(event, Some(What::Queued | What::End(..)));
@@ -165,25 +149,21 @@ impl Transaction<'_> {
     }
 
     /// Writes the blobs of an ended job and its notice.
-    fn ended(
-        &mut self,
-        live: &Live,
-        problem: Option<&Error>,
-        ending: Option<&Ending>,
-        now: SystemTime,
-    ) -> Result<(), Abort> {
+    fn ended(&mut self, live: &Live, problem: Option<&Error>, result: &[SmallBlob]) -> Result<(), Abort> {
         if let Some((webhook, trace_parent)) = &live.webhook {
-            let (state, problem) = (live.standing.state, problem.map(json).transpose()?);
+            let (state, problem, now) = (live.standing.state, problem.map(json).transpose()?, self.now()?);
             let notice = values![live.id, &**webhook, trace_parent.clone(), state, problem, now, live.ends];
             self.rows.write("DELETE FROM notices WHERE job = $1", values![live.id])?;
-            self.rows.write(NOTICE, notice)?;
+            let sql = "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
+                VALUES ($1, $2, $3, $4, $5, $6, $7)";
+            self.rows.write(sql, notice)?;
             self.effects.endings = true;
         }
         // a job that was given up may be run again
         if !keeps_upload(problem) {
             self.rows.write("DELETE FROM blobs WHERE job = $1", values![live.number])?;
         }
-        self.keep(live.number, ending.map_or(&[], |ending| &ending.result))
+        self.keep(live.number, result)
     }
 
     /// Keeps small blobs of a job.
@@ -195,20 +175,15 @@ impl Transaction<'_> {
         Ok(())
     }
 
-    /// Appends events to those of a job. The caller writes the last number to its row.
-    pub fn tell<'w>(
-        &mut self,
-        job: i64,
-        last_seq: &mut u64,
-        whats: impl IntoIterator<Item = &'w What>,
-    ) -> Result<(), Abort> {
+    /// Appends events to those of a job; the number of the last one, which the caller writes to its row.
+    pub fn tell<'w>(&mut self, job: i64, mut seq: u64, whats: impl Iterator<Item = &'w What>) -> Result<u64, Abort> {
         for what in whats {
-            *last_seq += 1;
+            seq += 1;
             let (kind, data) = what.columns()?;
             let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
-            self.rows.write(sql, values![job, *last_seq, kind, data])?;
+            self.rows.write(sql, values![job, seq, kind, data])?;
         }
-        Ok(())
+        Ok(seq)
     }
 
     /// Wakes the tasks that wait for the job, after the commit.

@@ -1,8 +1,6 @@
-//! Claims, and jobs of workers that were lost.
-//!
-//! A worker whose leases are all over is lost, with all its jobs: the rules see them together. A job whose lease is
-//! over although its worker lives was given up by that worker. While the server of the database was stopped, no worker
-//! could prolong a lease, so a lease that was over when the server started is valid for another term.
+//! Claims, and jobs of lost workers. A worker whose leases are all over is lost, with all its jobs: the rules see them
+//! together. A job whose lease is over although its worker lives was given up by that worker. While the server of the
+//! database was stopped, no worker could prolong a lease: one that was over at its start is valid for another term.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering::Relaxed;
@@ -10,8 +8,8 @@ use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::error::{Error, Kind, Result};
 
-use super::change::{Live, Transaction, standing, unplaced};
-use super::database::{Abort, Query, Row, values};
+use super::change::{Live, Transaction, job, standing};
+use super::database::{Abort, Query, Row, read, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
 use crate::queue::{self, Change, Claiming, Picks, Standing, Suspect, Tenant, Turn, View, Waiting, crashed};
@@ -21,44 +19,17 @@ const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
         SELECT min(tenant) FROM jobs WHERE state = 'queued' \
         UNION ALL SELECT (SELECT min(tenant) FROM jobs WHERE state = 'queued' AND tenant > names.tenant) \
         FROM names WHERE names.tenant IS NOT NULL\
-    ) SELECT names.tenant AS tenant, \
+    ) SELECT names.tenant AS name, \
         (SELECT count(*) FROM jobs WHERE state = 'running' AND tenant = names.tenant) AS running, \
         coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next, \
         coalesce((SELECT max(served) FROM tenants), 0.0) AS clock \
     FROM names WHERE names.tenant IS NOT NULL";
-
-const WAITS: &str = "SELECT number FROM jobs WHERE state = 'queued' LIMIT 1";
 
 const WAITING: &str = "SELECT number, urgency FROM jobs WHERE state = 'queued' AND suspicion = 0 AND tenant = $1 \
     ORDER BY urgency, number LIMIT $2";
 
 const SUSPECT: &str = "SELECT number, suspicion, not_before FROM jobs WHERE state = 'queued' AND suspicion > 0 \
     AND tenant = $1 ORDER BY not_before, number LIMIT 1";
-
-const MINE: &str = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
-
-/// Workers that run jobs, and no suspect.
-const BUSY: &str = "SELECT worker_id, count(*) AS jobs FROM jobs WHERE state = 'running' \
-    GROUP BY worker_id HAVING max(suspicion) = 0";
-
-/// A job that was picked, unless a client ended it meanwhile.
-const PICKED: &str = "SELECT * FROM jobs WHERE number = $1 AND state = 'queued' FOR UPDATE";
-
-const TURN: &str = "INSERT INTO tenants (name, served, next) VALUES ($1, $2, $3) \
-    ON CONFLICT (name) DO UPDATE SET served = excluded.served, next = excluded.next";
-
-/// A turn that is over is the same as none.
-const FORGET: &str = "DELETE FROM tenants WHERE next < (SELECT max(served) FROM tenants)";
-
-const ALIVE: &str = "INSERT INTO workers (id, name, version, started_at, seen_at, lease, alive_until) \
-    VALUES ($1, $2, $3, $4, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
-    seen_at = excluded.seen_at, lease = excluded.lease, alive_until = CASE \
-        WHEN workers.alive_until < excluded.alive_until THEN excluded.alive_until ELSE workers.alive_until END";
-
-/// Running jobs whose lease is over, and what is known of their workers.
-const OVER: &str = "SELECT *, (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
-    (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
-    FROM jobs WHERE state = 'running' AND lease_until <= $1 FOR UPDATE";
 
 /// A claimed job with its ticket, and the number of its last event.
 type Taken = (Ticket, u64, Job);
@@ -68,7 +39,8 @@ impl Store {
     /// until a job that was passed over may be claimed, if that needs time only.
     pub async fn claim_as(&self, claiming: Claiming) -> Result<(Vec<(Ticket, Job)>, Option<Duration>)> {
         // without the lock of the queue: an arrival wakes all workers
-        if self.is_idle.load(Relaxed) && self.query("look", WAITS, Vec::new()).await?.is_empty() {
+        let waits = "SELECT number FROM jobs WHERE state = 'queued' LIMIT 1";
+        if self.is_idle.load(Relaxed) && self.query("look", waits, Vec::new()).await?.is_empty() {
             return Ok((Vec::new(), None));
         }
         let (is_alone, lease) = (!self.is_shared(), claiming.lease);
@@ -127,53 +99,62 @@ fn claim(
     if numbers.is_empty() {
         return Ok((Vec::new(), wait));
     }
-    let picked: Vec<Query> = numbers.into_iter().map(|number| (PICKED, values![number])).collect();
+    // none where a client ended the job meanwhile
+    let sql = "SELECT *, NULL AS queue_position FROM jobs WHERE number = $1 AND state = 'queued' FOR UPDATE";
+    let picked: Vec<Query> = numbers.into_iter().map(|number| (sql, values![number])).collect();
     let Claiming { worker, lease, .. } = claiming;
     let mut taken = Vec::new();
     for row in change.rows.all(&picked)?.iter().flatten() {
         let live = change.apply(Live::of(row)?, Change::Claim(worker.clone(), *lease), None)?;
         let Standing { state, attempt, started_at, .. } = live.standing;
-        let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..unplaced(row)? };
+        let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..job(row)? };
         taken.push((live.ticket(), live.last_seq, job));
     }
     for Turn { tenant, served, next } in turns {
-        change.rows.write(TURN, values![tenant, served, next])?;
+        let sql = "INSERT INTO tenants (name, served, next) VALUES ($1, $2, $3) \
+            ON CONFLICT (name) DO UPDATE SET served = excluded.served, next = excluded.next";
+        change.rows.write(sql, values![tenant, served, next])?;
     }
+    let sql = "INSERT INTO workers (id, name, version, started_at, seen_at, lease, alive_until) \
+        VALUES ($1, $2, $3, $4, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
+        seen_at = excluded.seen_at, lease = excluded.lease, alive_until = CASE \
+            WHEN workers.alive_until < excluded.alive_until THEN excluded.alive_until ELSE workers.alive_until END";
     let version = env!("CARGO_PKG_VERSION");
-    change.rows.write(ALIVE, values![change.me, &**worker, version, now, *lease, now + *lease])?;
+    change.rows.write(sql, values![change.me, &**worker, version, now, *lease, now + *lease])?;
     Ok((taken, wait))
 }
 
 fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<View, Abort> {
     let (me, most) = (change.me, claiming.limit + claiming.newcomers);
-    let found = change.rows.all(&[(TENANTS, Vec::new()), (MINE, values![me])])?;
+    let mine = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
+    let found = change.rows.all(&[(TENANTS, Vec::new()), (mine, values![me])])?;
     let [names, mine] = &found[..] else { return Err(Abort::Broken(Error::new(Kind::Internal, "a query is lost"))) };
     let clock = names.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
     let mut queries = Vec::<Query>::new();
     for row in names {
-        queries.push((WAITING, values![row.get::<String>("tenant")?, most]));
-        queries.push((SUSPECT, values![row.get::<String>("tenant")?]));
+        queries.push((WAITING, values![row.get::<String>("name")?, most]));
+        queries.push((SUSPECT, values![row.get::<String>("name")?]));
     }
     let heads = change.rows.all(&queries)?;
     let mut tenants = Vec::new();
     for (row, heads) in names.iter().zip(heads.chunks(2)) {
-        let waiting =
-            |row: &Row| -> Result<_> { Ok(Waiting { urgency: row.get("urgency")?, number: row.get("number")? }) };
+        let waiting = |row: &Row| -> Result<_> { Ok(read!(row, Waiting { urgency, number; })) };
         let suspect = |row: &Row| -> Result<_> {
             let not_before = row.get::<Option<_>>("not_before")?.unwrap_or(SystemTime::UNIX_EPOCH);
             Ok(Suspect { number: row.get("number")?, crashes: row.get("suspicion")?, not_before })
         };
-        tenants.push(Tenant {
-            name: row.get("tenant")?,
-            running: row.get("running")?,
-            next: row.get("next")?,
+        tenants.push(read!(row, Tenant {
+            name, running, next;
             waiting: heads[0].iter().map(waiting).collect::<Result<_>>()?,
             suspect: heads[1].first().map(suspect).transpose()?,
-        });
+        }));
     }
     let is_least_busy = is_alone || tenants.iter().all(|tenant| tenant.suspect.is_none()) || {
         let load = (mine.len() as u64, me.to_string());
-        let busy = change.rows.query(BUSY, Vec::new())?;
+        // workers that run jobs, and no suspect
+        let sql = "SELECT worker_id, count(*) AS jobs FROM jobs WHERE state = 'running' \
+            GROUP BY worker_id HAVING max(suspicion) = 0";
+        let busy = change.rows.query(sql, Vec::new())?;
         let loads = busy.iter().map(|row| Ok((row.get("jobs")?, row.get("worker_id")?)));
         loads.collect::<Result<Vec<(u64, String)>>>()?.iter().all(|other| load <= *other)
     };
@@ -184,8 +165,12 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
 fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
     change.rows.lock_queue(false)?;
     let now = change.now()?;
-    change.rows.write(FORGET, Vec::new())?;
-    let rows = change.rows.query(OVER, values![now])?;
+    // a turn that is over is the same as none
+    change.rows.write("DELETE FROM tenants WHERE next < (SELECT max(served) FROM tenants)", Vec::new())?;
+    let sql = "SELECT *, (SELECT lease FROM workers WHERE id = worker_id) AS lease, \
+        (SELECT alive_until FROM workers WHERE id = worker_id) AS alive_until \
+        FROM jobs WHERE state = 'running' AND lease_until <= $1 FOR UPDATE";
+    let rows = change.rows.query(sql, values![now])?;
     if rows.is_empty() {
         return Ok(Vec::new());
     }

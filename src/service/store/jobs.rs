@@ -6,47 +6,34 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
-use super::change::{Live, Transaction, job, jobs, unplaced};
+use super::change::{Live, Transaction, job, jobs};
 use super::database::{Abort, Rows, json, values};
 use super::job::{Job, JobId, Progress, Ticket, no_such_job, not_failed};
 use super::listeners::marked;
 use super::store::Store;
-#[cfg(test)]
-use super::terms::End;
 use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse};
 use crate::queue::{Change, Rules, State, What, not_yours};
 
-const KNOWN: &str = jobs!("WHERE tenant = $1 AND idempotency_key = $2");
-
-const BY_ID: &str = jobs!("WHERE id = $1");
-
-/// Counts the jobs that wait, to the limit at most.
-const WAITING: &str = "SELECT count(*) AS jobs FROM (SELECT 1 FROM jobs WHERE state = 'queued' LIMIT $1) AS waiting";
-
-const CREATE: &str = "INSERT INTO jobs (id, tenant, state, spec, webhook, is_small, progress, idempotency_key, \
-    request_digest, created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, $10, 1) \
-    ON CONFLICT DO NOTHING RETURNING *";
-
-/// The waiting jobs of a tenant, and the place of a new one among them.
-const OF_TENANT: &str = "SELECT count(*) AS jobs, \
-    1 + coalesce(sum(CASE WHEN urgency <= $2 THEN 1 ELSE 0 END), 0) AS place \
-    FROM jobs WHERE state = 'queued' AND tenant = $1";
-
 /// The place of a job that is to wait, of which the tenant may have `most`. [`Kind::QueueFull`] when there is none.
 fn place(rows: &mut dyn Rows, rules: &Rules, tenant: &str, most: Option<u64>, urgency: i16) -> Result<u64, Abort> {
-    let all = rows.one(WAITING, values![rules.max_queued])?;
-    let own = rows.one(OF_TENANT, values![tenant, urgency])?;
+    // no more are counted than may wait
+    let sql = "SELECT count(*) AS jobs FROM (SELECT 1 FROM jobs WHERE state = 'queued' LIMIT $1) AS waiting";
+    let all = rows.one(sql, values![rules.max_queued])?;
+    let sql = "SELECT count(*) AS jobs, 1 + coalesce(sum(CASE WHEN urgency <= $2 THEN 1 ELSE 0 END), 0) AS place \
+        FROM jobs WHERE state = 'queued' AND tenant = $1";
+    let own = rows.one(sql, values![tenant, urgency])?;
     rules.check_room(all.get("jobs")?, own.get("jobs")?, most)?;
     Ok(own.get("place")?)
 }
 
 fn find(rows: &mut dyn Rows, id: JobId) -> Result<Option<Job>, Abort> {
-    Ok(rows.first(BY_ID, values![id])?.as_ref().map(job).transpose()?)
+    Ok(rows.first(jobs!("WHERE id = $1"), values![id])?.as_ref().map(job).transpose()?)
 }
 
 fn known(rows: &mut dyn Rows, tenant: &str, wanted: Option<&Idempotency>) -> Result<Option<Job>, Abort> {
     let Some(Idempotency { key, request }) = wanted else { return Ok(None) };
-    let Some(row) = rows.first(KNOWN, values![tenant, &**key])? else { return Ok(None) };
+    let sql = jobs!("WHERE tenant = $1 AND idempotency_key = $2");
+    let Some(row) = rows.first(sql, values![tenant, &**key])? else { return Ok(None) };
     if row.get::<String>("request_digest")? == *request {
         return Ok(Some(job(&row)?));
     }
@@ -68,8 +55,8 @@ impl Store {
     }
 
     /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may, of all tenants or of its own,
-    /// which services that share a database count at once; [`Kind::KeyReused`] when its
-    /// key stands for another request. When this returns, the job is as durable as anything in this store.
+    /// which services that share a database count at once; [`Kind::KeyReused`] when its key stands for another request.
+    /// When this returns, the job is as durable as anything in this store.
     pub async fn create(&self, new: NewJob) -> Result<Created> {
         self.change("create", move |change| create(change, &new)).await
     }
@@ -101,29 +88,22 @@ impl Store {
         outcome
     }
 
-    /// The worker begins to read the mesh: from now on the attempt counts. Small uploads begin with their claim.
-    /// Nothing happens when the attempt has begun already.
+    /// The worker [begins](Change::Begin) to read the mesh. Small uploads begin with their claim.
     pub async fn begin(&self, ticket: Ticket) -> Result<()> {
-        let begin =
-            move |change: &mut Transaction<'_>, live| change.apply(live, Change::Begin(ticket.attempt), None).map(drop);
-        self.work("begin", ticket, false, begin).await
+        let begin = Change::Begin(ticket.attempt);
+        self.work("begin", ticket, false, move |change, live| change.apply(live, begin.clone(), None)).await.map(drop)
     }
 
-    /// Gives a running job back: it waits again, or has failed ([`Kind::Poison`]) after too many attempts, or is
-    /// cancelled where that was requested.
+    /// Gives a running job back: it waits, has failed ([`Kind::Poison`]) after too many attempts, or is cancelled.
     pub async fn release(&self, ticket: Ticket, fault: Option<Error>) -> Result<State> {
-        let release = move |change: &mut Transaction<'_>, live| {
-            let released =
-                change.apply(live, Change::Release { attempt: ticket.attempt, fault: fault.clone() }, None)?;
-            Ok(released.standing.state)
-        };
-        self.work("release", ticket, true, release).await
+        let release = Change::Release { attempt: ticket.attempt, fault };
+        let job = self.work("release", ticket, true, move |change, live| change.apply(live, release.clone(), None));
+        Ok(job.await?.standing.state)
     }
 
-    /// Ends a running job. Small blobs of its upload go, unless it is given up. Nothing happens where this worker ended
-    /// it so before: the answer to that was lost.
-    pub async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
-        let is_held = self.held.lock().contains_key(&ticket);
+    /// Ends a running job. Small blobs of its upload go, unless it is given up. Its worker may repeat it.
+    pub async fn end(&self, ticket: Ticket, ending: impl Into<Ending>) -> Result<()> {
+        let (ending, is_held) = (ending.into(), self.held.lock().contains_key(&ticket));
         let end = move |change: &mut Transaction<'_>, live: Live| {
             let (state, problem, _) = ending.end.parts();
             let is_mine = is_held && live.worker_id == Some(change.me) && live.ticket() == ticket;
@@ -136,13 +116,7 @@ impl Store {
         self.work("finish", ticket, true, end).await
     }
 
-    #[cfg(test)]
-    pub async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
-        self.end(ticket, end.into()).await
-    }
-
-    /// Appends events and replaces the progress. Nothing happens where they were appended before: the answer to that
-    /// was lost.
+    /// Appends events and replaces the progress. Repeated after a lost answer, it does nothing.
     pub async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
         let before = self.held.lock().get(&ticket).copied();
         let append = move |change: &mut Transaction<'_>, mut live: Live| {
@@ -152,7 +126,7 @@ impl Store {
             if before.is_some_and(|before| live.last_seq == before + events.len() as u64) {
                 return Ok(live.last_seq);
             }
-            change.tell(live.number, &mut live.last_seq, &events)?;
+            live.last_seq = change.tell(live.number, live.last_seq, events.iter())?;
             let sql = "UPDATE jobs SET progress = $2, last_seq = $3 WHERE number = $1";
             change.rows.write(sql, values![live.number, json(&progress)?, live.last_seq])?;
             change.pulse(&live);
@@ -218,8 +192,7 @@ impl Store {
         Ok(Some(receiver))
     }
 
-    /// Changes whenever a job may be claimed that could not be before: idle workers wait for it. Marked as changed from
-    /// the start.
+    /// Changes whenever a job may be claimed that could not be before, for idle workers. Marked as changed at first.
     pub fn arrivals(&self) -> watch::Receiver<()> {
         marked(&self.listeners.arrivals)
     }
@@ -241,7 +214,10 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     let mut values = values![*id, &*spec.tenant, json(spec)?, spec.webhook.clone(), spec.is_small];
     let (key, request) = (idempotency.map(|wanted| &*wanted.key), idempotency.map(|wanted| &*wanted.request));
     values.extend(values![json(&Progress::default())?, key, request, change.now()?, urgency]);
-    let Some(row) = change.rows.first(CREATE, values)? else {
+    let sql = "INSERT INTO jobs (id, tenant, state, spec, webhook, is_small, progress, idempotency_key, \
+        request_digest, created_at, urgency, last_seq) VALUES ($1, $2, 'queued', $3, $4, $5, $6, $7, $8, $9, $10, 1) \
+        ON CONFLICT DO NOTHING RETURNING *, NULL AS queue_position";
+    let Some(row) = change.rows.first(sql, values)? else {
         // this job was created before, and the answer was lost; or another service took the key in this moment
         if let Some(job) = find(change.rows, *id)? {
             return Ok(Created::New(job));
@@ -250,9 +226,9 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
         let gone = || Error::new(Kind::Unavailable, "the job was deleted in this moment; try again").into();
         return known.ok_or_else(gone);
     };
-    let job = Job { queue_position: Some(place), ..unplaced(&row)? };
+    let job = Job { queue_position: Some(place), ..job(&row)? };
     let number = row.get("number")?;
-    change.tell(number, &mut 0, [&What::Queued])?;
+    change.tell(number, 0, [What::Queued].iter())?;
     change.keep(number, upload)?;
     // no task can wait for a job that was not there
     change.effects.arrivals = true;

@@ -46,8 +46,8 @@ impl Kept {
         for artifact in made_of_input() {
             let named = artifact.forms.iter().find(|form| self.has(form));
             if let (Some(form), Some(what)) = (named, format.lacks(artifact)) {
-                let file = form.file;
-                return Err(Error::parameter(format_args!("{file} is made of {what}: leave it out of outputs")));
+                let why = format_args!("{} is made of {what}: leave it out of outputs", form.file);
+                return Err(Error::parameter(why));
             }
         }
         Ok(())

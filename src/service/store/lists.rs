@@ -11,18 +11,10 @@ use super::store::Store;
 use super::terms::{ListQuery, Page};
 use crate::queue::State;
 
-const COUNT: &str = "SELECT state, count(*) AS jobs FROM jobs WHERE ended_at IS NOT NULL GROUP BY state \
-    UNION ALL SELECT 'queued' AS state, count(*) AS jobs FROM jobs WHERE state = 'queued' \
-    UNION ALL SELECT 'running' AS state, count(*) AS jobs FROM jobs WHERE state = 'running'";
-
 /// A page of the jobs of a tenant.
 macro_rules! page {
     ($filter:literal) => {
-        jobs!(
-            "WHERE (created_at, id) < ($1, $2) AND tenant = $4 "
-            $filter
-            "ORDER BY created_at DESC, id DESC LIMIT $3"
-        )
+        jobs!("WHERE (created_at, id) < ($1, $2) AND tenant = $4 " $filter "ORDER BY created_at DESC, id DESC LIMIT $3")
     };
 }
 
@@ -36,13 +28,9 @@ fn position(cursor: &str) -> Result<(i64, String)> {
 }
 
 impl Store {
-    /// A page of jobs, newest first. A cursor that no page gave is
-    /// [`Kind::InvalidParameter`](tesserae_mesh::Kind::InvalidParameter).
+    /// A page of jobs, newest first; [`InvalidParameter`](tesserae_mesh::Kind::InvalidParameter) for a foreign cursor.
     pub async fn list(&self, list: &ListQuery) -> Result<Page> {
-        let (time, id) = match &list.cursor {
-            Some(cursor) => position(cursor)?,
-            None => (i64::MAX, String::new()),
-        };
+        let (time, id) = list.cursor.as_deref().map_or(Ok((i64::MAX, String::new())), position)?;
         // one more than the limit, to know whether there is another page
         let mut values = values![time, id, list.limit.saturating_add(1), &*list.tenant];
         // one text a filter, so that each has its index
@@ -77,7 +65,10 @@ impl Store {
     /// Number of jobs in each state, in the order of [`State::ALL`].
     pub async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
         let mut counts = [0; State::ALL.len()];
-        for row in self.query("counts", COUNT, Vec::new()).await? {
+        let sql = "SELECT state, count(*) AS jobs FROM jobs WHERE ended_at IS NOT NULL GROUP BY state \
+            UNION ALL SELECT 'queued' AS state, count(*) AS jobs FROM jobs WHERE state = 'queued' \
+            UNION ALL SELECT 'running' AS state, count(*) AS jobs FROM jobs WHERE state = 'running'";
+        for row in self.query("counts", sql, Vec::new()).await? {
             counts[row.get::<State>("state")? as usize] = row.get("jobs")?;
         }
         Ok(counts)
@@ -111,12 +102,8 @@ impl Store {
         self.read("free_bytes", move |rows| rows.one(sql, Vec::new())).await?.get("bytes")
     }
 
-    /// Gives some of the [free bytes](Self::free_bytes) back to the file system: a few megabytes, so that changes of
-    /// jobs do not wait for long.
+    /// Gives some [free bytes](Self::free_bytes) of a file back to its disk: 4 MiB, so that no change waits for long.
     pub async fn give_back(&self) -> Result<()> {
-        if self.is_shared() {
-            return Ok(());
-        }
         let given_back = self.change("give_back", |change| {
             change.rows.query("PRAGMA incremental_vacuum(1024)", Vec::new())?;
             change.effects.shrinks = true;

@@ -10,7 +10,7 @@
 //! the same transaction; events are numbered from 1 without gaps.
 //!
 //! What queries select by is a column; everything else is JSON, so that a new field of a job needs no new
-//! [table](schema). Small blobs have a table of their own.
+//! [table](database::MIGRATIONS). Small blobs have a table of their own.
 //!
 //! # When the answer to a commit is lost
 //!
@@ -29,7 +29,6 @@ pub(crate) mod kept;
 mod listeners;
 mod lists;
 pub(crate) mod live;
-mod schema;
 #[expect(clippy::module_inception, reason = "it is the store")]
 mod store;
 mod terms;

@@ -1,4 +1,4 @@
--- The tables, in SQLite's dialect; `schema.rs` says what PostgreSQL calls the same. Times are microseconds since
+-- The tables, in SQLite's dialect; `postgres/opening.rs` has what PostgreSQL calls the same. Times are microseconds since
 -- 1970-01-01 UTC by the clock of the store. Columns named here as JSON hold it as text.
 CREATE TABLE jobs (
     number           INTEGER PRIMARY KEY AUTOINCREMENT, -- counts the jobs ever created: the order of queue and list

@@ -37,7 +37,8 @@ pub(crate) struct Store {
     /// This process among the workers: new at every start.
     pub(super) me: Uuid,
     pub(super) listeners: Arc<Listeners>,
-    name: String,
+    /// By which its files are known.
+    pub name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
     /// Whether the last claim took no job.
@@ -99,10 +100,6 @@ impl Store {
         self.observer = Some(Box::new(observer));
     }
 
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
     /// Makes a change in a transaction, and what follows from it. The change refuses before it writes; it is made again
     /// where the database broke it off.
     pub(super) async fn change<T: Send + 'static>(
@@ -125,13 +122,8 @@ impl Store {
         self.run(operation, false, move |rows, _| work(rows)).await
     }
 
-    pub(super) async fn query(
-        &self,
-        operation: &'static str,
-        sql: &'static str,
-        values: Vec<Value>,
-    ) -> Result<Vec<Row>> {
-        self.read(operation, move |rows| rows.query(sql, values.clone())).await
+    pub(super) async fn query(&self, name: &'static str, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>> {
+        self.read(name, move |rows| rows.query(sql, values.clone())).await
     }
 
     async fn run<T: Send + 'static>(

@@ -2,9 +2,9 @@
 
 use std::time::SystemTime;
 
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 
-use super::database::{Row, json, read};
+use super::database::{Row, json, read, unreadable};
 use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
 use crate::queue::{State, What};
 
@@ -110,10 +110,7 @@ impl Event {
             "iteration" => What::Iteration(row.get("data")?),
             "round" => What::Round(row.get("data")?),
             "end" => row.json("data").map(|(state, problem)| What::End(state, problem))?,
-            other => {
-                let message = format_args!("the store of jobs cannot be read: column kind: {other}");
-                return Err(Error::new(Kind::Internal, message));
-            }
+            other => return Err(unreadable("kind", &other)),
         };
         Ok(Self { seq: row.get("seq")?, what })
     }
@@ -136,8 +133,7 @@ impl Notice {
     }
 }
 
-/// What can change about a job, in short: tasks that wait for a job receive it. The later one is larger: a job ends and
-/// begins anew by an event.
+/// What tasks that wait for a job receive. The later one is larger: a job ends and begins anew by an event.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Pulse {
     pub last_seq: u64,
@@ -145,8 +141,7 @@ pub(crate) struct Pulse {
     pub ended: bool,
 }
 
-/// The end of a job whose webhook is to be sent. Outlives its job: a promised webhook is delivered even if the job is
-/// deleted first.
+/// The end of a job whose webhook is to be sent, even if the job is deleted first.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Notice {
     pub job: JobId,
@@ -167,8 +162,7 @@ pub(crate) struct Statistics {
     pub commands: u64,
     pub failures: u64,
     pub commit_seconds: f64,
-    /// Attempts that failed because the process ended or their lease was over, with
-    /// [`Kind::Unavailable`].
+    /// Attempts that failed because the process ended or their lease was over.
     pub attempts_failed: u64,
     /// Jobs that were given up after such an attempt.
     pub given_up: u64,

@@ -16,24 +16,6 @@ use super::store::Store;
 use super::terms::Notice;
 use crate::ops::timestamp::rfc3339;
 
-/// Time since a worker was last heard of, after which it is shown no more, and after which its row goes.
-const SHOWN: Duration = Duration::from_secs(300);
-const KEPT: Duration = Duration::from_secs(3600);
-
-/// For how long a service cleans up and delivers webhooks before another one may.
-const TERM: Duration = Duration::from_secs(90);
-
-const ANNOUNCE: &str = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
-    VALUES ($1, $2, $3, $4, $5, $5) ON CONFLICT (id) DO UPDATE SET name = excluded.name, device = excluded.device, \
-    seen_at = excluded.seen_at";
-
-/// A worker that was killed leaves its row.
-const FORGET: &str = "DELETE FROM workers WHERE seen_at < $1 \
-    AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = workers.id AND state = 'running')";
-
-const CLEANER: &str = "UPDATE identity SET cleaner = $1, cleans_until = $2 \
-    WHERE cleaner IS NULL OR cleaner = $1 OR cleans_until <= $3 RETURNING id";
-
 /// A process that works on jobs.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub(crate) struct Worker {
@@ -58,22 +40,27 @@ pub(crate) struct Worker {
 }
 
 impl Store {
-    /// Says that this process works on jobs, by its name for clients and that of its device; to be repeated every few
-    /// seconds.
+    /// Says every few seconds that this process works on jobs, by its name for clients and that of its device.
     pub async fn announce(&self, name: &str, device: &str) -> Result<()> {
         let (name, device) = (name.to_owned(), device.to_owned());
         let announced = self.change("announce", move |change| {
             let now = change.now()?;
-            change.rows.write(ANNOUNCE, values![change.me, &*name, env!("CARGO_PKG_VERSION"), &*device, now])?;
-            change.rows.write(FORGET, values![now - KEPT])
+            let sql = "INSERT INTO workers (id, name, version, device, started_at, seen_at) \
+                VALUES ($1, $2, $3, $4, $5, $5) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
+                device = excluded.device, seen_at = excluded.seen_at";
+            change.rows.write(sql, values![change.me, &*name, env!("CARGO_PKG_VERSION"), &*device, now])?;
+            // a worker that was killed leaves its row
+            let sql = "DELETE FROM workers WHERE seen_at < $1 \
+                AND NOT EXISTS (SELECT 1 FROM jobs WHERE worker_id = workers.id AND state = 'running')";
+            change.rows.write(sql, values![now - Duration::from_secs(3600)])
         });
         announced.await
     }
 
-    /// The workers that were heard of in the last minutes or have jobs, the oldest first.
+    /// The workers that were heard of in the last five minutes or have jobs, the oldest first.
     pub async fn workers(&self) -> Result<Vec<Worker>> {
         let found = self.read("workers", |rows| {
-            let since = rows.now()? - SHOWN;
+            let since = rows.now()? - Duration::from_secs(300);
             let sql = "SELECT worker_id, id FROM jobs WHERE state = 'running' ORDER BY number";
             let mut jobs = HashMap::<Option<Uuid>, Vec<JobId>>::new();
             for row in rows.query(sql, Vec::new())? {
@@ -97,14 +84,16 @@ impl Store {
     }
 
     /// Whether this process is the one that cleans up for all: deletes jobs that expired, sweeps files of no job,
-    /// delivers webhooks.
+    /// delivers webhooks. Another one may 90 seconds after this one last called it.
     pub async fn may_clean_up(&self) -> Result<bool> {
         if !self.is_shared() {
             return Ok(true);
         }
         let taken = self.change("may_clean_up", |change| {
             let now = change.now()?;
-            Ok(change.rows.first(CLEANER, values![change.me, now + TERM, now])?.is_some())
+            let sql = "UPDATE identity SET cleaner = $1, cleans_until = $2 \
+                WHERE cleaner IS NULL OR cleaner = $1 OR cleans_until <= $3 RETURNING id";
+            Ok(change.rows.first(sql, values![change.me, now + Duration::from_secs(90), now])?.is_some())
         });
         taken.await
     }

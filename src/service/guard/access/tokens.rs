@@ -43,8 +43,7 @@ pub struct Quotas {
 
 impl Quotas {
     fn share(&self) -> Share {
-        let default = Share::default();
-        Share { weight: self.weight.map_or(default.weight, NonZeroU32::get), max_running: self.max_running_jobs }
+        Share { weight: self.weight, max_running: self.max_running_jobs }
     }
 }
 
@@ -285,7 +284,7 @@ mod tests {
         assert_eq!(file.tenants["a"].quotas.max_queued_jobs, Some(3));
         let quotas = r#"{"tenants": {"a": {"quotas": {"weight": 4, "max_running_jobs": 2}}, "b": {}}}"#;
         let shares = Tokens::of(&TokenFile::parse(quotas.as_bytes()).expect("valid")).expect("valid").shares;
-        assert_eq!(shares["a"], Share { weight: 4, max_running: Some(2) });
-        assert_eq!(shares["b"], Share { weight: 1, max_running: None });
+        assert_eq!(shares["a"], Share { weight: NonZeroU32::new(4), max_running: Some(2) });
+        assert_eq!(shares["b"], Share::default());
     }
 }

@@ -1,7 +1,5 @@
-//! Random histories of a queue, and what must hold in each.
-//!
-//! [`play`] carries a history out on anything that is [`Stored`], checks that, and writes down what it saw. A database
-//! follows the rules if it gives the same text as the [model](super::model).
+//! Random histories of a queue. [`play`] carries one out on anything that is [`Stored`], checks what must hold in each,
+//! and writes down what it saw. A database follows the rules if it gives the same text as the [model](super::model).
 
 use std::time::Duration;
 
@@ -10,7 +8,7 @@ use tesserae_mesh::error::{Error, Kind};
 
 use super::super::{Change, Rules, State, What};
 
-/// Pauses and [times alone](super::super::crash::alone) of a few crashes end within an [`HOUR`], and none within the
+/// Pauses and [times alone](super::super::claim::alone) of a few crashes end within an [`HOUR`], and none within the
 /// time that a database takes for a history.
 pub const RULES: Rules = Rules { max_queued: 1000, max_attempts: 3, crash_pause: Duration::from_secs(1200) };
 
@@ -135,9 +133,7 @@ impl<S: Stored> Play<'_, S> {
                 self.stored.create(new).await;
                 self.jobs.push(Job { new, ..Job::default() });
             }
-            Step::Claim { worker, limit, newcomers } => {
-                self.claim(worker % self.stored.workers(), limit, newcomers).await
-            }
+            Step::Claim { worker, limit, newcomers } => self.claim(worker, limit, newcomers).await,
             Step::Act(job, act) => self.act(job, act).await,
             Step::Crash(worker) => self.crash(worker % self.stored.workers()).await,
             Step::Wait(seconds) => {
@@ -167,6 +163,7 @@ impl<S: Stored> Play<'_, S> {
     }
 
     async fn claim(&mut self, worker: usize, limit: usize, newcomers: usize) {
+        let worker = worker % self.stored.workers();
         let claimed = self.stored.claim(worker, limit, newcomers).await;
         self.seen.push(format!("{worker} claims {claimed:?}"));
         assert!(claimed.len() <= limit + newcomers, "{claimed:?}");

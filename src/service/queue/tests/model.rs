@@ -1,6 +1,7 @@
 //! The smallest store that follows the rules.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -11,7 +12,8 @@ use super::history::{New, RULES, Stored, TENANTS};
 
 /// What a worker may claim: no lease ends by itself.
 pub fn claiming(worker: usize, limit: usize, newcomers: usize, weight: u32) -> Claiming {
-    let (b, c) = (Share { weight, max_running: None }, Share { weight: 1, max_running: Some(1) });
+    let b = Share { weight: NonZeroU32::new(weight), max_running: None };
+    let c = Share { weight: None, max_running: Some(1) };
     let shares = Arc::new(Shares::from([("b".to_owned(), b), ("c".to_owned(), c)]));
     Claiming { limit, newcomers, lease: Duration::from_secs(1 << 30), worker: worker.to_string().into(), shares }
 }
@@ -46,8 +48,7 @@ pub struct Model {
 
 impl Model {
     pub fn new(workers: usize, altered: Altered) -> Self {
-        let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1 << 30);
-        Self { workers, altered, now, rows: Vec::new(), turns: BTreeMap::new() }
+        Self { workers, altered, now: super::now(), rows: Vec::new(), turns: BTreeMap::new() }
     }
 
     fn running(&self, worker: usize) -> impl Iterator<Item = &Row> {

@@ -9,9 +9,7 @@ use super::*;
 
 pub(super) async fn a_key_stands_for_one_request(store: &Store) {
     assert!(!store.knows_key("a", "k").await.expect("readable"));
-    let Created::New(first) = store.create(with_key("a", "k", "digest")).await.expect("created") else {
-        panic!("the key is new")
-    };
+    let first = add_new(store, with_key("a", "k", "digest")).await;
     assert!(store.knows_key("a", "k").await.expect("readable"));
     let again = store.create(with_key("a", "k", "digest")).await.expect("known");
     assert_eq!(again, Created::Known(first.clone()));
@@ -19,14 +17,14 @@ pub(super) async fn a_key_stands_for_one_request(store: &Store) {
     assert_eq!(other.kind, Kind::KeyReused);
     assert!(other.message.contains("\"k\""), "{other}");
     // keys are a tenant's own
-    assert!(matches!(store.create(with_key("b", "k", "another digest")).await, Ok(Created::New(_))));
+    add_new(store, with_key("b", "k", "another digest")).await;
     assert_eq!(store.counts().await.expect("counted"), [2, 0, 0, 0, 0]);
     // the key stays with an ended job, and goes with it
     run_to(store, End::Succeeded(SUMMARY)).await;
     let again = store.create(with_key("a", "k", "digest")).await.expect("known");
     assert!(matches!(again, Created::Known(job) if job.id == first.id && job.state == State::Succeeded));
     store.delete(first.id).await.expect("deleted");
-    assert!(matches!(store.create(with_key("a", "k", "another digest")).await, Ok(Created::New(_))));
+    add_new(store, with_key("a", "k", "another digest")).await;
 }
 
 pub(super) async fn the_same_key_at_once_gives_one_job(store: &Store) {
@@ -71,7 +69,7 @@ pub(super) async fn many_at_once_lose_nothing(store: Arc<Store>) {
                 while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
                     let row = vec![What::Iteration("{}".to_owned())];
                     store.append(ticket, row, Progress::default()).await.expect("appended");
-                    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+                    store.end(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
                     claimed.push(ticket.job);
                 }
                 if tokio::time::timeout(Duration::from_millis(200), arrivals.changed()).await.is_err() {
@@ -94,8 +92,7 @@ pub(super) fn jobs() -> usize {
     std::env::var("CLAIM_JOBS").map_or(1200, |jobs| jobs.parse().expect("a number"))
 }
 
-/// Claims empty jobs by one claimer a store, each of which ends those that it claimed before it claims again. All
-/// stores have the same jobs.
+/// Claims empty jobs, which all stores have, by one claimer a store, which ends them before it claims again.
 pub(super) async fn claim_all(stores: &[Arc<Store>], limit: usize, jobs: usize) {
     let (mut creators, mut claimers) = (JoinSet::new(), JoinSet::new());
     for creator in 0..8 {
@@ -124,7 +121,7 @@ pub(super) async fn claim_all(stores: &[Arc<Store>], limit: usize, jobs: usize) 
                 }
                 for (ticket, _) in taken {
                     claimed.push(ticket.job);
-                    store.finish(ticket, End::Cancelled).await.expect("ended");
+                    store.end(ticket, End::Cancelled).await.expect("ended");
                 }
             }
         });

@@ -10,13 +10,10 @@ use crate::queue::Change;
 use crate::queue::tests::history::{self, New, Step, Stored, play};
 use crate::queue::tests::model::{Altered, Model, claiming};
 
-/// How many histories a store goes through.
-const HISTORIES: usize = 30;
-
 /// Whether all histories are the same in a store as in a model of the rules.
 async fn are_as_in<S: Stored>(altered: Altered, mut empty: impl AsyncFnMut() -> S) -> bool {
     let mut runner = TestRunner::deterministic();
-    for _ in 0..HISTORIES {
+    for _ in 0..30 {
         let history: Vec<Step> = history::histories().new_tree(&mut runner).expect("a history").current();
         let mut stored = empty().await;
         let seen = play(&history, &mut stored, false).await;
@@ -47,8 +44,8 @@ impl Stored for Workers {
     }
 
     async fn create(&mut self, New { tenant, priority, is_small, .. }: New) {
-        let spec = Spec { tenant: tenant.to_owned(), priority, is_small, ..spec("x") };
-        let job = add(&self.stores[0], JobId::random(), spec).await;
+        let spec = Spec { tenant: tenant.to_owned(), priority, is_small, ..spec() };
+        let job = add(&self.stores[0], spec).await;
         self.jobs.push((job.id, 0, 0));
     }
 
@@ -69,7 +66,7 @@ impl Stored for Workers {
         match change {
             Change::Begin(attempt) => store.begin(ticket(attempt)).await.is_ok(),
             Change::Release { attempt, fault } => store.release(ticket(attempt), fault).await.is_ok(),
-            Change::End { attempt, .. } => store.finish(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
+            Change::End { attempt, .. } => store.end(ticket(attempt), End::Succeeded(SUMMARY)).await.is_ok(),
             Change::Cancel => store.cancel(id).await.expect("asked").is_some(),
             Change::Retry => match store.retry(id, None).await {
                 Ok(_) => true,
@@ -115,9 +112,7 @@ impl Stored for Workers {
     }
 
     async fn events(&mut self, job: usize) -> Vec<What> {
-        let events = events(self.store(job), self.jobs[job].0, 0, usize::MAX).await;
-        assert!(events.iter().map(|event| event.seq).eq(1..=events.len() as u64), "{events:?}");
-        events.into_iter().map(|event| event.what).collect()
+        whats(self.store(job), self.jobs[job].0).await
     }
 }
 
@@ -137,10 +132,8 @@ async fn a_file_follows_the_rules_in_every_history() {
 #[tokio::test(flavor = "multi_thread")]
 async fn services_follow_the_rules_in_every_history() {
     let Some(server) = postgres::Server::start() else { return };
-    let empty = async || {
-        let url = server.database();
-        Workers { stores: join_all((0..3).map(|_| postgres::open(&url, history::RULES))).await, jobs: Vec::new() }
-    };
+    let open = async || postgres::open_all(&server.database(), 3, history::RULES).await;
+    let empty = async || Workers { stores: open().await, jobs: Vec::new() };
     assert!(are_as_in(Altered::Nothing, empty).await);
     assert!(!are_as_in(Altered::Weights, empty).await, "other rules are noticed");
 }

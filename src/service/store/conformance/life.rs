@@ -2,26 +2,20 @@
 
 use super::*;
 
-pub(super) async fn a_new_job_is_as_it_was_created(store: &Store) {
-    let id = JobId::random();
-    let job = add(store, id, spec("größe.gltf")).await;
-    assert_eq!((job.id, job.state), (id, State::Queued));
-    assert_eq!(job.spec, spec("größe.gltf"));
-    assert_eq!(job.queue_position, Some(1));
-    assert_eq!((job.started_at, &job.worker), (None, &None));
-    assert_eq!(get(store, id).await, job);
-    assert_eq!(create(store).await.queue_position, Some(2));
-    assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::Queued }]);
-}
-
-pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
-    let first = create(store).await;
+pub(super) async fn jobs_are_as_they_were_created_and_claimed_in_order_and_once(store: &Store) {
+    let new = NewJob { spec: spec(), ..new_job() };
+    let first = add_new(store, new.clone()).await;
+    assert_eq!((first.id, first.state, &first.spec), (new.id, State::Queued, &new.spec));
+    assert_eq!((first.queue_position, first.started_at, &first.worker), (Some(1), None, &None));
+    assert_eq!(get(store, first.id).await, first);
+    assert_eq!(whats(store, first.id).await, [What::Queued]);
     let second = create(store).await;
+    assert_eq!(second.queue_position, Some(2));
     let (ticket, job) = claim(store).await;
     assert_eq!((ticket.job, job.id), (first.id, first.id));
     assert_eq!((job.state, job.queue_position), (State::Running, None));
     assert!(job.started_at.is_some());
-    assert_eq!((&first.worker, job.worker.as_deref()), (&None, Some("test")));
+    assert_eq!(job.worker.as_deref(), Some("test"));
     assert_eq!(get(store, second.id).await.queue_position, Some(1));
     assert_eq!(claim(store).await.0.job, second.id);
     assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
@@ -31,7 +25,7 @@ pub(super) async fn jobs_are_claimed_in_order_and_once(store: &Store) {
 pub(super) async fn priorities_order_the_jobs_of_a_tenant(store: &Store) {
     let mut ids = Vec::new();
     for (tenant, priority) in [("a", -100), ("a", 0), ("a", 0), ("a", 100), ("b", 50)] {
-        ids.push(add(store, JobId::random(), Spec { priority, ..of_tenant(tenant) }).await.id);
+        ids.push(add(store, Spec { priority, ..of_tenant(tenant) }).await.id);
     }
     let [low, old, new, high, other] = ids[..] else { panic!("five were made") };
     for (place, id) in (1..).zip([high, old, new, low]) {
@@ -56,25 +50,21 @@ pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &Store) {
 
 pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &Store) {
     let id = create(store).await.id;
-    let (ticket, job) = claim(store).await;
-    assert_eq!((job.state, job.queue_position, job.worker.as_deref()), (State::Running, None, Some("test")));
-    assert!(job.started_at.is_some());
-    assert_eq!(store.counts().await.expect("counted"), [0, 1, 0, 0, 0]);
+    let (ticket, _) = claim(store).await;
     let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
     let before = *pulses.borrow_and_update();
     assert_eq!((before.last_seq, before.ended), (2, false));
-    let rows =
-        |range: std::ops::Range<u32>| range.map(|row| What::Iteration(format!("{{\"iteration\":{row}}}"))).collect();
+    let rows = |numbers: [u32; 2]| numbers.map(|row| What::Iteration(format!("{{\"iteration\":{row}}}"))).to_vec();
     let progress =
         Progress { iterations: 3, phase: Some(Phase::Boundary), rounds: 2, clusters_left: Some(70), energy: Some(0.1) };
-    store.append(ticket, rows(0..2), Progress::default()).await.expect("appended");
-    store.append(ticket, rows(2..4), progress).await.expect("appended");
+    store.append(ticket, rows([0, 1]), Progress::default()).await.expect("appended");
+    store.append(ticket, rows([2, 3]), progress).await.expect("appended");
     assert!(pulses.has_changed().expect("still there"));
     assert_eq!(pulses.borrow_and_update().last_seq, 6);
     assert_eq!(get(store, id).await.progress, progress);
 
     let all = events(store, id, 0, 99).await;
-    assert_eq!(seqs(&all), [1, 2, 3, 4, 5, 6]);
+    assert!(all.iter().map(|event| event.seq).eq(1..=6), "{all:?}");
     assert_eq!(all[1].what, What::Started(1, "test".to_owned()));
     assert_eq!(all[5].what, What::Iteration("{\"iteration\":3}".to_owned()));
     assert_eq!(events(store, id, 3, 2).await, all[3..5]);
@@ -106,39 +96,35 @@ pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &Store) {
     let other = Ticket { attempt: ticket.attempt + 1, ..ticket };
     for stale in [other, ticket] {
         if stale == ticket {
-            store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+            store.end(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
         }
         let before = (get(store, id).await, events(store, id, 0, 99).await);
         let row = vec![What::Iteration("{}".to_owned())];
         let appended = store.append(stale, row, Progress::default()).await;
-        for written in [appended, store.finish(stale, End::Cancelled).await] {
+        for written in [appended, store.end(stale, End::Cancelled).await] {
             assert_eq!(written.expect_err("stale").kind, Kind::Conflict);
         }
         assert_eq!((get(store, id).await, events(store, id, 0, 99).await), before);
     }
 }
 
-pub(super) async fn a_queued_job_is_cancelled_at_once(store: &Store) {
+pub(super) async fn a_job_is_cancelled_at_once_while_it_waits_and_by_its_worker_while_it_runs(store: &Store) {
     let first = create(store).await.id;
     let second = create(store).await.id;
     let cancelled = store.cancel(first).await.expect("asked").expect("a job");
     assert_eq!(cancelled.state, State::Cancelled);
     assert_eq!(get(store, first).await, cancelled);
     assert_eq!(get(store, second).await.queue_position, Some(1));
-    assert_eq!(claim(store).await.0.job, second);
-    assert_eq!(events(store, first, 1, 9).await[0].what, What::End(State::Cancelled, None));
-}
-
-pub(super) async fn a_running_job_is_asked_to_end(store: &Store) {
-    let id = create(store).await.id;
+    assert_eq!(whats(store, first).await[1], What::End(State::Cancelled, None));
     let (ticket, _) = claim(store).await;
-    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
-    let job = store.cancel(id).await.expect("asked").expect("a job");
+    assert_eq!(ticket.job, second);
+    let mut pulses = store.watch(second).await.expect("watchable").expect("a job");
+    let job = store.cancel(second).await.expect("asked").expect("a job");
     assert_eq!((job.state, job.cancel_requested), (State::Running, true));
     pulses.wait_for(|pulse| pulse.cancel_requested && !pulse.ended).await.expect("told");
-    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Live);
-    store.finish(ticket, End::Cancelled).await.expect("finished");
-    assert_eq!(get(store, id).await.state, State::Cancelled);
+    assert_eq!(store.delete(second).await.expect("asked"), Deletion::Live);
+    store.end(ticket, End::Cancelled).await.expect("finished");
+    assert_eq!(get(store, second).await.state, State::Cancelled);
 }
 
 pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &Store) {
@@ -161,11 +147,8 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     let upload = [blob("mesh", (0..200_000).map(|at| at as u8).collect()), blob("ü/β", Vec::new())];
     let result = [blob("report", b"{}".to_vec()), blob("mesh", vec![7; 70_000])];
     let add = async || {
-        let spec = Spec { is_small: true, ..spec("x") };
-        let new = NewJob { spec, upload: upload.to_vec(), ..new_job() };
-        let id = new.id;
-        assert!(matches!(store.create(new).await, Ok(Created::New(_))));
-        id
+        let spec = Spec { is_small: true, ..spec() };
+        add_new(store, NewJob { spec, upload: upload.to_vec(), ..new_job() }).await.id
     };
     let keeps = async |id: JobId, blobs: &[SmallBlob]| {
         for name in ["mesh", "ü/β", "report", "nothing"] {
@@ -192,10 +175,8 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     keeps(succeeded, &result).await;
     let job = get(store, succeeded).await;
     assert_eq!((job.state, job.summary, job.progress), (State::Succeeded, Some(summary), progress));
-    let all = events(store, succeeded, 0, 9).await;
-    assert_eq!(seqs(&all), [1, 2, 3, 4, 5, 6]);
-    assert_eq!(all[4].what, What::Iteration("{}".to_owned()));
-    assert_eq!(all[5].what, What::End(State::Succeeded, None));
+    let last = [What::Iteration("{}".to_owned()), What::End(State::Succeeded, None)];
+    assert_eq!(whats(store, succeeded).await[4..], last);
     store.cancel(cancelled).await.expect("asked");
     keeps(cancelled, &[]).await;
     keeps(succeeded, &result).await;
@@ -209,7 +190,7 @@ pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &Store) {
     assert_eq!(store.cancel(id).await.expect("asked"), None);
     assert_eq!(store.events(id, 0, 9).await.expect("readable"), None);
     assert!(store.watch(id).await.expect("watchable").is_none());
-    let finished = store.finish(Ticket { job: id, attempt: 1 }, End::Cancelled).await;
+    let finished = store.end(Ticket { job: id, attempt: 1 }, End::Cancelled).await;
     assert_eq!(finished.expect_err("unknown").kind, Kind::NotFound);
 }
 

@@ -7,7 +7,6 @@ use parking_lot::Mutex;
 use rusqlite::Connection;
 use tempfile::TempDir;
 
-use super::super::change::Transaction;
 use super::super::database::{Abort, Rows};
 use super::*;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -25,6 +24,13 @@ fn in_a_folder() -> (TempDir, PathBuf) {
 /// The store in the file at `path`, without faults.
 async fn open(path: &Path) -> Store {
     Store::open(path, false, RULES, Faults::default()).await.expect("it opens")
+}
+
+/// A store in a new folder, and its path.
+async fn new_store(rules: Rules, faults: Faults) -> (TempDir, PathBuf, Store) {
+    let (folder, path) = in_a_folder();
+    let store = Store::open(&path, false, rules, faults).await.expect("it opens");
+    (folder, path, store)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -50,9 +56,8 @@ async fn conforms() {
 
 #[tokio::test]
 async fn a_failed_commit_is_told_loses_nothing_and_passes() {
-    let folder = tempfile::tempdir().expect("a folder");
     let faults = Faults::default();
-    let store = Store::open(&folder.path().join(NAME), false, RULES, faults.clone()).await.expect("it opens");
+    let (_folder, _, store) = new_store(RULES, faults.clone()).await;
     let kept = new_job();
     store.create(kept.clone()).await.expect("created");
     for (kind, expected) in [
@@ -72,8 +77,7 @@ async fn a_failed_commit_is_told_loses_nothing_and_passes() {
 
 #[tokio::test]
 async fn the_disk_gets_the_pages_of_deleted_jobs_back() {
-    let (_folder, path) = in_a_folder();
-    let store = open(&path).await;
+    let (_folder, path, store) = new_store(RULES, Faults::default()).await;
     let mut jobs = Vec::new();
     for _ in 0..10 {
         let mut job = new_job();
@@ -97,8 +101,7 @@ async fn the_disk_gets_the_pages_of_deleted_jobs_back() {
 /// The database itself says that there is no room, as on a full disk.
 #[tokio::test]
 async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
-    let (_folder, path) = in_a_folder();
-    let store = open(&path).await;
+    let (_folder, _, store) = new_store(RULES, Faults::default()).await;
     // of the connection that writes; the one that is opened after the failure finds room
     let limited = store.change("test", |change| change.rows.query("PRAGMA max_page_count = 1", Vec::new()));
     limited.await.expect("set");
@@ -111,8 +114,7 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_command_that_fails_takes_no_other_with_it() {
-    let (_folder, path) = in_a_folder();
-    let store = open(&path).await;
+    let (_folder, _, store) = new_store(RULES, Faults::default()).await;
     let asked = join_all((0..40).map(async |number| match number % 10 {
         // it breaks the transaction that it is in
         0 => {
@@ -126,17 +128,11 @@ async fn a_command_that_fails_takes_no_other_with_it() {
     assert_eq!(store.counts().await.expect("counted")[0], 36);
 }
 
-/// A command with a defect.
-fn panics(change: &mut Transaction<'_>) -> Result<(), Abort> {
-    change.rows.write("DELETE FROM jobs", Vec::new())?;
-    panic!("on purpose")
-}
-
 #[tokio::test]
 async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
-    let (_folder, path) = in_a_folder();
     let faults = Faults::default();
-    let store = Arc::new(Store::open(&path, false, RULES, faults.clone()).await.expect("it opens"));
+    let (_folder, _, store) = new_store(RULES, faults.clone()).await;
+    let store = Arc::new(store);
     faults.hold(FaultPoint::Commit);
     let first = Arc::clone(&store);
     let first = tokio::spawn(async move { first.create(new_job()).await.map(drop) });
@@ -147,7 +143,10 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
     let (before, defect, after, ()) = tokio::join!(
         biased;
         store.create(new_job()),
-        store.change("test", panics),
+        store.change("test", |change| -> Result<(), Abort> {
+            change.rows.write("DELETE FROM jobs", Vec::new())?;
+            panic!("on purpose")
+        }),
         store.create(new_job()),
         async { faults.disarm() },
     );
@@ -161,8 +160,7 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
 async fn a_read_that_waits_leaves_the_runtimes_only_thread_to_others() {
-    let (_folder, path) = in_a_folder();
-    let store = open(&path).await;
+    let (_folder, _, store) = new_store(RULES, Faults::default()).await;
     let waits = |_: &mut dyn Rows| {
         let (tell, told) = std::sync::mpsc::channel();
         tokio::spawn(async move { tell.send(()) });
@@ -174,9 +172,8 @@ async fn a_read_that_waits_leaves_the_runtimes_only_thread_to_others() {
 
 #[tokio::test]
 async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
-    let (_folder, path) = in_a_folder();
     let faults = Faults::default();
-    let store = Store::open(&path, false, RULES, faults.clone()).await.expect("it opens");
+    let (_folder, path, store) = new_store(RULES, faults.clone()).await;
     store.create(new_job()).await.expect("created");
     faults.hold(FaultPoint::Commit);
     let (created, (), ()) = tokio::join!(biased; store.create(new_job()), store.close(), async { faults.disarm() });
@@ -195,9 +192,8 @@ async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
 async fn claimers_of_many_jobs_take_each_once() {
     let jobs = at_once::jobs();
     for limit in [1, 8] {
-        let (_folder, path) = in_a_folder();
-        let rules = Rules { max_queued: jobs, ..RULES };
-        let store = Arc::new(Store::open(&path, false, rules, Faults::default()).await.expect("it opens"));
+        let (_folder, _, store) = new_store(Rules { max_queued: jobs, ..RULES }, Faults::default()).await;
+        let store = Arc::new(store);
         let claimers: Vec<_> = (0..16).map(|_| Arc::clone(&store)).collect();
         at_once::claim_all(&claimers, limit, jobs).await;
     }
@@ -237,8 +233,7 @@ fn damage(path: &Path) {
 
 #[tokio::test]
 async fn damage_is_found_when_the_store_is_opened() {
-    let (_folder, path) = in_a_folder();
-    let store = open(&path).await;
+    let (_folder, path, store) = new_store(RULES, Faults::default()).await;
     store.create(new_job()).await.expect("created");
     store.close().await;
     damage(&path);
@@ -256,9 +251,7 @@ async fn damage_is_found_when_the_store_is_opened() {
 
 #[tokio::test]
 async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_again() {
-    let (_folder, path) = in_a_folder();
-    let store =
-        Store::open(&path, false, Rules { max_queued: 1000, ..RULES }, Faults::default()).await.expect("it opens");
+    let (_folder, path, store) = new_store(Rules { max_queued: 1000, ..RULES }, Faults::default()).await;
     for _ in 0..300 {
         store.create(new_job()).await.expect("created");
     }

@@ -23,6 +23,9 @@ use crate::queue::State;
 
 pub use rusqlite::types::Value;
 
+/// Each is run once, in order, and never changed after a release. Their number is the version of the tables.
+pub const MIGRATIONS: [&str; 1] = [include_str!("../schema.sql")];
+
 pub type Query = (&'static str, Vec<Value>);
 
 macro_rules! values {
@@ -76,11 +79,15 @@ pub trait Rows {
     fn now(&mut self) -> Result<SystemTime, Abort>;
 
     /// Waits until no other transaction holds the lock of the queue; to be called first. A brief lock is not held while
-    /// the commit waits for the disk: a later change waits for that.
-    fn lock_queue(&mut self, is_brief: bool) -> Result<(), Abort>;
+    /// the commit waits for the disk: a later change waits for that. A file needs no lock: one thread writes.
+    fn lock_queue(&mut self, _is_brief: bool) -> Result<(), Abort> {
+        Ok(())
+    }
 
-    /// When the database was started, or a time before.
-    fn up_since(&mut self) -> Result<SystemTime, Abort>;
+    /// When the database was started, or a time before. Leases go on while a file is not open.
+    fn up_since(&mut self) -> Result<SystemTime, Abort> {
+        Ok(UNIX_EPOCH)
+    }
 
     fn query(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Vec<Row>, Abort> {
         Ok(self.all(&[(sql, values)])?.pop().unwrap_or_default())
@@ -103,18 +110,14 @@ pub struct Row {
     pub values: Vec<Value>,
 }
 
-fn unreadable(column: &str, error: &dyn fmt::Display) -> Error {
+pub fn unreadable(column: &str, error: &dyn fmt::Display) -> Error {
     Error::new(Kind::Internal, format_args!("the store of jobs cannot be read: column {column}: {error}"))
 }
 
 impl Row {
-    fn value(&self, column: &'static str) -> Result<&Value> {
-        let place = self.names.iter().position(|name| name == column);
-        place.and_then(|place| self.values.get(place)).ok_or_else(|| unreadable(column, &"there is none"))
-    }
-
     pub fn get<T: FromValue>(&self, column: &'static str) -> Result<T> {
-        let value = self.value(column)?;
+        let value = self.names.iter().zip(&self.values).find(|(name, _)| *name == column);
+        let (_, value) = value.ok_or_else(|| unreadable(column, &"there is none"))?;
         T::from_value(value).ok_or_else(|| unreadable(column, &format_args!("{value:?}")))
     }
 
@@ -208,6 +211,20 @@ impl<T: FromValue> FromValue for Option<T> {
             _ => T::from_value(value).map(Some),
         }
     }
+}
+
+/// Those of `migrations` that bring tables of a version up to date: 0 where there are none yet.
+pub fn steps<'m>(found: i64, migrations: &'m [&'m str]) -> Result<&'m [&'m str]> {
+    usize::try_from(found).ok().and_then(|found| migrations.get(found..)).ok_or_else(|| {
+        let known = migrations.len();
+        Error::new(
+            Kind::Io,
+            format_args!(
+                "the tables of the store of jobs are of version {found}, and this version of tesserae knows them up to \
+                 {known}: start the version that wrote them, or a later one"
+            ),
+        )
+    })
 }
 
 /// Where a store is that several services share: a URL, which nothing shows, because of its password. Every text is

@@ -102,7 +102,7 @@ mod tests {
         leases.beat(&store).await.expect("kept");
         assert_eq!(store.counts().await.expect("counted")[..2], [1, 1], "the other one waits again");
         assert!(!held.lost.is_cancelled());
-        store.finish(claimed[0].0, crate::store::End::Cancelled).await.expect("finished");
+        store.end(claimed[0].0, crate::store::End::Cancelled).await.expect("finished");
         leases.beat(&store).await.expect("kept");
         held.lost.cancelled().await;
         drop(held);

@@ -12,9 +12,6 @@ use tokio_postgres::config::{Host, SslMode};
 
 use super::super::StoreUrl;
 
-/// Time for a connection to be made.
-const CONNECT: Duration = Duration::from_secs(5);
-
 /// What a session begins with. Statements are short here: one that is not waits for something that does not come. Every
 /// statement finds its rows by an index: the statistics of a queue are those of a moment that is over, and a plan by
 /// them may read all jobs.
@@ -47,7 +44,7 @@ pub fn parse(url: &StoreUrl) -> Result<Config> {
         config.application_name("tesserae");
     }
     if config.get_connect_timeout().is_none() {
-        config.connect_timeout(CONNECT);
+        config.connect_timeout(Duration::from_secs(5));
     }
     config.keepalives_idle(Duration::from_secs(15)).tcp_user_timeout(Duration::from_secs(15));
     Ok(config)

@@ -57,15 +57,20 @@ pub fn cannot_reach(error: Error) -> Error {
 }
 
 #[derive(Debug, Clone)]
-pub struct Connections(Pool);
+pub struct Connections(pub Pool);
 
 impl Connections {
-    /// A pool of so many connections, none of which is made yet.
+    /// A pool of so many connections, none of which is made yet. The system's certificates verify servers (TLS).
     pub fn new(config: Config, most: usize) -> Result<Self> {
         let manager = ManagerConfig { recycling_method: RecyclingMethod::Fast };
         let manager = match config.get_ssl_mode() {
             SslMode::Disable => Manager::from_config(config, tokio_postgres::NoTls, manager),
-            _ => Manager::from_config(config, verified()?, manager),
+            _ => {
+                let verified = ClientConfig::builder().with_platform_verifier().map_err(|error| {
+                    Error::new(Kind::Io, format_args!("certificates for --store cannot be read: {error}"))
+                })?;
+                Manager::from_config(config, MakeRustlsConnect::new(verified.with_no_client_auth()), manager)
+            }
         };
         let pool = Pool::builder(manager).max_size(most).build();
         pool.map(Self).map_err(|error| Error::new(Kind::Internal, format_args!("no pool of connections: {error}")))
@@ -86,16 +91,4 @@ impl Connections {
         self.0.retain(|_, _| false);
         Abort::Broken(away(&"no answer in time"))
     }
-
-    pub fn close(&self) {
-        self.0.close();
-    }
-}
-
-/// Encrypted connections, to servers that the certificates of the system verify.
-fn verified() -> Result<MakeRustlsConnect> {
-    let config = ClientConfig::builder()
-        .with_platform_verifier()
-        .map_err(|error| Error::new(Kind::Io, format_args!("certificates for --store cannot be read: {error}")))?;
-    Ok(MakeRustlsConnect::new(config.with_no_client_auth()))
 }

@@ -5,8 +5,6 @@
 //! `tokio-postgres` rather than `sqlx`: it needs no macros that look at a database during the build, and brings half as
 //! many crates, TLS by rustls included.
 //!
-//! # Claims
-//!
 //! One claim at a time decides, under an advisory lock, so that fairness is exact over all services; a worker with
 //! several free places claims for all of them at once. Running and waiting jobs are counted by index: counters in a row
 //! for each tenant, locked by every change, would make the changes of a tenant wait for the disk one after the other.
@@ -25,7 +23,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tesserae_mesh::error::{Kind, Result};
-use tokio::runtime::Handle;
 use tokio::time::{Instant, sleep};
 use tokio_util::task::AbortOnDropHandle;
 
@@ -36,21 +33,6 @@ use super::super::listeners::{Effects, Listeners};
 use super::super::terms::Pulse;
 use super::{Abort, Rows, StoreUrl, values};
 use crate::ops::blocking::blocking;
-
-/// Times that work is done again that the database broke off, though nothing is wrong with it.
-const AGAIN: usize = 5;
-
-/// How services learn what others did: each looks at the tables five times a second.
-const LOOK: Duration = Duration::from_millis(200);
-
-/// Looks after which a worker looks at a queue without new jobs, and the deliveries of webhooks for ends.
-const SELDOM: u64 = 5;
-
-const QUEUE: &str = "SELECT coalesce((SELECT max(number) FROM jobs), 0) AS newest, \
-    EXISTS (SELECT FROM jobs WHERE state = 'queued') AS waits";
-
-const WATCHED: &str =
-    "SELECT id, last_seq, cancel_requested, state FROM jobs WHERE id = ANY (string_to_array($1, ','))";
 
 /// A database with the tables of the store.
 pub struct Postgres {
@@ -90,7 +72,7 @@ impl Postgres {
 
     pub fn close(&self) {
         self.looking.abort();
-        self.connections.close();
+        self.connections.0.close();
     }
 }
 
@@ -101,16 +83,17 @@ async fn run<T: Send + 'static>(
     mut work: impl Fn(&mut dyn Rows, &mut Effects) -> Result<T, Abort> + Send + 'static,
 ) -> Result<(T, Effects)> {
     let deadline = Instant::now() + PATIENCE;
-    let mut left = AGAIN;
+    // times that work is done again that the database broke off, though nothing is wrong with it
+    let mut left = 5;
     loop {
         let client = connections.get(deadline).await.map_err(Abort::into_error)?;
-        let (pool, handle) = (connections.clone(), Handle::current());
+        let pool = connections.clone();
         let attempt = blocking(move || {
-            let mut session = Session::new(&pool, client, handle, deadline, is_change);
+            let mut session = Session::new(&pool, client, deadline, is_change);
             let mut effects = Effects::default();
             let outcome = match work(&mut session, &mut effects) {
-                Ok(done) => session.commit().map(|()| (done, effects)),
-                Err(Abort::Refused(error)) => session.roll_back().and(Err(Abort::Refused(error))),
+                Ok(done) => session.end(true).map(|()| (done, effects)),
+                Err(Abort::Refused(error)) => session.end(false).and(Err(Abort::Refused(error))),
                 Err(abort) => Err(abort),
             };
             (work, outcome)
@@ -124,24 +107,29 @@ async fn run<T: Send + 'static>(
     }
 }
 
-/// Looks at the queue for workers, and at the jobs that tasks wait for.
+/// Looks at the queue for workers, and at the jobs that tasks wait for: so services learn what others did.
 async fn look(connections: Connections, listeners: Arc<Listeners>) {
     let mut seen = 0;
     for turn in 0u64.. {
-        sleep(LOOK).await;
+        sleep(Duration::from_millis(200)).await;
         let started = Instant::now();
         let watched = listeners.pulses.waited_for();
         let ids = watched.iter().map(JobId::to_string).collect::<Vec<_>>().join(",");
         let found = run(&connections, false, move |rows, _| {
-            let queue = rows.one(QUEUE, Vec::new())?;
-            let watched = rows.query(WATCHED, values![&*ids])?;
+            let sql = "SELECT coalesce((SELECT max(number) FROM jobs), 0) AS newest, \
+                EXISTS (SELECT FROM jobs WHERE state = 'queued') AS waits";
+            let queue = rows.one(sql, Vec::new())?;
+            let sql = "SELECT id, last_seq, cancel_requested, state FROM jobs \
+                WHERE id = ANY (string_to_array($1, ','))";
+            let watched = rows.query(sql, values![&*ids])?;
             Ok((queue.get::<i64>("newest")?, queue.get::<bool>("waits")?, watched))
         });
         let Ok(((newest, waits, rows), _)) = found.await else {
             listeners.count(None, started.elapsed());
             continue;
         };
-        let is_seldom = turn.is_multiple_of(SELDOM);
+        // once a second, workers look at a queue without new jobs, and the deliveries of webhooks for ends
+        let is_seldom = turn.is_multiple_of(5);
         if waits && (is_seldom || newest > seen) {
             listeners.arrivals.send_replace(());
         }

@@ -4,8 +4,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::{Instant, timeout_at};
 use tokio_postgres::Client;
 
-use super::super::super::schema::{self, MIGRATIONS, for_postgres};
-use super::super::Abort;
+use super::super::{Abort, MIGRATIONS, steps};
 use super::connections::{Connections, PATIENCE, failure};
 
 /// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes without compression,
@@ -15,18 +14,11 @@ const STORAGE: &str = "\
     ALTER TABLE workers SET (fillfactor = 50); ALTER TABLE tenants SET (fillfactor = 50); \
     ALTER TABLE blobs ALTER COLUMN bytes SET STORAGE EXTERNAL";
 
-const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version bigint NOT NULL)";
-
-/// Oldest server that is worked with, as it tells its version.
-const OLDEST_SERVER: i64 = 150_000;
-
 pub async fn open(connections: &Connections) -> Result<()> {
     let deadline = Instant::now() + PATIENCE;
     let mut client = connections.get(deadline).await.map_err(Abort::into_error)?;
-    match timeout_at(deadline, migrate(&mut client)).await {
-        Ok(migrated) => migrated.map_err(Abort::into_error),
-        Err(_) => Err(connections.too_late().into_error()),
-    }
+    let migrated = timeout_at(deadline, migrate(&mut client)).await;
+    migrated.unwrap_or_else(|_| Err(connections.too_late())).map_err(Abort::into_error)
 }
 
 /// One service migrates at a time, under an advisory lock.
@@ -38,7 +30,7 @@ async fn migrate(client: &mut Client) -> Result<(), Abort> {
         row.and_then(|row| row.try_get::<_, i64>(0)).map_err(failure)
     };
     let server = number("SELECT CAST(current_setting('server_version_num') AS bigint)").await?;
-    if server < OLDEST_SERVER {
+    if server < 150_000 {
         let message = format_args!("the store of jobs needs PostgreSQL 15 or later; the server is {server}");
         return Err(Error::new(Kind::Io, message).into());
     }
@@ -47,9 +39,9 @@ async fn migrate(client: &mut Client) -> Result<(), Abort> {
     if number("SELECT count(*) FROM pg_namespace WHERE nspname = 'tesserae'").await? == 0 {
         run("CREATE SCHEMA tesserae").await?;
     }
-    run(VERSION).await?;
+    run("CREATE TABLE IF NOT EXISTS schema_version (version bigint NOT NULL)").await?;
     let found = number("SELECT coalesce(max(version), 0) FROM schema_version").await?;
-    let steps = schema::steps(found, &MIGRATIONS)?;
+    let steps = steps(found, &MIGRATIONS)?;
     if steps.is_empty() {
         return Ok(());
     }
@@ -62,4 +54,20 @@ async fn migrate(client: &mut Client) -> Result<(), Abort> {
     let version = MIGRATIONS.len();
     run(&format!("DELETE FROM schema_version; INSERT INTO schema_version VALUES ({version})")).await?;
     transaction.commit().await.map_err(failure)
+}
+
+/// Statements in the dialect of PostgreSQL. SQLite takes a partial index for the first of its columns only; PostgreSQL
+/// leaves a comparison out that the index implies, and would then read the whole index.
+fn for_postgres(sql: &str) -> String {
+    let names = [
+        ("ON jobs (state, ", "ON jobs ("),
+        ("INTEGER PRIMARY KEY AUTOINCREMENT", "BIGINT GENERATED ALWAYS AS IDENTITY PRIMARY KEY"),
+        ("INTEGER", "BIGINT"),
+        ("REAL", "DOUBLE PRECISION"),
+        ("TEXT", "TEXT COLLATE \"C\""),
+        ("BLOB", "BYTEA"),
+        (" STRICT, WITHOUT ROWID;", ";"),
+        (" STRICT;", ";"),
+    ];
+    names.iter().fold(sql.to_owned(), |sql, (from, to)| sql.replace(from, to))
 }

@@ -1,7 +1,5 @@
-//! Statements on a connection, few at a time on the way.
-//!
-//! A round trip takes longer than most statements. So changes, the begin of the transaction among them, are sent with
-//! the next query or the commit.
+//! Statements on a connection. A round trip takes longer than most statements, so changes, the begin of the transaction
+//! among them, are sent with the next query or the commit.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -20,26 +18,18 @@ use super::connections::{Connections, failure};
 
 const CLOCK: &str = "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now";
 
-const STARTED: &str = "SELECT CAST(extract(epoch FROM pg_postmaster_start_time()) * 1000000 AS bigint) AS started";
-
 /// A connection, which is closed rather than used again if its transaction was broken off.
 pub struct Session<'c> {
     connections: &'c Connections,
     client: Option<Object>,
-    handle: Handle,
     deadline: Instant,
     /// Whether a transaction began that has not ended.
     is_begun: bool,
     /// Changes that are not sent yet.
     changes: Vec<Query>,
-    /// The clock, read with the first query behind the lock of the queue.
-    clock: Clock,
-}
-
-enum Clock {
-    NotWanted,
-    Wanted,
-    Read(Row),
+    /// Whether the clock is to be read with the next query, which is the first behind the lock of the queue.
+    wants_clock: bool,
+    clock: Option<Row>,
 }
 
 impl Drop for Session<'_> {
@@ -52,29 +42,20 @@ impl Drop for Session<'_> {
 
 impl<'c> Session<'c> {
     /// A session that reads: every statement is a transaction. Or one for a change.
-    pub fn new(
-        connections: &'c Connections,
-        client: Object,
-        handle: Handle,
-        deadline: Instant,
-        is_change: bool,
-    ) -> Self {
+    pub fn new(connections: &'c Connections, client: Object, deadline: Instant, is_change: bool) -> Self {
         let changes = if is_change { vec![("BEGIN", Vec::new())] } else { Vec::new() };
-        Self { connections, client: Some(client), handle, deadline, is_begun: false, changes, clock: Clock::NotWanted }
+        let client = Some(client);
+        Self { connections, client, deadline, is_begun: false, changes, wants_clock: false, clock: None }
     }
 
-    pub fn commit(&mut self) -> Result<(), Abort> {
-        if self.is_begun || !self.changes.is_empty() {
-            self.all(&[("COMMIT", Vec::new())])?;
-            self.is_begun = false;
+    /// Ends the transaction, if there is one; a rollback sends no changes that are not sent yet.
+    pub fn end(&mut self, is_commit: bool) -> Result<(), Abort> {
+        let sql = if is_commit { "COMMIT" } else { "ROLLBACK" };
+        if !is_commit {
+            self.changes.clear();
         }
-        Ok(())
-    }
-
-    pub fn roll_back(&mut self) -> Result<(), Abort> {
-        self.changes.clear();
-        if self.is_begun {
-            self.all(&[("ROLLBACK", Vec::new())])?;
+        if self.is_begun || !self.changes.is_empty() {
+            self.all(&[(sql, Vec::new())])?;
             self.is_begun = false;
         }
         Ok(())
@@ -144,12 +125,12 @@ impl Rows for Session<'_> {
             return Err(Abort::Broken(Error::new(Kind::Internal, "a transaction has no connection")));
         };
         self.is_begun |= !changes.is_empty();
-        let clock = matches!(self.clock, Clock::Wanted).then(|| (CLOCK, Vec::new()));
+        let clock = std::mem::take(&mut self.wants_clock).then(|| (CLOCK, Vec::new()));
         let sent: Vec<&Query> = changes.iter().chain(queries).chain(&clock).collect();
-        let answer = self.handle.block_on(timeout_at(self.deadline, send(client, &sent)));
+        let answer = Handle::current().block_on(timeout_at(self.deadline, send(client, &sent)));
         let mut answer = answer.map_err(|_| self.connections.too_late())?.map_err(failure)?.split_off(changes.len());
         if clock.is_some() {
-            self.clock = answer.pop().and_then(|mut rows| rows.pop()).map_or(Clock::NotWanted, Clock::Read);
+            self.clock = answer.pop().and_then(|mut rows| rows.pop());
         }
         Ok(answer)
     }
@@ -161,8 +142,8 @@ impl Rows for Session<'_> {
 
     fn now(&mut self) -> Result<SystemTime, Abort> {
         match &self.clock {
-            Clock::Read(row) => Ok(row.get("now")?),
-            _ => Ok(self.one(CLOCK, Vec::new())?.get("now")?),
+            Some(row) => Ok(row.get("now")?),
+            None => Ok(self.one(CLOCK, Vec::new())?.get("now")?),
         }
     }
 
@@ -170,11 +151,12 @@ impl Rows for Session<'_> {
         if is_brief {
             self.write("SET LOCAL synchronous_commit = off", Vec::new())?;
         }
-        self.clock = Clock::Wanted;
+        self.wants_clock = true;
         self.write("SELECT pg_advisory_xact_lock(1953723250, 1)", Vec::new())
     }
 
     fn up_since(&mut self) -> Result<SystemTime, Abort> {
-        Ok(self.one(STARTED, Vec::new())?.get("started")?)
+        let sql = "SELECT CAST(extract(epoch FROM pg_postmaster_start_time()) * 1000000 AS bigint) AS started";
+        Ok(self.one(sql, Vec::new())?.get("started")?)
     }
 }

@@ -9,23 +9,23 @@
 
 mod opening;
 mod place;
-mod session;
 mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use parking_lot::Mutex;
-use rusqlite::Connection;
+use rusqlite::{Connection, params_from_iter};
 use tesserae_mesh::error::Result;
 use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::Semaphore;
 use tokio::task::block_in_place;
 
 use self::place::{DatabasePlace, closed, failure};
-use self::writer::Writer;
+use self::writer::{Worker, Writer};
 use super::super::listeners::Listeners;
-use super::{Abort, Rows};
+use super::{Abort, Query, Row, Rows, Value, micros, time};
 use crate::ops::blocking::blocking;
 use crate::ops::faults::Faults;
 
@@ -41,14 +41,13 @@ pub struct Sqlite {
 }
 
 impl Sqlite {
-    /// Opens the file at `path`, or makes it. No other process may have it open. A temporary file is one that the
-    /// process outlasts.
+    /// Opens the file at `path`, or makes it.
     pub async fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
         let place = Arc::new(DatabasePlace::lock(path.to_owned(), is_temporary)?);
         let file = Arc::clone(&place);
         let (writing, reading) = blocking(move || opening::open(&file)).await??;
-        let writer = Writer::start(writing, Arc::clone(&place), listeners, faults);
-        let writer = writer.map_err(|error| opening::cannot_open(&place.path, &error))?;
+        let worker = Worker { connection: Some(writing), place: Arc::clone(&place), listeners, faults };
+        let writer = worker.start().map_err(|error| opening::cannot_open(&place.path, &error))?;
         Ok(Self { writer, place, readers: Semaphore::new(READERS as usize), idle: Mutex::new(vec![reading]) })
     }
 
@@ -79,5 +78,32 @@ impl Sqlite {
         self.readers.close();
         self.writer.close().await;
         self.place.release();
+    }
+}
+
+fn run(connection: &Connection, sql: &str, values: &[Value]) -> rusqlite::Result<Vec<Row>> {
+    // SQLite numbers `$1` by the order in which parameters appear, and `?1` by its number
+    let text = sql.strip_suffix(" FOR UPDATE").unwrap_or(sql).replace('$', "?");
+    let mut statement = connection.prepare_cached(&text)?;
+    let names: Arc<[String]> = statement.column_names().map(ToOwned::to_owned).collect();
+    let rows = statement.query_map(params_from_iter(values), |row| {
+        let values = (0..names.len()).map(|place| row.get(place)).collect::<rusqlite::Result<_>>()?;
+        Ok(Row { names: Arc::clone(&names), values })
+    });
+    rows?.collect()
+}
+
+impl Rows for Connection {
+    fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort> {
+        queries.iter().map(|(sql, values)| Ok(run(self, sql, values)?)).collect()
+    }
+
+    fn write(&mut self, sql: &'static str, values: Vec<Value>) -> Result<(), Abort> {
+        Ok(run(self, sql, &values).map(drop)?)
+    }
+
+    /// The clock of the process, as exactly as it is stored.
+    fn now(&mut self) -> Result<SystemTime, Abort> {
+        Ok(time(micros(SystemTime::now())))
     }
 }

@@ -11,16 +11,6 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use super::super::Abort;
 use crate::ops::private;
 
-/// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs,
-/// and what they read is in the system's memory anyway.
-const READ_CACHE: i32 = 512;
-
-/// Size to which the write-ahead log is cut back after it grew larger.
-const LOG_BYTES: u32 = 64 << 20;
-
-/// Statements that a connection keeps prepared: more than there are.
-const STATEMENTS: usize = 64;
-
 const DAMAGED: &str = "the store of jobs is damaged";
 
 impl From<rusqlite::Error> for Abort {
@@ -68,10 +58,8 @@ pub fn lacks_room(error: &rusqlite::Error) -> bool {
         || error.sqlite_error().is_some_and(|error| INDEX_OF_LOG.contains(&error.extended_code))
 }
 
-/// The file, and how connections to it are opened.
-///
-/// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
-/// whatever happened to the lock of the data folder.
+/// The file. The service locks the whole of it for itself, by a lock that SQLite does not know: another service is
+/// refused whatever happened to the lock of the data folder.
 pub struct DatabasePlace {
     pub path: PathBuf,
     /// Whether the process outlasts the file: then no commit waits for the disk.
@@ -135,22 +123,24 @@ impl DatabasePlace {
         }
         connection.pragma_update(None, "synchronous", if self.is_temporary { "OFF" } else { "FULL" })?;
         connection.pragma_update(None, "journal_mode", "WAL")?;
-        connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
+        // bytes to which the log is cut back after it grew larger
+        connection.pragma_update(None, "journal_size_limit", 64 << 20)?;
         Ok(connection)
     }
 
     pub fn reading(&self) -> rusqlite::Result<Connection> {
         let connection = self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         connection.pragma_update(None, "query_only", true)?;
-        connection.pragma_update(None, "cache_size", -READ_CACHE)?;
+        // 512 KiB: four connections fill it in the first thousands of jobs, and the system keeps what they read anyway
+        connection.pragma_update(None, "cache_size", -512)?;
         Ok(connection)
     }
 
     fn open(&self, flags: OpenFlags) -> rusqlite::Result<Connection> {
         let connection = Connection::open_with_flags(&self.path, flags | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
-        connection.set_prepared_statement_cache_capacity(STATEMENTS);
-        // plans do not depend on what is bound; without this, some statements are prepared anew whenever something else
-        // is
+        // more statements than there are
+        connection.set_prepared_statement_cache_capacity(64);
+        // plans do not depend on what is bound: no statement is prepared anew because something else is
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
         Ok(connection)
     }

@@ -21,9 +21,6 @@ use super::super::{Abort, Rows};
 use super::place::{DatabasePlace, closed, failure};
 use crate::ops::faults::{FaultPoint, Faults};
 
-/// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
-const BATCH: usize = 256;
-
 /// An error means that the transaction failed.
 type Work = dyn FnMut(&mut Connection, &mut Effects) -> Result<()> + Send;
 
@@ -40,24 +37,6 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Starts the writer on an open connection to a file; after a failure it opens another one.
-    pub fn start(
-        connection: Connection,
-        place: Arc<DatabasePlace>,
-        listeners: Arc<Listeners>,
-        faults: Faults,
-    ) -> io::Result<Self> {
-        let (commands, inbox) = mpsc::channel();
-        let closed = CancellationToken::new();
-        let worker = Worker { connection: Some(connection), place, listeners, faults };
-        let done = closed.clone().drop_guard();
-        thread::Builder::new().name("store-writer".to_owned()).spawn(move || {
-            worker.run(&inbox);
-            drop(done);
-        })?;
-        Ok(Self { commands: Mutex::new(Some(commands)), closed })
-    }
-
     /// Makes a change; returns when it is on the disk, and what follows from it is done. A command
     /// [refuses](Abort::Refused) before it writes; it runs again after a transaction that failed.
     pub async fn change<T: Send + 'static>(
@@ -93,18 +72,31 @@ impl Writer {
     }
 }
 
-struct Worker {
+pub struct Worker {
     /// None after a failure, until the next command.
-    connection: Option<Connection>,
-    place: Arc<DatabasePlace>,
-    listeners: Arc<Listeners>,
-    faults: Faults,
+    pub connection: Option<Connection>,
+    pub place: Arc<DatabasePlace>,
+    pub listeners: Arc<Listeners>,
+    pub faults: Faults,
 }
 
 impl Worker {
+    /// Starts the thread.
+    pub fn start(self) -> io::Result<Writer> {
+        let (commands, inbox) = mpsc::channel();
+        let closed = CancellationToken::new();
+        let done = closed.clone().drop_guard();
+        thread::Builder::new().name("store-writer".to_owned()).spawn(move || {
+            self.run(&inbox);
+            drop(done);
+        })?;
+        Ok(Writer { commands: Mutex::new(Some(commands)), closed })
+    }
+
     fn run(mut self, inbox: &mpsc::Receiver<Command>) {
         while let Ok(command) = inbox.recv() {
-            self.carry_out(iter::once(command).chain(inbox.try_iter()).take(BATCH).collect());
+            // a bound on what fails together, and on how long others wait
+            self.carry_out(iter::once(command).chain(inbox.try_iter()).take(256).collect());
         }
         if let Some(connection) = self.connection.take()
             && let Err((_, error)) = connection.close()
