@@ -49,7 +49,7 @@ pub(super) fn run_coarse<E: Functional>(
     let mut clustering = run.phases(device, |steps, keep, record| {
         flat::boundary_based(items, &start.labels, coarse.spec.options(items.moves), steps, cancel, keep, record)
     })?;
-    if let Some(effort) = coarse.relocation_after(items.moves, clustering.ending) {
+    if let Some(effort) = coarse.relocation_after(items, clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
         let cheaper = &mut labels_of_cheaper(items, coarse.spec, job.prepared.viewer.as_deref(), cancel);
         let relocation = Relocation { graph: items, effort, pairs: coarse.spec.pairs(), cancel };
@@ -69,10 +69,10 @@ pub(super) fn run_coarse<E: Functional>(
 impl<E: Functional> Coarse<E> {
     /// Which moves of whole clusters follow the phases, if any: none where the caller's limit ended them, and none with
     /// quality fast where moves are connected: there swaps pay on any image, and take five times as long as the rest.
-    fn relocation_after(&self, moves: Moves, ending: Ending) -> Option<relocation::Effort> {
+    fn relocation_after(&self, items: &Items<E>, ending: Ending) -> Option<relocation::Effort> {
         let is_cut_short = ending == Ending::IterationLimit && self.spec.max_iterations.is_some();
-        let is_quick = moves == Moves::Connected && self.spec.quality == Quality::Fast;
-        self.spec.relocation().filter(|_| !is_cut_short && !is_quick)
+        let is_quick = items.moves == Moves::Connected && self.spec.quality == Quality::Fast;
+        self.spec.relocation(items.faces()).filter(|_| !is_cut_short && !is_quick)
     }
 
     /// The labels of the phases of quality `fast`.
@@ -89,7 +89,7 @@ impl<E: Functional> Coarse<E> {
         let options = self.spec.options(items.moves);
         let run = flat::boundary_based(items, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
         drop(steps);
-        match self.relocation_after(items.moves, run.ending) {
+        match self.relocation_after(items, run.ending) {
             Some(effort) => {
                 let relocation = Relocation { graph: items, effort, pairs: self.spec.pairs(), cancel };
                 let cheaper = &mut labels_of_cheaper(items, self.spec, viewer, cancel);

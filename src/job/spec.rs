@@ -87,8 +87,8 @@ impl CoarseSpec {
     }
 
     /// Which moves of whole clusters follow the phases, if any: pieces of clusters cannot be moved as a whole.
-    pub fn relocation(&self) -> Option<relocation::Effort> {
-        (self.refine && !self.allow_disconnected).then(|| relocation(self.quality, self.energy))
+    pub fn relocation(&self, faces: usize) -> Option<relocation::Effort> {
+        (self.refine && !self.allow_disconnected).then(|| relocation(self.quality, self.energy, faces))
     }
 
     /// Which pairs merge in a round.
@@ -290,11 +290,14 @@ impl Clustering {
     }
 }
 
-/// Which moves of whole clusters follow. By normals, starts lie so low that the default only makes swaps: other steps
-/// lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
-fn relocation(quality: Quality, energy: energy::Kind) -> relocation::Effort {
+/// By normals, meshes with no more faces than this get all moves of whole clusters.
+const FEW_FACES_OF_NORMALS: usize = 1 << 13;
+
+/// Which moves of whole clusters follow. By normals, starts of large meshes lie so low that the default only makes
+/// swaps: other steps lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
+fn relocation(quality: Quality, energy: energy::Kind, faces: usize) -> relocation::Effort {
     match quality {
-        Quality::Default if energy.is_of_normals() => relocation::Effort::Swaps,
+        Quality::Default if energy.is_of_normals() && faces > FEW_FACES_OF_NORMALS => relocation::Effort::Swaps,
         quality => quality.relocation(),
     }
 }
@@ -316,7 +319,7 @@ fn hierarchical(parameters: &Parameters, sequential_at: u64) -> hierarchy::Optio
         levels: parameters.levels().to_vec(),
         allow_disconnected: parameters.allow_disconnected,
         relocation: (refine && !parameters.allow_disconnected)
-            .then(|| relocation(parameters.quality, parameters.energy)),
+            .then(|| relocation(parameters.quality, parameters.energy, usize::MAX)),
     }
 }
 
