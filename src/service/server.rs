@@ -121,7 +121,7 @@ impl Server {
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let live = Arc::<Live>::default();
         let pipeline = Pipeline {
-            tokens: access.tokens(),
+            tokens: access.tokens.subscribe(),
             worker: worker_name().into(),
             device_name: description.info.name.clone(),
             store: Arc::clone(&store),
