@@ -13,7 +13,7 @@ use crate::guard::access::tokens::{TokenFile, Tokens};
 use crate::http::api::create;
 use crate::http::{conditional, negotiate};
 use crate::ingest::intake::Rules;
-use crate::ingest::request::{Beside, Wanted};
+use crate::ingest::request::Wanted;
 use crate::ingest::upload;
 use crate::ops::faults::Faults;
 use crate::ops::trace::TraceParent;
@@ -27,7 +27,7 @@ pub fn request(query: &[u8], json: &[u8]) {
     let _ = wanted.add_json(json);
     let _ = wanted.check_early(true);
     for format in InputFormat::all() {
-        let _ = wanted.clone().finish(format, Beside::default());
+        let _ = wanted.clone().finish(format, |_| false);
     }
 }
 

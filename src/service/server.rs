@@ -123,7 +123,7 @@ impl Server {
             metrics: Arc::clone(&metrics),
         };
         let pipeline = Pipeline {
-            tokens: access.tokens(),
+            tokens: access.tokens.subscribe(),
             worker: worker_name().into(),
             device_name: description.info.name.clone(),
             store: Arc::clone(&store),

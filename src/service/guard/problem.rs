@@ -30,9 +30,6 @@ pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(crate) const ENCODINGS: &str = "gzip, zstd, identity";
 
-/// `Retry-After` of errors that pass, in seconds.
-const RETRY_AFTER: u32 = 5;
-
 /// Longest path of a request that is logged or sent back, in bytes.
 const MAX_PATH: usize = 256;
 
@@ -110,18 +107,16 @@ pub(crate) type Answer<T = Response> = Result<T, Failure>;
 
 /// Turns every error response that is no problem document yet into one.
 pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
-    let path = request.uri().path().to_owned();
-    let method = request.method().clone();
+    let (path, method) = (request.uri().path().to_owned(), request.method().clone());
     let mut response = next.run(request).await;
-    if !response.status().is_client_error() && !response.status().is_server_error() {
+    if response.status().as_u16() < 400 {
         return response;
     }
     let known = response.extensions_mut().remove::<Failure>();
     let failure = known.unwrap_or_else(|| refused_by_framework(&response, &method, &path).into());
     metrics.families.rejections.get_or_create(&[("reason", failure.error.kind.slug())]).inc();
     match failure.error.kind {
-        // What every probe and every client gets while the service stops, and what any client gets for a large upload.
-        // A disk that takes no job at all is logged once, as a part that does not work.
+        // what every client gets while the service stops; a disk that takes no job is logged once, as a failing part
         Kind::Unavailable | Kind::Overloaded | Kind::InsufficientStorage => {
             tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error)
         }
@@ -137,7 +132,8 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
     headers.remove(header::CONTENT_LENGTH);
     if failure.error.kind.is_retryable() {
-        headers.insert(header::RETRY_AFTER, RETRY_AFTER.into());
+        // seconds
+        headers.insert(header::RETRY_AFTER, HeaderValue::from_static("5"));
     }
     response
 }
@@ -155,8 +151,8 @@ fn refused_by_framework(response: &Response, method: &Method, path: &str) -> Err
             (Kind::NotFound, format!("there is nothing at this path; /openapi.yaml lists what there is: {shown}"))
         }
         StatusCode::METHOD_NOT_ALLOWED => {
-            let allowed = response.headers().get(header::ALLOW).and_then(|value| value.to_str().ok());
-            let allowed = allowed.unwrap_or("no method");
+            let allowed = response.headers().get(header::ALLOW);
+            let allowed = allowed.and_then(|value| value.to_str().ok()).unwrap_or("no method");
             (Kind::MethodNotAllowed, format!("this resource answers {allowed}, not {method}"))
         }
         status if status.is_server_error() => {

@@ -50,13 +50,9 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
     let digest = Sha256::new().chain_update(what).chain_update(media_type);
     let tag: String = digest.finalize()[..16].iter().map(|byte| format!("{byte:02x}")).collect();
     let tag = format!("\"{tag}\"");
-    let headers = response.headers_mut();
-    if let Ok(value) = HeaderValue::try_from(&tag) {
-        headers.insert(header::ETAG, value);
-    }
     // kept by the client only, and validated before each use
-    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
-    headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+    let caching = [(header::CACHE_CONTROL, "private, no-cache"), (header::ACCEPT_RANGES, "bytes")];
+    response = ([(header::ETAG, tag.as_str())], caching, response).into_response();
     if known(&asked, &tag) {
         let headers = response.headers_mut();
         headers.remove(header::CONTENT_TYPE);
@@ -68,12 +64,11 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
     let length = content_length(response.headers()).or_else(|| response.body().size_hint().exact());
     // a part of other bytes than the client has is of no use to it
     let is_same = asked.get(header::IF_RANGE).is_none_or(|value| value == &tag);
-    let range = asked.get(header::RANGE).filter(|_| is_get && is_same);
-    let range = range.zip(length).and_then(|(range, length)| Some((parse(range, length)?, length)));
-    if let Some((part, length)) = &range
+    let asked = asked.get(header::RANGE).filter(|_| is_get && is_same).and_then(|range| range.to_str().ok());
+    let range = asked.zip(length).and_then(|(asked, length)| Some((parse(asked, length)?, length)));
+    if let (Some(asked), Some((part, length))) = (asked, &range)
         && part.is_empty()
     {
-        let asked = asked.get(header::RANGE).and_then(|range| range.to_str().ok()).unwrap_or_default();
         let message =
             format_args!("the result has {length} bytes, none of which is in the range that was asked for: {asked}");
         let whole = [(header::CONTENT_RANGE, format!("bytes */{length}"))];
@@ -103,8 +98,8 @@ pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Res
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
     if headers.contains_key(header::CONTENT_ENCODING)
-        && let Some(tag) = headers.get(header::ETAG).and_then(|tag| tag.to_str().ok())
-        && let Ok(weak) = HeaderValue::try_from(format!("W/{tag}"))
+        && let Some(tag) = headers.get(header::ETAG)
+        && let Ok(weak) = HeaderValue::try_from([b"W/", tag.as_bytes()].concat())
     {
         headers.insert(header::ETAG, weak);
     }
@@ -118,11 +113,9 @@ fn known(asked: &HeaderMap, tag: &str) -> bool {
     values.any(|known| known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag)
 }
 
-/// The bytes of a `Range` header, an empty range where there are none. None for what may be ignored: other units,
-/// several ranges, and nonsense.
-fn parse(range: &HeaderValue, length: u64) -> Option<Range<u64>> {
-    let range = range.to_str().ok()?.strip_prefix("bytes=")?.trim();
-    let (first, last) = range.split_once('-')?;
+/// The bytes of a `Range` header, perhaps none. `None` for what may be ignored: other units, several ranges, nonsense.
+fn parse(range: &str, length: u64) -> Option<Range<u64>> {
+    let (first, last) = range.strip_prefix("bytes=")?.trim().split_once('-')?;
     let number =
         |text: &str| text.bytes().all(|byte| byte.is_ascii_digit()).then(|| text.parse::<u64>().ok()).flatten();
     Some(match (first, last) {
@@ -143,14 +136,12 @@ async fn with_body(response: Response, part: Option<(Range<u64>, u64)>) -> Resul
         }
         (None, None) => body,
     };
-    if let Some((range, length)) = part {
+    let headers = part.map(|(Range { start, end }, length)| {
         parts.status = StatusCode::PARTIAL_CONTENT;
-        parts.headers.insert(header::CONTENT_LENGTH, (range.end - range.start).into());
-        if let Ok(value) = HeaderValue::try_from(format!("bytes {}-{}/{length}", range.start, range.end - 1)) {
-            parts.headers.insert(header::CONTENT_RANGE, value);
-        }
-    }
-    Ok(Response::from_parts(parts, body))
+        let range = format!("bytes {start}-{}/{length}", end - 1);
+        [(header::CONTENT_LENGTH, (end - start).to_string()), (header::CONTENT_RANGE, range)]
+    });
+    Ok((headers, Response::from_parts(parts, body)).into_response())
 }
 
 /// Some bytes of a body: those before are read and dropped, those after are not read.
@@ -163,23 +154,19 @@ async fn slice(body: Body, range: Range<u64>) -> io::Result<Body> {
 #[cfg(fuzzing)]
 pub(crate) fn for_fuzzing(headers: &HeaderMap, length: u64) {
     let _ = known(headers, "\"abc\"");
-    if let Some(Some(range)) = headers.get(header::RANGE).map(|range| parse(range, length)) {
+    if let Some(range) = headers.get(header::RANGE).and_then(|range| parse(range.to_str().ok()?, length)) {
         assert!(range.is_empty() || range.end <= length);
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use axum::body::Bytes;
     use futures_util::stream;
 
     use super::*;
 
     #[test]
     fn ranges_are_read_as_the_standard_says() {
-        let range = |text: &'static str| {
-            parse(&HeaderValue::from_static(text), 100).map(|range| (!range.is_empty()).then_some(range))
-        };
         for (text, expected) in [
             ("bytes=0-9", Some(Some(0..10))),
             ("bytes=90-", Some(Some(90..100))),
@@ -196,7 +183,8 @@ mod tests {
             ("lines=0-9", None),
             ("bytes=99999999999999999999-", None),
         ] {
-            assert_eq!(range(text), expected, "{text}");
+            let range = parse(text, 100).map(|range| (!range.is_empty()).then_some(range));
+            assert_eq!(range, expected, "{text}");
         }
     }
 
@@ -204,10 +192,8 @@ mod tests {
     async fn a_slice_has_the_bytes_that_were_asked_for_however_they_come() {
         let all: Vec<u8> = (0..=255).collect();
         for (chunk, range) in [(1, 0..256), (7, 3..4), (7, 6..8), (100, 99..201), (256, 255..256), (3, 0..1)] {
-            let chunks: Vec<_> =
-                all.chunks(chunk).map(|bytes| Ok::<_, io::Error>(Bytes::copy_from_slice(bytes))).collect();
-            let body = Body::from_stream(stream::iter(chunks));
-            let sliced = slice(body, range.clone()).await.expect("a slice");
+            let chunks: Vec<_> = all.chunks(chunk).map(|bytes| io::Result::Ok(bytes.to_vec())).collect();
+            let sliced = slice(Body::from_stream(stream::iter(chunks)), range.clone()).await.expect("a slice");
             let bytes = axum::body::to_bytes(sliced, 1000).await.expect("bytes");
             assert_eq!(bytes, all[range.start as usize..range.end as usize], "{chunk} {range:?}");
         }

@@ -5,9 +5,6 @@ use mime::{Mime, Name};
 use tesserae_mesh::artifacts::{Artifact, Form};
 use tesserae_mesh::error::{Error, Kind, Result};
 
-/// Most media ranges of a request that are read; browsers send a dozen.
-const MAX_RANGES: usize = 64;
-
 /// The form of an output that the query names, or else the one that the client prefers.
 pub(crate) fn form(headers: &HeaderMap, format: Option<&str>, artifact: &'static Artifact) -> Result<&'static Form> {
     let Some(name) = format else { return choose(headers, artifact, artifact.forms.iter()) };
@@ -25,8 +22,9 @@ pub(crate) fn choose(
 ) -> Result<&'static Form> {
     let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accepted = accepted.join(",");
-    let mut ranges: Vec<Mime> =
-        accepted.split(',').take(MAX_RANGES).filter_map(|range| range.trim().parse().ok()).collect();
+    // browsers send a dozen
+    let ranges = accepted.split(',').take(64);
+    let mut ranges: Vec<Mime> = ranges.filter_map(|range| range.trim().parse().ok()).collect();
     if accepted.trim().is_empty() {
         ranges.push(mime::STAR_STAR);
     }
@@ -34,10 +32,8 @@ pub(crate) fn choose(
     let best = weighed.reduce(|best, other| if other.1 > best.1 { other } else { best });
     best.map(|(form, _)| form).ok_or_else(|| {
         let media_types: Vec<&str> = artifact.forms.iter().map(|form| form.media_type).collect();
-        Error::new(
-            Kind::NotAcceptable,
-            format_args!("the media types of {} are {}, not {accepted:?}", artifact.name, media_types.join(", ")),
-        )
+        let (name, known) = (artifact.name, media_types.join(", "));
+        Error::new(Kind::NotAcceptable, format_args!("the media types of {name} are {known}, not {accepted:?}"))
     })
 }
 
@@ -81,8 +77,7 @@ mod tests {
             (&format!("{}application/x-npy", "a/b,".repeat(63)), Some(npy)),
             (&format!("{}application/x-npy", "a/b,".repeat(64)), None),
         ] {
-            let mut headers = HeaderMap::new();
-            headers.insert(header::ACCEPT, HeaderValue::from_str(accept).expect("a value"));
+            let headers = HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_str(accept).expect("a value"))]);
             let chosen = form(&headers, None, &LABELS).ok();
             assert_eq!(chosen.map(|form| form.file), expected.map(|form| form.file), "{accept}");
         }

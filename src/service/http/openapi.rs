@@ -1,8 +1,8 @@
-//! The description of the interface, generated from the code: `openapi.yaml` in the repository and `/openapi.yaml` on
-//! the service.
+//! The description of the interface, generated from the code: `openapi.yaml` here and `/openapi.yaml` on the service.
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
+use std::error::Error as StdError;
 use std::sync::{Arc, LazyLock};
 
 use axum::http::header;
@@ -22,15 +22,12 @@ use utoipa_axum::routes;
 
 use crate::guard::problem::{Answer, Problematic};
 use crate::http::api::create::Binary;
-use crate::http::api::outputs::DerivedQuery;
+use crate::http::api::outputs::{DerivedQuery, has_parameter};
 use crate::http::api::{self, events};
 use crate::http::state::Shared;
-use crate::store::PRIORITIES;
+use crate::ingest::request::OF_JOB;
 use crate::store::live::LabelsEvent;
 use crate::work::urls;
-
-/// A whole mesh of four faces, so that tools that read the description can make jobs that succeed.
-const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
 #[derive(OpenApi)]
 #[openapi(
@@ -56,8 +53,8 @@ pub(crate) fn routes() -> OpenApiRouter<Arc<Shared>> {
 }
 
 /// Adds what the derives cannot say: outputs come from their table, the members of `Parameters` are query parameters of
-/// `POST /v1/jobs` too, no request carries a null, and seeds are no path here.
-fn complete(document: &mut openapi::OpenApi) -> serde_json::Result<()> {
+/// `POST /v1/jobs` too, no request carries a null, and seeds are no path here. Gives the whole as YAML.
+fn complete(mut document: openapi::OpenApi) -> Result<String, Box<dyn StdError>> {
     let mut paths = json!(document.paths);
     let components = document.components.get_or_insert_default();
     for (name, schema) in add_outputs(&mut paths) {
@@ -72,43 +69,27 @@ fn complete(document: &mut openapi::OpenApi) -> serde_json::Result<()> {
     components.add_security_scheme("token", serde_json::from_value::<SecurityScheme>(token)?);
     // either without or with one: which of the two is the operator's choice
     document.security = serde_json::from_value(json!([{}, { "token": [] }]))?;
-    let Some(RefOr::T(Schema::Object(parameters))) = components.schemas.get_mut("Parameters") else { return Ok(()) };
+    let Some(RefOr::T(Schema::Object(parameters))) = components.schemas.get_mut("Parameters") else {
+        return Err("Parameters have no schema".into());
+    };
     if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
-        let on_the_command_line = seeds.description.take().unwrap_or_default();
-        seeds.description = Some(
-            on_the_command_line
-                .replace("file:PATH with a list of face numbers", "listed, which is implied by a part `seeds`"),
-        );
+        let (path, part) = ("file:PATH with a list of face numbers", "listed, which is implied by a part `seeds`");
+        seeds.description = seeds.description.take().map(|text| text.replace(path, part));
         let listed = [Seeds::Coarse, Seeds::Merged, Seeds::Morton, Seeds::Random, Seeds::Listed];
         seeds.enum_values = Some(listed.map(|seeds| json!(seeds)).into());
     }
     let mut of_jobs = parameters.clone();
-    let members = of_jobs.properties.iter().map(|(name, schema)| in_query(name, &json!(schema)));
-    let members: Vec<Value> = members.collect();
+    let members: Vec<Value> = of_jobs.properties.iter().map(|(name, schema)| in_query(name, &json!(schema))).collect();
     of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
-    let more = json!({
-        "priority": {
-            "type": "integer",
-            "description": "Of your waiting jobs, those with a higher priority start first; 0 when left out",
-            "maximum": PRIORITIES.end(),
-            "minimum": PRIORITIES.start(),
-        },
-        "outputs": {
-            "type": "array",
-            "items": { "type": "string" },
-            "description": "Files to make of the mesh, which is gone when the job has ended",
-        },
-        "keep_mesh": {
-            "type": "boolean",
-            "description": "Keep the mesh or the image with the result, so that every output can be made of it later",
-        },
-        "webhook": {
-            "type": "string",
-            "description": "URL that is called at the end of the job; on a host that the operator allows",
-        },
-    });
-    for (name, schema) in more.as_object().into_iter().flatten() {
-        of_jobs.properties.insert(name.clone(), serde_json::from_value(schema.clone())?);
+    for parameter in paths["/v1/jobs"]["post"]["parameters"].as_array().into_iter().flatten() {
+        let Some(name) = parameter["name"].as_str().filter(|name| OF_JOB.contains(name)) else { continue };
+        let mut schema = parameter["schema"].clone();
+        drop_null(&mut schema);
+        if name == "outputs" {
+            schema = json!({ "type": "array", "items": schema });
+        }
+        schema["description"] = parameter["description"].clone();
+        of_jobs.properties.insert(name.to_owned(), serde_json::from_value(schema)?);
     }
     components.schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
     for (path, item) in paths.as_object_mut().into_iter().flatten() {
@@ -133,7 +114,7 @@ fn complete(document: &mut openapi::OpenApi) -> serde_json::Result<()> {
         }
     }
     document.paths = serde_json::from_value(paths)?;
-    Ok(())
+    Ok(quoted(&document.to_yaml()?))
 }
 
 /// The operation of an output without a handler of its own.
@@ -156,11 +137,9 @@ fn operation_of(artifact: &Artifact) -> Value {
          hierarchy without `clusters`."
     )
     .into();
-    let applies = |name: &str| {
-        ["format", "clusters"].contains(&name) || artifact.choices.iter().any(|choice| choice.name() == name)
-    };
     let parameters = DerivedQuery::into_params(|| Some(ParameterIn::Query)).into_iter();
-    let parameters = parameters.filter(|parameter| applies(&parameter.name)).map(|parameter: Parameter| {
+    let parameters = parameters.filter(|parameter| has_parameter(artifact, &parameter.name));
+    let described = parameters.map(|parameter: Parameter| {
         let mut parameter = json!(parameter);
         if parameter["name"] == "format" {
             let formats: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
@@ -168,7 +147,7 @@ fn operation_of(artifact: &Artifact) -> Value {
         }
         parameter
     });
-    operation["parameters"] = parameters.collect();
+    operation["parameters"] = described.collect();
     operation
 }
 
@@ -189,13 +168,15 @@ fn add_outputs(paths: &mut Value) -> artifacts::Schemas {
     schemas
 }
 
-/// Adds the media types of all formats to the content of a body, each with the schema of any bytes.
+/// Adds the media types of all formats to the content of a body, each with the schema of any bytes. The example is a
+/// whole mesh of four faces, so that tools that read the description can make jobs that succeed.
 fn add_formats(content: &mut Value) {
     for format in InputFormat::all() {
         for name in format.media_types() {
             content[name] = content["application/octet-stream"].clone();
             if format == InputFormat::Mesh(Format::Obj) {
-                content[name]["example"] = TETRAHEDRON.into();
+                let tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+                content[name]["example"] = tetrahedron.into();
             }
         }
     }
@@ -203,39 +184,34 @@ fn add_formats(content: &mut Value) {
 
 /// Adds what every path may answer, and what every result may.
 fn add_common_answers(path: &str, answers: &mut Value) {
+    let Some(answers) = answers.as_object_mut() else { return };
     let is_probe = ["/healthz", "/readyz"].contains(&path);
     let output = artifacts::ALL.iter().find(|artifact| artifact.is_served && path == urls::route(artifact));
+    let is_result = output.is_some() || path.ends_with("/upload");
     for (status, applies) in [
         // of the query string
         ("414", true),
         ("422", true),
         ("429", !is_probe),
-        ("503", !is_probe),
-        ("500", path.starts_with("/v1/jobs") || path.starts_with("/v1/workers")),
+        ("503", path != "/healthz"),
+        ("500", ["/v1/jobs", "/v1/workers", "/metrics", "/openapi.yaml"].iter().any(|start| path.starts_with(start))),
         ("404", path.contains("{id}")),
         ("401", !is_probe && !["/v1/version", "/openapi.yaml"].contains(&path)),
         ("403", path == "/metrics" || path.starts_with("/v1/workers")),
         ("408", path == "/v1/jobs"),
         ("406", output.is_some_and(|output| output.forms.len() > 1)),
         ("409", output.is_some()),
-        ("416", output.is_some()),
+        ("416", is_result),
     ] {
         if applies {
-            add(answers, status, json!(Ref::from_response_name("Problematic")));
+            answers.entry(status).or_insert(json!(Ref::from_response_name("Problematic")));
         }
     }
-    if output.is_some() {
-        add(answers, "304", json!({ "description": "The client has it already (`If-None-Match`)" }));
+    if is_result {
+        answers.insert("304".into(), json!({ "description": "The client has it already (`If-None-Match`)" }));
         let mut part = answers["200"].clone();
         part["description"] = "The part of it that `Range` names".into();
-        add(answers, "206", part);
-    }
-}
-
-/// Adds a member that is not there yet.
-fn add(object: &mut Value, name: &str, value: Value) {
-    if object[name].is_null() {
-        object[name] = value;
+        answers.insert("206".into(), part);
     }
 }
 
@@ -268,11 +244,7 @@ fn drop_null(schema: &mut Value) {
 
 /// The description as YAML, as it stands in `openapi.yaml`.
 pub fn openapi_yaml() -> Result<String> {
-    let mut document = routes().into_openapi();
-    let yaml = complete(&mut document)
-        .map_err(|error| error.to_string())
-        .and_then(|()| document.to_yaml().map_err(|error| error.to_string()));
-    yaml.map(|yaml| quoted(&yaml))
+    complete(routes().into_openapi())
         .map_err(|error| Error::new(Kind::Internal, format_args!("the description cannot be written: {error}")))
 }
 
@@ -281,10 +253,7 @@ pub fn openapi_yaml() -> Result<String> {
 /// OpenAPI, as YAML.
 #[utoipa::path(
     get, path = "/openapi.yaml", tag = "service", operation_id = "getOpenapi",
-    responses(
-        (status = 200, description = "The description", body = Object, content_type = "application/yaml"),
-        (status = 500, response = Problematic),
-    ),
+    responses((status = 200, description = "The description", body = Object, content_type = "application/yaml")),
 )]
 pub(crate) async fn show() -> Answer {
     static YAML: LazyLock<Result<String>> = LazyLock::new(openapi_yaml);
@@ -306,9 +275,6 @@ fn quoted(yaml: &str) -> String {
 #[cfg(test)]
 #[test]
 fn words_that_are_values_are_quoted_and_texts_are_not() {
-    let (yaml, expected) = (
-        "enum:\n- off\n- obj\ndefault: on\ntext: on and off\n",
-        "enum:\n- 'off'\n- obj\ndefault: 'on'\ntext: on and off\n",
-    );
-    assert_eq!(quoted(yaml), expected);
+    let yaml = quoted("enum:\n- off\n- obj\ndefault: on\ntext: on and off\n");
+    assert_eq!(yaml, "enum:\n- 'off'\n- obj\ndefault: 'on'\ntext: on and off\n");
 }

@@ -4,9 +4,9 @@
 //! Its sources are in `web/`. `make bundle` makes seven files of them, and the feature `page` compiles these in; the
 //! mesh of the first visit is made here ([`KNOT`]). Without the feature, the paths are a 404 that says so.
 //!
-//! The page needs no token to be read, and holds no data; a token that it is given stays in the browser's session. The
-//! content security policy admits what comes from here and nothing else: no inline script or style, no `eval`, no other
-//! host, no frame. Files have an `ETag` and are validated before each use, so that a new release is a new page.
+//! The page needs no token to be read, and holds no data. The content security policy admits what comes from here and
+//! nothing else: no inline script or style, no `eval`, no other host, no frame. Files have an `ETag` and are validated
+//! before each use, so that a new release is a new page.
 
 use std::sync::LazyLock;
 use std::thread;
@@ -56,9 +56,6 @@ const FILES: [(&str, &str, &[u8]); 7] = [
 #[cfg(not(feature = "page"))]
 const FILES: [(&str, &str, &[u8]); 0] = [];
 
-/// Faces of the knot that the page shows before there is a job.
-const FACES: u64 = 20_000;
-
 /// The knot and its hierarchy, each with its digest; made once, when the service has started.
 static KNOT: LazyLock<Result<[(Content, Bytes); 2]>> = LazyLock::new(make_knot);
 
@@ -68,8 +65,7 @@ pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
         let refusal = move || async move { Failure::from(Error::new(Kind::NotFound, missing)).into_response() };
         return Router::new().route("/", get(refusal));
     }
-    let knot =
-        Router::new().route("/knot.glb", get(async || knot(0).await)).route("/knot.tsr", get(async || knot(1).await));
+    let knot = Router::new().route("/knot.glb", get(|| knot(0))).route("/knot.tsr", get(|| knot(1)));
     FILES.into_iter().fold(knot, |routes, (path, media_type, bytes)| {
         // the same in every answer of this process, so it is made once
         let content = digest(bytes);
@@ -111,7 +107,7 @@ async fn knot(file: usize) -> Answer {
 fn make_knot() -> Result<[(Content, Bytes); 2]> {
     let failed = |error| Error::new(Kind::Internal, format_args!("the knot of the page: {error}"));
     let (mut glb, mut tsr) = (Vec::new(), Vec::new());
-    write_glb(&mut glb, &generate(Sample::Knot, FACES)?).map_err(failed)?;
+    write_glb(&mut glb, &generate(Sample::Knot, 20_000)?).map_err(failed)?;
     let parameters = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };
     let prepared = job::prepare(&job::Request::new(&glb, Format::Glb, &parameters))?;
     let outcome = job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})?;

@@ -24,16 +24,10 @@ use crate::http::state::Shared;
 use crate::http::{conditional, openapi, page};
 use crate::ops::trace::{Origin, TraceParent};
 
-/// Paths that probes and monitoring read every few seconds.
-const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
-
-/// Bytes from which on an answer is compressed if the client can read that.
-const COMPRESSED_FROM: u64 = 1024;
-
 /// All routes, and around them, from the outside in:
 ///
 /// 1. what every request and every answer has, counting and the access log;
-/// 2. compression, of all but event streams, and tags that differ with it;
+/// 2. compression, of all but event streams and answers below 1,024 bytes, and tags that differ with it;
 /// 3. problem documents, of all that is refused further in;
 /// 4. a net for panics;
 /// 5. heads that are not valid HTTP/1.1, query strings that are too long, and web pages that may not use a service
@@ -48,7 +42,7 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .layer(
             CompressionLayer::new()
                 .quality(CompressionLevel::Fastest)
-                .compress_when(SizeAbove::new(COMPRESSED_FROM).and(NotForContentType::const_new("text/event-stream"))),
+                .compress_when(SizeAbove::new(1024).and(NotForContentType::const_new("text/event-stream"))),
         )
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
         // the panic hook logs them
@@ -74,12 +68,11 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
 }
 
 /// Gives a request its [`Origin`] and its span; counts its answer, logs it, and adds the headers that every answer has:
-/// browsers must not guess types, show answers as pages, or cache the data of a tenant. A route may set its own content
-/// security policy and caching. The connection of a refused request with a body ends after the answer, since the rest
-/// of the body may not have been read.
+/// browsers must not guess types, show answers as pages, or cache the data of a tenant. A route may set its own. The
+/// connection of a refused request with a body ends after the answer, since parts of the body may not have been read.
 ///
-/// The access log has a line a request, of the target `tesserae::access` and without a span, whose fields the line
-/// holds itself. Probes have none. A line names a token by its id, never by its secret.
+/// The access log, of the target `tesserae::access`, has a line a request without a span, whose fields the line holds
+/// itself. Probes and monitoring, which come every few seconds, have none. A line names a token by its id only.
 async fn every_request(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let client = origin::client(&request, &shared.settings.traffic.trusted_proxies);
@@ -92,7 +85,7 @@ async fn every_request(State(shared): State<Arc<Shared>>, mut request: Request, 
     let (status, elapsed) = (response.status().as_u16(), started.elapsed());
     let route = response.extensions().get().map_or("none", MatchedPath::as_str);
     shared.metrics.answered(&method, route, status, elapsed);
-    if !PROBES.contains(&path.as_str()) {
+    if !["/healthz", "/readyz", "/metrics"].contains(&path.as_str()) {
         let tenant = response.extensions().get::<Caller>().map(|caller| &caller.0);
         let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok());
         tracing::info!(
@@ -119,10 +112,6 @@ async fn every_request(State(shared): State<Arc<Shared>>, mut request: Request, 
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::X_FRAME_OPTIONS, "DENY"),
         (header::REFERRER_POLICY, "no-referrer"),
-    ] {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
-    for (name, value) in [
         (header::CONTENT_SECURITY_POLICY, "default-src 'none'; frame-ancestors 'none'"),
         (header::CACHE_CONTROL, "no-store"),
     ] {

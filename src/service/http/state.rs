@@ -51,7 +51,6 @@ pub(crate) struct Shared {
     pub files: Arc<Files>,
     pub storage: Arc<Storage>,
     pub device: DeviceDescription,
-    /// What is wrong with the service.
     pub health: Arc<Health>,
     pub live: Arc<Live>,
     /// Cancelled once the service is to stop.
@@ -68,8 +67,7 @@ pub(crate) struct Shared {
 pub(crate) type App = State<Arc<Shared>>;
 
 impl Shared {
-    /// The job with that id, if it is the caller's: for another tenant it does not exist. Handlers have no other way
-    /// from an id to a job.
+    /// The job of this id, if it is the caller's. Handlers have no other way from an id to a job.
     pub async fn job(&self, caller: &Caller, id: &str) -> Result<Job> {
         let id: JobId = id.parse()?;
         let job = self.store.get(id).await?.filter(|job| job.spec.tenant == caller.0.name);
@@ -100,8 +98,7 @@ impl FromRequestParts<Arc<Shared>> for Found {
     type Rejection = Response;
 
     async fn from_request_parts(parts: &mut Parts, shared: &Arc<Shared>) -> Result<Self, Response> {
-        let caller = Caller::from_request_parts(parts, shared).await.map_err(IntoResponse::into_response)?;
-        let id = Path::<String>::from_request_parts(parts, shared).await.map_err(IntoResponse::into_response)?;
+        let (caller, Path(id)) = <(Caller, Path<String>)>::from_request_parts(parts, shared).await?;
         let job = shared.job(&caller, &id).await.map_err(|error| Failure::from(error).into_response())?;
         Ok(Self { shared: Arc::clone(shared), job })
     }

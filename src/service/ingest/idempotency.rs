@@ -5,7 +5,7 @@
 //! every byte of its files. Headers about the answer (`Prefer`, `Accept`) do not count.
 
 use axum::http::HeaderMap;
-use serde::Serialize;
+use serde_json::json;
 use sha2::{Digest, Sha256};
 use tesserae_mesh::error::{Error, Kind, Result};
 
@@ -17,36 +17,22 @@ const MAX_KEY: usize = 255;
 /// The key of a request, as it is written: quotes count.
 pub(crate) fn key(headers: &HeaderMap) -> Result<Option<String>> {
     let mut values = headers.get_all("idempotency-key").iter();
-    let Some(value) = values.next() else {
-        return Ok(None);
-    };
+    let Some(value) = values.next() else { return Ok(None) };
     let key = value.to_str().unwrap_or_default().trim();
-    match (1..=MAX_KEY).contains(&key.len()) && values.next().is_none() {
-        true => Ok(Some(key.to_owned())),
-        false => Err(Error::new(
-            Kind::BadRequest,
-            format_args!("Idempotency-Key must be one string of 1 to {MAX_KEY} printable ASCII characters"),
-        )),
+    if (1..=MAX_KEY).contains(&key.len()) && values.next().is_none() {
+        return Ok(Some(key.to_owned()));
     }
+    let message = format_args!("Idempotency-Key must be one string of 1 to {MAX_KEY} printable ASCII characters");
+    Err(Error::new(Kind::BadRequest, message))
 }
 
 /// The key with what it stands for.
-pub(crate) fn idempotency(key: String, spec: &Spec, digests: &[[u8; 32]]) -> Result<Idempotency> {
-    /// What makes a request another one.
-    #[derive(Serialize)]
-    struct Request<'a> {
-        spec: Spec,
-        digests: &'a [[u8; 32]],
-    }
-    let request = Request {
-        // the key is the tenant's already, each attempt has its own trace, and the digests cover what the mesh claims
-        spec: Spec { tenant: String::new(), trace_parent: None, ..spec.clone() },
-        digests,
-    };
-    let json = serde_json::to_vec(&request)
-        .map_err(|error| Error::new(Kind::Internal, format_args!("a request cannot be written as JSON: {error}")))?;
-    let request = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
-    Ok(Idempotency { key, request })
+pub(crate) fn idempotency(key: String, spec: &Spec, digests: &[[u8; 32]]) -> Idempotency {
+    // the key is the tenant's already, each attempt has its own trace, and the digests cover what the mesh claims
+    let spec = Spec { tenant: String::new(), trace_parent: None, ..spec.clone() };
+    let request = json!({ "spec": spec, "digests": digests }).to_string();
+    let request = Sha256::digest(request).iter().map(|byte| format!("{byte:02x}")).collect();
+    Idempotency { key, request }
 }
 
 #[cfg(test)]
@@ -80,7 +66,7 @@ mod tests {
     #[test]
     fn any_other_byte_or_parameter_is_another_request() {
         let spec = new_job().spec;
-        let digest = |spec: &Spec, digests: &[[u8; 32]]| idempotency("k".into(), spec, digests).expect("JSON").request;
+        let digest = |spec: &Spec, digests: &[[u8; 32]]| idempotency("k".into(), spec, digests).request;
         let first = digest(&spec, &[[0; 32]]);
         let another_trace = Spec { tenant: "other".into(), trace_parent: Some("x".into()), ..spec.clone() };
         assert_eq!(digest(&another_trace, &[[0; 32]]), first);

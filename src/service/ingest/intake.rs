@@ -32,14 +32,10 @@ const ANY_CHUNKS: u64 = 4096;
 /// and bytes that all chunks must have on average after that. A chunk takes some 2 µs.
 const BYTES_PER_CHUNK: u64 = 64;
 
-/// Bytes after which a stream gives way to other tasks.
-const TURN: usize = 1 << 16;
-
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
 const ANY_INFLATION: u64 = 1 << 20;
 
-/// How many times as large as its compressed form an upload may be: more than text of meshes, a tenth of what DEFLATE
-/// can reach.
+/// How many times its compressed size an upload may have: more than text of meshes, a tenth of what DEFLATE reaches.
 const MAX_INFLATION: u64 = 100;
 
 /// Bytes that a compressed body may have before it must have content,
@@ -51,13 +47,6 @@ const SENT_PER_BYTE: u64 = 2;
 /// Bytes a second that an upload must bring on average: a GSM modem brings 1,200.
 const MIN_RATE: u64 = 1024;
 
-/// Bytes that are decompressed at once.
-const CHUNK: usize = 1 << 16;
-
-/// Binary logarithm of the largest window of zstd, in bytes: 8 MiB, which every decoder must have (RFC 8878
-/// §3.1.1.1.2).
-const ZSTD_WINDOW_LOG: u32 = 23;
-
 type Decoder<R> = Either<GzipDecoder<R>, ZstdDecoder<R>>;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +57,6 @@ pub(crate) enum Coding {
     Zstd,
 }
 
-/// What a body may be like.
 #[derive(Debug, Clone)]
 pub(crate) struct Rules {
     /// Largest number of bytes, as sent and as meant.
@@ -94,85 +82,72 @@ impl Rules {
 pub(crate) struct Content {
     /// The bytes as meant. An error comes where they pass a limit of length, inflation or time.
     pub bytes: BoxStream<'static, Result<Bytes>>,
-    pub allowance: Allowance,
+    pub counts: Arc<Counts>,
 }
 
-/// Bytes that may still come before the next part of a form begins.
-///
-/// The multipart reader gathers the headers of a part in memory, however long; this bounds them.
-#[derive(Debug, Clone)]
-pub(crate) struct Allowance(Arc<AtomicU64>);
+/// Bytes so far, and what may still come.
+pub(crate) struct Counts {
+    sent: AtomicU64,
+    meant: AtomicU64,
+    /// Bytes before the next part of a form begins: the multipart reader gathers the headers of a part in memory.
+    left: AtomicU64,
+}
 
-impl Allowance {
+impl Counts {
     /// From here on headers of a part are read.
     pub fn between_parts(&self) {
-        self.0.store(BETWEEN_PARTS, Ordering::Relaxed);
+        self.left.store(BETWEEN_PARTS, Ordering::Relaxed);
     }
 
     /// From here on the content of a part is read, which does not gather.
     pub fn within_part(&self) {
-        self.0.store(u64::MAX, Ordering::Relaxed);
+        self.left.store(u64::MAX, Ordering::Relaxed);
     }
 
-    /// Refuses a chunk of `bytes` bytes beyond it.
+    /// Refuses a chunk of `bytes` bytes beyond what may come.
     fn spend(&self, bytes: u64) -> Result<()> {
-        let left = self.0.load(Ordering::Relaxed);
+        let left = self.left.load(Ordering::Relaxed);
         let bytes = bytes.max(BETWEEN_PARTS / CHUNKS_BETWEEN_PARTS);
         if left < bytes {
-            return Err(Error::new(
-                Kind::BadRequest,
-                format_args!(
-                    "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} \
-                     bytes or come in more than {CHUNKS_BETWEEN_PARTS} chunks; send larger chunks"
-                ),
-            ));
+            let message = format_args!(
+                "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} bytes or \
+                 come in more than {CHUNKS_BETWEEN_PARTS} chunks; send larger chunks"
+            );
+            return Err(Error::new(Kind::BadRequest, message));
         }
         if left < u64::MAX {
-            self.0.store(left - bytes, Ordering::Relaxed);
+            self.left.store(left - bytes, Ordering::Relaxed);
         }
         Ok(())
     }
 }
 
-/// Bytes so far, as sent and as meant.
-#[derive(Default)]
-struct Counts {
-    sent: AtomicU64,
-    meant: AtomicU64,
-}
-
 /// Takes over a body, of `length` bytes where that is declared, compressed by `coding` if at all.
 pub(crate) fn open(body: Body, coding: Option<Coding>, length: Option<u64>, rules: Rules) -> Result<Content> {
     rules.check(length.unwrap_or(0))?;
-    let counts = Arc::<Counts>::default();
+    let counts = Arc::new(Counts { sent: 0.into(), meant: 0.into(), left: u64::MAX.into() });
     let body = paced(arriving(body, coding.is_some(), rules.clone(), Arc::clone(&counts)));
     let bytes = match coding {
         None => body,
         Some(coding) => paced(inflate(body, coding)),
     };
-    let allowance = Allowance(Arc::new(AtomicU64::new(u64::MAX)));
-    let spent = allowance.clone();
-    let check = move |data: &Bytes| {
-        let bytes = data.len() as u64;
-        let meant = counts.meant.fetch_add(bytes, Ordering::Relaxed) + bytes;
+    let counted = Arc::clone(&counts);
+    let bytes = bytes.map(move |item| {
+        let data = item?;
+        let length = data.len() as u64;
+        let meant = counted.meant.fetch_add(length, Ordering::Relaxed) + length;
         rules.check(meant)?;
-        let sent = counts.sent.load(Ordering::Relaxed);
+        let sent = counted.sent.load(Ordering::Relaxed);
         if meant > ANY_INFLATION.saturating_add(sent.saturating_mul(MAX_INFLATION)) {
             return Err(Error::too_large(format_args!(
                 "the compressed upload becomes more than {MAX_INFLATION} times as large: send it without compression, \
                  or less compressed; it was at {meant} bytes after {sent}"
             )));
         }
-        spent.spend(bytes)
-    };
-    Ok(Content { bytes: checked(bytes, check).boxed(), allowance })
-}
-
-fn checked(
-    bytes: impl Stream<Item = Result<Bytes>> + Send,
-    mut check: impl FnMut(&Bytes) -> Result<()> + Send,
-) -> impl Stream<Item = Result<Bytes>> + Send {
-    bytes.map(move |item| item.and_then(|data| check(&data).map(|()| data)))
+        counted.spend(length)?;
+        Ok(data)
+    });
+    Ok(Content { bytes: bytes.boxed(), counts })
 }
 
 /// The bytes of a body as they are sent.
@@ -190,44 +165,40 @@ fn arriving(
         let data = timeout(patience, body.next()).await.map_err(silent)?;
         Ok(data.transpose().map_err(broken)?.map(|data| (data, body)))
     });
-    checked(body, move |data| {
-        let bytes = data.len() as u64;
-        let before = counts.sent.fetch_add(bytes, Ordering::Relaxed);
-        let received = before + bytes;
+    body.map(move |item| {
+        let data = item?;
+        let before = counts.sent.fetch_add(data.len() as u64, Ordering::Relaxed);
+        let received = before + data.len() as u64;
         rules.check(received)?;
         // what was sent before was decompressed before more is read
         let meant = counts.meant.load(Ordering::Relaxed);
         if is_compressed && before > ANY_SENT.saturating_add(meant.saturating_mul(SENT_PER_BYTE)) {
-            return Err(Error::new(
-                Kind::BadRequest,
-                format_args!(
-                    "the compressed body is more than {SENT_PER_BYTE} times as large as its content; send it without \
-                     compression; {meant} bytes of content after {before}"
-                ),
-            ));
+            let message = format_args!(
+                "the compressed body is more than {SENT_PER_BYTE} times as large as its content; send it without \
+                 compression; {meant} bytes of content after {before}"
+            );
+            return Err(Error::new(Kind::BadRequest, message));
         }
         chunks += 1;
         if chunks > ANY_CHUNKS && received < chunks * BYTES_PER_CHUNK {
-            return Err(Error::new(
-                Kind::BadRequest,
-                format_args!(
-                    "the body comes in chunks of fewer than {BYTES_PER_CHUNK} bytes on average: send larger chunks; \
-                     chunks: {chunks}, bytes: {received}"
-                ),
-            ));
+            let message = format_args!(
+                "the body comes in chunks of fewer than {BYTES_PER_CHUNK} bytes on average: send larger chunks; \
+                 chunks: {chunks}, bytes: {received}"
+            );
+            return Err(Error::new(Kind::BadRequest, message));
         }
         let elapsed = began.elapsed().saturating_sub(patience).as_secs_f64();
         if (received as f64) < elapsed * MIN_RATE as f64 {
-            return Err(Error::new(
-                Kind::Timeout,
-                format_args!("the upload comes at less than {MIN_RATE} bytes a second: {received} bytes so far"),
-            ));
+            let message =
+                format_args!("the upload comes at less than {MIN_RATE} bytes a second: {received} bytes so far");
+            return Err(Error::new(Kind::Timeout, message));
         }
-        Ok(())
+        Ok(data)
     })
 }
 
-/// Decompresses a body, in bounded steps; it must give way to other tasks while it is read.
+/// Decompresses a body, in bounded steps; it must give way to other tasks while it is read. The window of zstd is 8 MiB
+/// at most, as every decoder must have (RFC 8878 §3.1.1.1.2).
 fn inflate(
     body: impl Stream<Item = Result<Bytes>> + Send + Unpin,
     coding: Coding,
@@ -235,15 +206,14 @@ fn inflate(
     let body = StreamReader::new(body.map_err(io::Error::other));
     let decoder = match coding {
         Coding::Gzip => Either::Left(GzipDecoder::new(body)),
-        Coding::Zstd => Either::Right(ZstdDecoder::with_params(body, &[DParameter::window_log_max(ZSTD_WINDOW_LOG)])),
+        Coding::Zstd => Either::Right(ZstdDecoder::with_params(body, &[DParameter::window_log_max(23)])),
     };
     stream::try_unfold(decoder, next).map_err(unreadable)
 }
 
-/// The next chunk, and what reads the one after it; none at the end of the body. A body has one member or frame: empty
-/// ones take time and give nothing.
+/// The next chunk, and what reads the one after it. A body has one member or frame: empty ones only take time.
 async fn next<R: AsyncBufRead + Unpin>(mut decoder: Decoder<R>) -> io::Result<Option<(Bytes, Decoder<R>)>> {
-    let mut chunk = Vec::with_capacity(CHUNK);
+    let mut chunk = Vec::with_capacity(1 << 16);
     if decoder.read_buf(&mut chunk).await? > 0 {
         return Ok(Some((Bytes::from(chunk), decoder)));
     }
@@ -251,14 +221,12 @@ async fn next<R: AsyncBufRead + Unpin>(mut decoder: Decoder<R>) -> io::Result<Op
         Either::Left(gzip) => gzip.into_inner(),
         Either::Right(zstd) => zstd.into_inner(),
     };
-    match rest.fill_buf().await?.is_empty() {
-        true => Ok(None),
-        false => {
-            let message = "the compressed body has more than one member or frame, or other bytes after the first; \
-                           compress the upload as a whole";
-            Err(io::Error::other(Error::new(Kind::BadRequest, message)))
-        }
+    if rest.fill_buf().await?.is_empty() {
+        return Ok(None);
     }
+    let message = "the compressed body has more than one member or frame, or other bytes after the first; compress the \
+                   upload as a whole";
+    Err(io::Error::other(Error::new(Kind::BadRequest, message)))
 }
 
 /// The error of a compressed body: one of this crate from further in, or what is wrong with the compression.
@@ -269,11 +237,10 @@ fn unreadable(error: io::Error) -> Error {
     })
 }
 
-/// A stream that gives way to other tasks after each [`TURN`]: the multipart reader polls until nothing is ready, and
-/// keeps everything.
+/// A stream that gives way to other tasks now and then: the multipart reader polls until nothing is ready.
 fn paced(bytes: impl Stream<Item = Result<Bytes>> + Send + 'static) -> BoxStream<'static, Result<Bytes>> {
     let next = |(mut bytes, mut given): (BoxStream<'static, Result<Bytes>>, usize)| async move {
-        if given >= TURN {
+        if given >= 1 << 16 {
             yield_now().await;
             given = 0;
         }

@@ -5,19 +5,17 @@
 use std::fmt;
 
 use axum::http::Uri;
-use serde::de::{Deserialize, Deserializer, Error as _, MapAccess, Visitor};
+use serde::de::{Deserializer, Error as _, MapAccess, Visitor};
 use serde_json::error::Category;
 use serde_json::{Map, Value};
 use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
 use tesserae_mesh::job::{self, InputFormat};
 use tesserae_mesh::parameters::{Parameters, Seeds};
 
+use crate::files;
 use crate::guard::query;
 use crate::store::kept::{self, Kept};
 use crate::store::{PRIORITIES, Spec};
-
-/// Largest JSON part with parameters, in bytes.
-pub(crate) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Wanted {
@@ -35,17 +33,8 @@ pub(crate) struct Wanted {
     given: Vec<String>,
 }
 
-/// What came beside a mesh or points.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Beside {
-    /// Whether a list of seeds did.
-    pub listed_seeds: bool,
-    pub has_weights: bool,
-    pub has_graph: bool,
-}
-
 /// Parameters of a job that are none of its clustering.
-const OF_JOB: [&str; 4] = ["webhook", "priority", "outputs", "keep_mesh"];
+pub(crate) const OF_JOB: [&str; 4] = ["webhook", "priority", "outputs", "keep_mesh"];
 
 impl Wanted {
     pub fn from_query(uri: &Uri) -> Result<Self> {
@@ -79,7 +68,9 @@ impl Wanted {
             };
             Error::new(kind, format_args!("the part \"parameters\" is not valid: {}", wrong_json_at(&error)))
         };
-        let Members(mut object) = serde_json::from_slice(json).map_err(malformed)?;
+        let mut text = serde_json::Deserializer::from_slice(json);
+        let object = text.deserialize_map(Members).and_then(|object| text.end().map(|()| object));
+        let mut object = object.map_err(malformed)?;
         if let Some(name) = object.keys().find(|name| self.given.contains(name)) {
             return Err(Error::parameter(format_args!(
                 "a parameter stands in the query string and in the part \"parameters\": leave it out of one: {name}"
@@ -132,9 +123,9 @@ impl Wanted {
     }
 
     /// The job, checked as far as it can be without the mesh, but for its webhook; the caller adds what it knows of the
-    /// files. `beside` says what came with a file of this format.
-    pub fn finish(mut self, format: InputFormat, beside: Beside) -> Result<Spec> {
-        let Beside { listed_seeds, has_weights, has_graph } = beside;
+    /// files. `has` says which parts came beside a file of this format.
+    pub fn finish(mut self, format: InputFormat, has: impl Fn(&str) -> bool) -> Result<Spec> {
+        let [listed_seeds, has_weights, has_graph] = [files::SEEDS, files::WEIGHTS, files::GRAPH].map(has);
         if listed_seeds {
             if self.given.iter().any(|name| name == "seeds") && self.parameters.seeds != Seeds::Listed {
                 return Err(Error::parameter(format_args!(
@@ -175,31 +166,25 @@ impl Wanted {
     }
 }
 
-/// The members of a JSON object, none of which is there twice.
-struct Members(Map<String, Value>);
+/// Reads the members of a JSON object, none of which is there twice.
+struct Members;
 
-impl<'de> Deserialize<'de> for Members {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Each;
-        impl<'de> Visitor<'de> for Each {
-            type Value = Members;
+impl<'de> Visitor<'de> for Members {
+    type Value = Map<String, Value>;
 
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("an object")
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Self::Value, A::Error> {
+        let mut members = Map::new();
+        while let Some((name, value)) = access.next_entry::<String, Value>()? {
+            if members.contains_key(&name) {
+                return Err(A::Error::custom(format_args!("duplicate field `{name}`")));
             }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Members, A::Error> {
-                let mut members = Map::new();
-                while let Some((name, value)) = access.next_entry::<String, Value>()? {
-                    if members.contains_key(&name) {
-                        return Err(A::Error::custom(format_args!("duplicate field `{name}`")));
-                    }
-                    members.insert(name, value);
-                }
-                Ok(Members(members))
-            }
+            members.insert(name, value);
         }
-        deserializer.deserialize_map(Each)
+        Ok(members)
     }
 }
 
@@ -215,15 +200,147 @@ fn refuse_path(parameters: &Parameters) -> Result<()> {
 }
 
 fn as_object(parameters: &Parameters) -> Result<Map<String, Value>> {
-    match serde_json::to_value(parameters).map_err(internal)? {
-        Value::Object(object) => Ok(object),
-        other => Err(internal(format_args!("not an object: {other}"))),
-    }
+    serde_json::to_value(parameters).and_then(serde_json::from_value).map_err(internal)
 }
 
-fn internal(error: impl fmt::Display) -> Error {
+fn internal(error: serde_json::Error) -> Error {
     Error::new(Kind::Internal, format_args!("parameters do not survive being written as JSON: {error}"))
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use tesserae_mesh::mesh::Format;
+
+    use super::*;
+
+    const OBJ: InputFormat = InputFormat::Mesh(Format::Obj);
+
+    fn wanted(query: &str) -> Result<Wanted> {
+        Wanted::from_query(&format!("/v1/jobs?{query}").parse().expect("a URI"))
+    }
+
+    fn with_json(query: &str, json: &str) -> Result<Spec> {
+        let mut wanted = wanted(query)?;
+        wanted.add_json(json.as_bytes())?;
+        wanted.finish(OBJ, |_| false)
+    }
+
+    #[test]
+    fn query_and_part_add_up() {
+        let parameters = with_json("seed=7&format=obj", r#"{"clusters": 9}"#).expect("both").parameters;
+        assert_eq!((parameters.seed, parameters.clusters), (7, Some(9)));
+    }
+
+    #[test]
+    fn no_parameter_stands_in_both() {
+        for (query, json, name) in [
+            ("clusters=9", r#"{"clusters": 9}"#, "clusters"),
+            ("clusters=9&seed=0", r#"{"seed": 1}"#, "seed"),
+            ("clusters=9&webhook=x", r#"{"webhook": "x"}"#, "webhook"),
+            ("clusters=9&priority=1", r#"{"priority": 1}"#, "priority"),
+        ] {
+            let error = with_json(query, json).expect_err(query);
+            assert_eq!(error.kind, Kind::InvalidParameter);
+            assert!(error.message.ends_with(&format!(": {name}")), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_kept_means_the_same_in_every_form() {
+        let both = Kept { outputs: vec!["mesh.glb".to_owned(), "mesh.ply".to_owned()], mesh: true };
+        for (query, json) in [
+            ("clusters=9&outputs=mesh,mesh.ply&keep_mesh=true", "{}"),
+            ("clusters=9", r#"{"outputs": ["mesh", "mesh.ply"], "keep_mesh": true}"#),
+            ("clusters=9&outputs=mesh.glb%2Cmesh.ply", r#"{"keep_mesh": true}"#),
+            ("clusters=9&keep_mesh=true", r#"{"outputs": "mesh,mesh.ply"}"#),
+        ] {
+            assert_eq!(with_json(query, json).expect(query).kept, both, "{query} {json}");
+        }
+        for (query, json) in [
+            ("clusters=9&outputs=mesh", r#"{"outputs": ["mesh.ply"]}"#),
+            ("clusters=9&keep_mesh=false", r#"{"keep_mesh": true}"#),
+            ("clusters=9", r#"{"keep_mesh": 1}"#),
+            ("clusters=9", r#"{"outputs": [1]}"#),
+            ("algorithm=pml", r#"{"outputs": ["mesh"]}"#),
+        ] {
+            assert_eq!(with_json(query, json).expect_err(json).kind, Kind::InvalidParameter, "{query} {json}");
+        }
+    }
+
+    #[test]
+    fn levels_mean_the_same_in_every_form() {
+        for (query, json) in [
+            ("algorithm=pml&levels=20,10", "{}"),
+            ("algorithm=pml&levels=20%2C10", "{}"),
+            ("algorithm=pml", r#"{"levels": [20, 10]}"#),
+            ("algorithm=pml", r#"{"levels": "20,10"}"#),
+        ] {
+            assert_eq!(with_json(query, json).expect(query).parameters.levels(), [20, 10], "{query} {json}");
+        }
+        assert!(with_json("algorithm=pml&levels=20", r#"{"levels": [30]}"#).is_err());
+    }
+
+    #[test]
+    fn what_a_form_may_still_make_right_is_not_refused_early() {
+        assert_eq!(wanted("levels=20").and_then(|wanted| wanted.check_early(true)), Ok(()));
+        assert!(wanted("levels=20&clusters=3").and_then(|wanted| wanted.check_early(false)).is_err());
+        assert!(wanted("clusters=0").and_then(|wanted| wanted.check_early(true)).is_err());
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (query, name) in [
+            ("clusters=2&cluster=3", "`cluster`"),
+            ("clusters=two", "clusters"),
+            ("clusters=-1", "clusters"),
+            ("clusters=2&format=fbx", "fbx"),
+            ("clusters=2&seeds=file:/etc/passwd", "/etc/passwd"),
+            ("clusters=2&clusters=2", "clusters"),
+            ("clusters=2&algorithm=magic", "magic"),
+            ("algorithm=pml&levels=", "levels"),
+            ("algorithm=pml&levels=9,x", "9,x"),
+            ("algorithm=pml&ties=none", "ties"),
+            ("clusters=2&priority=101", "101"),
+            ("clusters=2&priority=high", "high"),
+            ("clusters=2&keep_mesh=yes", "yes"),
+        ] {
+            let error = wanted(query).expect_err(query);
+            assert_eq!(error.kind, Kind::InvalidParameter, "{query}: {error}");
+            assert!(error.message.contains(name), "{query}: {error}");
+        }
+    }
+
+    #[test]
+    fn malformed_json_is_a_bad_request_and_wrong_json_a_wrong_parameter() {
+        for json in ["{", "", "{} {}"] {
+            assert_eq!(with_json("", json).expect_err(json).kind, Kind::BadRequest, "{json}");
+        }
+        for json in [
+            "[1]",
+            "3",
+            r#"{"clusters": "3"}"#,
+            r#"{"clusters": 3, "x": 1}"#,
+            r#"{"clusters": 3, "clusters": 4}"#,
+            r#"{"webhook": "https://a.example/", "clusters": 3, "clusters": 4}"#,
+            r#"{"webhook": "https://a.example/", "webhook": "https://b.example/", "clusters": 3}"#,
+            r#"{"webhook": "https://a.example/", "clusters": 3, "x": 4}"#,
+            r#"{"webhook": null, "clusters": 3}"#,
+            r#"{"clusters": 0}"#,
+            r#"{"clusters": 3, "priority": 1.5}"#,
+            r#"{"clusters": 3, "priority": -101}"#,
+            "{}",
+            r#"{"clusters": 3, "seeds": "file:x"}"#,
+        ] {
+            assert_eq!(with_json("", json).expect_err(json).kind, Kind::InvalidParameter, "{json}");
+        }
+    }
+
+    #[test]
+    fn a_list_of_seeds_stands_for_clusters_and_excludes_seeds() {
+        let spec = wanted("seeds=listed").and_then(|wanted| wanted.finish(OBJ, |part| part == files::SEEDS));
+        assert_eq!(spec.map(|spec| spec.parameters.seeds), Ok(Seeds::Listed));
+        assert!(wanted("").and_then(|wanted| wanted.finish(OBJ, |part| part == files::SEEDS)).is_ok());
+        assert!(wanted("").and_then(|wanted| wanted.finish(OBJ, |_| false)).is_err());
+        assert!(wanted("seeds=random").and_then(|wanted| wanted.finish(OBJ, |part| part == files::SEEDS)).is_err());
+    }
+}

@@ -22,11 +22,8 @@ use tesserae_mesh::mesh::HEAD_BYTES;
 use crate::files::{self, Files, Incoming};
 use crate::guard::problem::{ACCEPTED, ENCODINGS};
 use crate::ingest::intake::{self, Coding, Rules};
-use crate::ingest::request::{Beside, Wanted};
+use crate::ingest::request::Wanted;
 use crate::store::{Referred, Spec};
-
-/// Longest file name that is kept, in characters.
-const MAX_NAME: usize = 255;
 
 /// An upload that is whole and was found in order.
 pub(crate) struct Upload {
@@ -39,12 +36,10 @@ pub(crate) struct Upload {
 enum BodyKind {
     /// The mesh or the points, of this format if the media type says so.
     Mesh(Option<InputFormat>),
-    /// `multipart/form-data`.
     Form,
 }
 
-/// Receives an upload for a tenant, with [digests](Upload::digests) where the caller needs them. The caller sets the
-/// trace.
+/// Receives an upload for a tenant, with [`Upload::digests`] where the caller needs them. The caller sets the trace.
 pub(crate) async fn receive(
     request: Request,
     files: &Arc<Files>,
@@ -80,11 +75,9 @@ pub(crate) async fn receive(
         BodyKind::Mesh(_) => {
             while let Some(chunk) = content.bytes.next().await {
                 if !chunk?.is_empty() {
-                    return Err(Error::new(
-                        Kind::BadRequest,
-                        "mesh_url in the query says where the mesh lies, so the body must be empty, or a form without \
-                         a part named mesh",
-                    ));
+                    let message = "mesh_url in the query says where the mesh lies, so the body must be empty, or a \
+                                   form without a part named mesh";
+                    return Err(Error::new(Kind::BadRequest, message));
                 }
             }
         }
@@ -93,25 +86,21 @@ pub(crate) async fn receive(
 }
 
 fn coding(headers: &HeaderMap) -> Result<Option<Coding>> {
-    let Some(encoding) = headers.get(header::CONTENT_ENCODING) else {
-        return Ok(None);
-    };
+    let Some(encoding) = headers.get(header::CONTENT_ENCODING) else { return Ok(None) };
     match encoding.to_str().unwrap_or_default().trim().to_ascii_lowercase().as_str() {
         "identity" | "" => Ok(None),
         "gzip" | "x-gzip" => Ok(Some(Coding::Gzip)),
         "zstd" => Ok(Some(Coding::Zstd)),
-        _ => Err(Error::new(
-            Kind::UnsupportedMediaType,
-            format_args!("Content-Encoding must be one of {ENCODINGS}, once, not {encoding:?}"),
-        )),
+        _ => {
+            let message = format_args!("Content-Encoding must be one of {ENCODINGS}, once, not {encoding:?}");
+            Err(Error::new(Kind::UnsupportedMediaType, message))
+        }
     }
 }
 
 fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
     let unsupported = |message: String| Err(Error::new(Kind::UnsupportedMediaType, message));
-    let Some(content_type) = headers.get(header::CONTENT_TYPE) else {
-        return Ok(BodyKind::Mesh(None));
-    };
+    let Some(content_type) = headers.get(header::CONTENT_TYPE) else { return Ok(BodyKind::Mesh(None)) };
     let content_type = content_type.to_str().unwrap_or_default();
     let essence = content_type.split(';').next().unwrap_or_default().trim();
     if let Some(format) = InputFormat::from_media_type(essence) {
@@ -129,18 +118,6 @@ fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
     }
 }
 
-/// The format that a media type and `?format=` agree on.
-fn agreed(by_type: Option<InputFormat>, by_query: Option<InputFormat>) -> Result<Option<InputFormat>> {
-    match (by_type, by_query) {
-        (Some(by_type), Some(by_query)) if by_type != by_query => Err(Error::parameter(format_args!(
-            "media type and parameter format contradict each other: {} and {}",
-            by_type.media_type(),
-            by_query.name()
-        ))),
-        _ => Ok(by_type.or(by_query)),
-    }
-}
-
 pub(crate) fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
@@ -151,7 +128,6 @@ struct Received {
     with_digests: bool,
     wanted: Wanted,
     mesh: Option<Mesh>,
-    /// Names of the buffers.
     buffers: Vec<String>,
     /// Of the buffers.
     digests: Vec<[u8; 32]>,
@@ -186,13 +162,11 @@ impl Received {
         rules.check(found.size)?;
         let file_name = url.rsplit('/').next().map(kept_name);
         let referred = Referred { url, tag: found.e_tag };
-        let head = match found.size {
-            0 => Vec::new(),
-            bytes => {
-                let range = GetRange::Bounded(0..bytes.min(HEAD_BYTES as u64));
-                files.read_referred(tenant, &referred, Some(range)).await?.bytes().await?.into()
-            }
-        };
+        let mut head = Vec::new();
+        if found.size > 0 {
+            let range = GetRange::Bounded(0..found.size.min(HEAD_BYTES as u64));
+            head = files.read_referred(tenant, &referred, Some(range)).await?.bytes().await?.into();
+        }
         self.folder.is_referred();
         let saved = Saved { bytes: found.size, head, digest: None };
         let format = self.wanted.format;
@@ -208,7 +182,15 @@ impl Received {
         length: Option<u64>,
         part: Option<&'static str>,
     ) -> Result<()> {
-        let format = agreed(by_type, self.wanted.format)?;
+        if let (Some(by_type), Some(by_query)) = (by_type, self.wanted.format)
+            && by_type != by_query
+        {
+            let (by_type, by_query) = (by_type.media_type(), by_query.name());
+            let message =
+                format_args!("media type and parameter format contradict each other: {by_type} and {by_query}");
+            return Err(Error::parameter(message));
+        }
+        let format = by_type.or(self.wanted.format);
         let early = |head: &[u8]| check_mesh(head, file_name.as_deref(), format, length, part).map(drop);
         let saved = self.save(bytes, files::MESH, early).await?;
         self.mesh = Some(Mesh { saved, file_name, format, part, referred: None });
@@ -255,16 +237,13 @@ impl Received {
         }
         let format = check_mesh(&saved.head, file_name.as_deref(), format, Some(saved.bytes), part)?;
         if let Some(buffer) = self.buffers.first().filter(|_| !format.has_buffers()) {
-            return Err(Error::parameter(format_args!(
-                "{} refers to no buffers: leave out the part buffer with file name {buffer:?}",
-                format.noun()
-            )));
+            let noun = format.noun();
+            let message =
+                format_args!("{noun} refers to no buffers: leave out the part buffer with file name {buffer:?}");
+            return Err(Error::parameter(message));
         }
-        let has = |name| self.beside.contains_key(name);
-        let beside =
-            Beside { listed_seeds: has(files::SEEDS), has_weights: has(files::WEIGHTS), has_graph: has(files::GRAPH) };
-        let spec = self.wanted.finish(format, beside)?;
-        if let Some(name) = spec.parameters.weight_attribute.as_ref().filter(|_| beside.has_weights) {
+        let spec = self.wanted.finish(format, |part| self.beside.contains_key(part))?;
+        if let Some(name) = spec.parameters.weight_attribute.as_ref().filter(|_| spec.has_weights) {
             return Err(Error::parameter(format_args!(
                 "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
             )));
@@ -276,8 +255,7 @@ impl Received {
     }
 }
 
-/// The format of a mesh, which is recognised where the request does not say it, once its first bytes and the part that
-/// it came as go with it.
+/// The format of a mesh, recognised where the request does not say it. Its first bytes and its part must go with it.
 fn check_mesh(
     head: &[u8],
     file_name: Option<&str>,
@@ -288,16 +266,14 @@ fn check_mesh(
     let format = format.map_or_else(|| InputFormat::recognise(file_name, head, length), Ok)?;
     let right = if format.is_of_points() { "points" } else { "mesh" };
     if let Some(part) = part.filter(|part| *part != right) {
-        return Err(Error::parameter(format_args!(
-            "the part {part} is {} file: send it as a part named {right}",
-            format.noun()
-        )));
+        let message = format_args!("the part {part} is {} file: send it as a part named {right}", format.noun());
+        return Err(Error::parameter(message));
     }
     format.check_head(head, length)?;
     Ok(format)
 }
 
-/// A file name of a client's, as it is kept.
+/// A file name of a client's, as it is kept: at most 255 characters of it.
 fn kept_name(name: &str) -> String {
-    name.chars().take(MAX_NAME).collect()
+    name.chars().take(255).collect()
 }

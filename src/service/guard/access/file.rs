@@ -25,7 +25,7 @@ impl TokenFile {
     }
 
     /// Changes the file at `path`, which is made if it is not there: whole or not at all, readable by its owner only,
-    /// one change after the other. Nothing changes where `change` fails.
+    /// one change after the other. Nothing changes where `change` fails, or where what it makes is not valid.
     pub fn change<T>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
         Self::try_change(path, change)
     }
@@ -33,19 +33,14 @@ impl TokenFile {
     /// The same with another type of error.
     pub fn try_change<T, E: From<Error>>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T, E>) -> Result<T, E> {
         let cannot = |error| Error::io(format_args!("the file of tokens cannot be written: {}", path.display()), error);
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut lock_name = path.file_name().unwrap_or_default().to_owned();
         lock_name.push(".lock");
         let lock = std::fs::File::create(folder.join(lock_name)).map_err(cannot)?;
         lock.lock().map_err(cannot)?;
-        let mut file = match path.exists() {
-            true => Self::read(path)?,
-            false => Self::default(),
-        };
+        let mut file = if path.exists() { Self::read(path)? } else { Self::default() };
         let result = change(&mut file)?;
+        file.index()?;
         let mut json = serde_json::to_vec_pretty(&file)
             .map_err(|error| Error::new(Kind::Internal, format_args!("tokens cannot be written as JSON: {error}")))?;
         json.push(b'\n');
@@ -98,9 +93,8 @@ mod tests {
         let path = folder.path().join("tokens.json");
         std::fs::write(&path, r#"{"tenants": []}"#).expect("written");
         let error = TokenFile::read(&path).expect_err("no object");
-        let path = path.display().to_string();
         assert!(error.message.contains("must be an object, not array"), "{error}");
-        assert!(error.message.ends_with(&path), "{error}");
+        assert!(error.message.ends_with(&path.display().to_string()), "{error}");
     }
 
     #[test]
@@ -112,8 +106,8 @@ mod tests {
         let text = std::fs::read_to_string(&path).expect("text");
         let all = format!("{text}{token:?}{:?}", Tokens::read(&path).expect("valid"));
         for token in [token, second] {
-            assert!(text.contains(token.id()));
-            let secret = token.reveal().split_off("tess_".len() + token.id().len() + 1);
+            assert!(text.contains(&token.id));
+            let secret = token.reveal().split_off("tess_".len() + token.id.len() + 1);
             assert!(secret.len() > 40 && !all.contains(&secret), "{all}");
         }
         let mode = std::fs::metadata(&path).expect("a file").permissions().mode();

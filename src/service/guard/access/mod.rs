@@ -16,6 +16,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
+use tokio::time::sleep;
 use tokio_util::sync::CancellationToken;
 
 use self::file::{Stamp, stamp};
@@ -25,9 +26,6 @@ use crate::ops::blocking::blocking;
 use crate::ops::health::{Health, Part};
 use crate::settings::AccessSettings;
 use crate::store::LOCAL_TENANT;
-
-/// How often the file of tokens is looked at for a change.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
 const OPEN: &str = "/healthz /readyz /v1/version /openapi.yaml / /page.js /scene.js /page.css /mark.svg /share.jpg \
@@ -53,7 +51,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 pub(crate) struct Access {
     /// The file of tokens, and what it was when it was read first; none without tokens.
     file: Option<(PathBuf, Stamp)>,
-    tokens: watch::Sender<Arc<Tokens>>,
+    pub tokens: watch::Sender<Arc<Tokens>>,
 }
 
 impl Access {
@@ -64,7 +62,7 @@ impl Access {
                 // before they are read: what changes meanwhile is read again
                 let first = on_file(&path, stamp).await?;
                 let tokens = on_file(&path, Tokens::read).await.flatten()?;
-                tracing::info!(tokens = tokens.len(), "read {}", path.display());
+                tracing::info!(tokens = tokens.by_digest.len(), "read {}", path.display());
                 (Some((path, first)), tokens)
             }
             None => (None, Tokens::default()),
@@ -72,15 +70,10 @@ impl Access {
         Ok(Self { file, tokens: watch::Sender::new(Arc::new(tokens)) })
     }
 
-    pub fn tokens(&self) -> watch::Receiver<Arc<Tokens>> {
-        self.tokens.subscribe()
-    }
-
     /// The caller of a request with these headers to `path`; an error where access is denied.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Option<Caller>> {
         if self.file.is_none() {
-            let name = LOCAL_TENANT.to_owned();
-            let quotas = Quotas::default();
+            let (name, quotas) = (LOCAL_TENANT.to_owned(), Quotas::default());
             return Ok(Some(Caller(Arc::new(Tenant { name, quotas, metrics: true, token: None }))));
         }
         if OPEN.split(' ').any(|open| open == path) {
@@ -90,14 +83,12 @@ impl Access {
             Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
         })?;
         if OF_ALL_TENANTS.contains(&path) && !tenant.metrics {
-            return Err(Error::new(
-                Kind::Forbidden,
-                format_args!(
-                    "{path} tells about all tenants; the operator makes a token that may read it with `tesserae token \
-                     new NAME --metrics`, which this one may not: {}",
-                    tenant.name
-                ),
-            ));
+            let message = format_args!(
+                "{path} tells about all tenants; the operator makes a token that may read it with `tesserae token new \
+                 NAME --metrics`, which this one may not: {}",
+                tenant.name
+            );
+            return Err(Error::new(Kind::Forbidden, message));
         }
         Ok(Some(Caller(tenant)))
     }
@@ -105,31 +96,22 @@ impl Access {
     /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
     /// from this machine, and not through a proxy, where there are no tokens.
     pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
+        let is_forwarded = ["forwarded", "x-forwarded-for"].iter().any(|name| headers.contains_key(*name));
         match self.file {
             Some(_) => self.caller(OF_ALL_TENANTS[0], headers).is_ok(),
-            None => {
-                client.is_loopback() && !["forwarded", "x-forwarded-for"].iter().any(|name| headers.contains_key(*name))
-            }
+            None => client.is_loopback() && !is_forwarded,
         }
     }
 
-    /// Whether the token of an earlier caller is still valid.
-    pub fn still_knows(&self, caller: &Caller) -> bool {
-        self.tokens.borrow().has(&caller.0)
-    }
-
-    /// Reads the tokens again whenever they change, until `stop`. Tokens that cannot be read change nothing.
+    /// Reads changed tokens within a second or so, until `stop`. Tokens that cannot be read change nothing.
     pub async fn follow(&self, health: &Health, stop: CancellationToken) {
         let Some((path, first)) = &self.file else { return };
         let mut seen = *first;
-        while stop.run_until_cancelled(tokio::time::sleep(LOOK_EVERY)).await.is_some() {
-            let Ok(now) = on_file(path, stamp).await else { continue };
-            if now == seen {
-                continue;
-            }
+        while stop.run_until_cancelled(sleep(Duration::from_secs(1))).await.is_some() {
+            let Some(now) = on_file(path, stamp).await.ok().filter(|now| *now != seen) else { continue };
             match on_file(path, Tokens::read).await.flatten() {
                 Ok(tokens) => {
-                    tracing::info!(tokens = tokens.len(), "read {} again", path.display());
+                    tracing::info!(tokens = tokens.by_digest.len(), "read {} again", path.display());
                     self.tokens.send_replace(Arc::new(tokens));
                     health.clear(Part::Tokens);
                     seen = now;

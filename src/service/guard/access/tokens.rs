@@ -2,7 +2,6 @@
 //!
 //! A token is `tess_ID_SECRET`. The file of tokens has the id, and the SHA-256 of the secret, by which it is found: a
 //! reader of the file has no token. The secret is 256 random bits: neither salt nor a slow hash would gain anything.
-//! [`file`](super::file) reads and writes the file.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
@@ -41,12 +40,6 @@ pub struct Quotas {
     pub weight: Option<NonZeroU32>,
 }
 
-impl Quotas {
-    fn share(&self) -> Share {
-        Share { weight: self.weight, max_running: self.max_running_jobs }
-    }
-}
-
 /// The content of the file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,7 +73,8 @@ pub struct TokenEntry {
 
 /// A token as its owner has it. Its `Debug` form hides the secret.
 pub struct Token {
-    id: String,
+    /// Which one it is.
+    pub id: String,
     secret: String,
 }
 
@@ -88,11 +82,6 @@ impl Token {
     /// The whole token: to be shown once.
     pub fn reveal(&self) -> String {
         format!("{TOKEN_PREFIX}{}_{}", self.id, self.secret)
-    }
-
-    /// Which one it is.
-    pub fn id(&self) -> &str {
-        &self.id
     }
 }
 
@@ -108,13 +97,8 @@ impl TokenFile {
         let file: Self = serde_json::from_slice(json).map_err(|error| {
             Error::parameter(format_args!("the file of tokens is not valid: {}", wrong_json_at(&error)))
         })?;
-        file.check()?;
+        file.index()?;
         Ok(file)
-    }
-
-    /// Checks the whole.
-    pub fn check(&self) -> Result<()> {
-        self.index().map(drop)
     }
 
     /// Refuses what cannot be the name of a tenant.
@@ -128,9 +112,8 @@ impl TokenFile {
             )));
         }
         if name == crate::store::LOCAL_TENANT {
-            return Err(Error::parameter(format_args!(
-                "this name stands for a service without tokens; take another: {name:?}"
-            )));
+            let message = format_args!("this name stands for a service without tokens; take another: {name:?}");
+            return Err(Error::parameter(message));
         }
         Ok(())
     }
@@ -156,8 +139,8 @@ impl TokenFile {
         })
     }
 
-    /// Every token with its tenant, by the digest of its secret.
-    fn index(&self) -> Result<HashMap<String, Arc<Tenant>>> {
+    /// Every token with its tenant, by the digest of its secret. Refuses what a file may not be.
+    pub(super) fn index(&self) -> Result<HashMap<String, Arc<Tenant>>> {
         let mut index = HashMap::new();
         for (name, TenantEntry { quotas, metrics, tokens }) in &self.tenants {
             Self::check_name(name)?;
@@ -168,7 +151,8 @@ impl TokenFile {
                 )));
             }
             for token in tokens {
-                if !token.is_sound() {
+                let is_id = token.id.len() == 16 && token.id.bytes().all(|byte| byte.is_ascii_hexdigit());
+                if !is_id || URL_SAFE_NO_PAD.decode(&token.sha256).map_or(0, |digest| digest.len()) != 32 {
                     let message = format_args!("a token is not as this program writes them, of {name:?}");
                     return Err(Error::parameter(message));
                 }
@@ -183,16 +167,9 @@ impl TokenFile {
     }
 }
 
-impl TokenEntry {
-    fn is_sound(&self) -> bool {
-        let is_id = self.id.len() == 16 && self.id.bytes().all(|byte| byte.is_ascii_hexdigit());
-        is_id && URL_SAFE_NO_PAD.decode(&self.sha256).is_ok_and(|digest| digest.len() == 32)
-    }
-}
-
 #[derive(Debug, Default)]
 pub(crate) struct Tokens {
-    by_digest: HashMap<String, Arc<Tenant>>,
+    pub(super) by_digest: HashMap<String, Arc<Tenant>>,
     /// What each tenant may use of the queue.
     pub shares: Arc<Shares>,
 }
@@ -210,8 +187,12 @@ pub(crate) struct Tenant {
 
 impl Tokens {
     pub fn of(file: &TokenFile) -> Result<Self> {
-        let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share()));
-        Ok(Self { by_digest: file.index()?, shares: Arc::new(shares.collect()) })
+        let share = |(name, tenant): (&String, &TenantEntry)| {
+            let Quotas { weight, max_running_jobs: max_running, .. } = tenant.quotas;
+            (name.clone(), Share { weight, max_running })
+        };
+        let shares = Arc::new(file.tenants.iter().map(share).collect());
+        Ok(Self { by_digest: file.index()?, shares })
     }
 
     /// The tenant of a token. How long that takes tells of the digest, not of the secret.
@@ -225,10 +206,6 @@ impl Tokens {
     pub fn has(&self, tenant: &Tenant) -> bool {
         let known = tenant.token.as_ref().map(|token| self.by_digest.get(&token.sha256));
         known.is_none_or(|known| known.is_some_and(|known| known.name == tenant.name))
-    }
-
-    pub fn len(&self) -> usize {
-        self.by_digest.len()
     }
 }
 
@@ -257,9 +234,9 @@ mod tests {
         for wrong in ["", "tess_", "tess__", &token[..token.len() - 1], &longer, &token[5..], &secret_of_another] {
             assert_eq!(ask(&file, wrong), None, "{wrong}");
         }
-        assert_eq!(file.revoke(mine.id()), Some("mine"));
+        assert_eq!(file.revoke(&mine.id), Some("mine"));
         assert_eq!(ask(&file, &token), None);
-        assert_eq!(file.revoke(mine.id()), None);
+        assert_eq!(file.revoke(&mine.id), None);
     }
 
     #[test]
@@ -279,11 +256,11 @@ mod tests {
             let error = TokenFile::parse(json.as_bytes()).expect_err(json);
             assert!(error.message.contains(words), "{json}: {error}");
         }
-        let quotas = r#"{"tenants": {"a": {"quotas": {"max_queued_jobs": 3}, "metrics": true}}}"#;
-        let file = TokenFile::parse(quotas.as_bytes()).expect("valid");
+        let quotas = r#"{"weight": 4, "max_running_jobs": 2, "max_queued_jobs": 3}"#;
+        let json = format!(r#"{{"tenants": {{"a": {{"quotas": {quotas}, "metrics": true}}, "b": {{}}}}}}"#);
+        let file = TokenFile::parse(json.as_bytes()).expect("valid");
         assert_eq!(file.tenants["a"].quotas.max_queued_jobs, Some(3));
-        let quotas = r#"{"tenants": {"a": {"quotas": {"weight": 4, "max_running_jobs": 2}}, "b": {}}}"#;
-        let shares = Tokens::of(&TokenFile::parse(quotas.as_bytes()).expect("valid")).expect("valid").shares;
+        let shares = Tokens::of(&file).expect("valid").shares;
         assert_eq!(shares["a"], Share { weight: NonZeroU32::new(4), max_running: Some(2) });
         assert_eq!(shares["b"], Share::default());
     }

@@ -1,9 +1,9 @@
 //! Accepts a limited number of connections, and serves each until it ends, hangs or the service closes.
 //!
-//! A thread of its own accepts connections and looks how each begins. It serves those that begin with a [probe](PROBES)
-//! itself, one request each, and hands all others to the threads that answer requests, as long as there are places. So
-//! a probe for liveness is answered whatever those threads do, and however many connections they have. The route makes
-//! its answer of nothing, and no other request is served here, also not the next one of the same connection.
+//! A thread of its own accepts connections and looks how each begins. It serves probes for liveness itself, one request
+//! each, and hands all others to the threads that answer requests, as long as there are places. So a probe is answered
+//! whatever those threads do, and however many connections they have. The route makes its answer of nothing, and no
+//! other request is served here, also not the next one of the same connection.
 
 use std::io;
 use std::net::SocketAddr;
@@ -13,10 +13,11 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{ConnectInfo, Request};
+use futures_util::future::OptionFuture;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _};
+use tokio::io::AsyncWriteExt as _;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::{Semaphore, oneshot};
@@ -30,22 +31,8 @@ use super::{Counts, enter, origin};
 use crate::metrics::Metrics;
 use crate::settings::{BEGINNINGS, TrafficSettings};
 
-/// For how long nothing is accepted after the system had no means to (too many open files).
-const BREATHER: Duration = Duration::from_millis(200);
-
-/// How connections begin that the accepting thread serves.
-const PROBES: [&[u8]; 2] = [b"GET /healthz ", b"HEAD /healthz "];
-
-/// Largest head of a probe, in bytes: what the accepting thread parses.
-const PROBE_HEAD: usize = 8 << 10;
-
-/// For how long the accepting thread waits for the beginning, which a probe sends at once; and for how long others wait
-/// for a place.
+/// Longest wait of the accepting thread for the beginning, which a probe sends at once; of others, for a place.
 const BEGINNING: Duration = Duration::from_secs(1);
-
-/// For how long the rest of a refused body is read and thrown away, so that the answer reaches a client that is still
-/// sending: closing at once would reset the connection, and the answer with it.
-const LINGER: Duration = Duration::from_secs(2);
 
 /// Serves `router` until `close`; then requests under way are answered first. What this returns completes afterwards,
 /// or when the accepting thread ends by a defect.
@@ -81,7 +68,6 @@ struct Serving {
     requests: Handle,
 }
 
-/// The accepting thread.
 async fn accept(listener: TcpListener, serving: Arc<Serving>) {
     let Serving { settings, metrics, close, .. } = &*serving;
     let tasks = TaskTracker::new();
@@ -97,9 +83,9 @@ async fn accept(listener: TcpListener, serving: Arc<Serving>) {
         let (stream, address) = match accepted {
             Ok(accepted) => accepted,
             Err(error) => {
-                // the client gave up, or there are too many open files
+                // the client gave up, or there are too many open files, of which some may be closed soon
                 tracing::warn!(%error, "a connection cannot be accepted");
-                tokio::time::sleep(BREATHER).await;
+                tokio::time::sleep(Duration::from_millis(200)).await;
                 continue;
             }
         };
@@ -117,16 +103,11 @@ async fn accept(listener: TcpListener, serving: Arc<Serving>) {
         let (serving, others, places) = (Arc::clone(&serving), tasks.clone(), Arc::clone(&places));
         tasks.spawn(async move {
             let is_probe = serving.close.run_until_cancelled(is_probe(&stream)).await.unwrap_or(false);
-            let place = match is_probe {
-                true => None,
-                false => match timeout(BEGINNING, places.acquire_owned()).await {
-                    Ok(place) => place.ok(),
-                    Err(_) => {
-                        serving.metrics.families.connections_refused.inc();
-                        return;
-                    }
-                },
-            };
+            let place = OptionFuture::from((!is_probe).then(|| timeout(BEGINNING, places.acquire_owned()))).await;
+            if place.as_ref().is_some_and(Result::is_err) {
+                serving.metrics.families.connections_refused.inc();
+                return;
+            }
             drop(beginning);
             let Ok(stream) = stream.into_std() else { return };
             let requests = serving.requests.clone();
@@ -151,7 +132,8 @@ async fn is_probe(stream: &TcpStream) -> bool {
     let mut begun = [0; 16];
     let peeked = timeout(BEGINNING, stream.peek(&mut begun)).await;
     // `serve` meets the same end or error
-    peeked.is_ok_and(|bytes| bytes.is_ok()) && PROBES.iter().any(|probe| begun.starts_with(probe))
+    let has_begun = peeked.is_ok_and(|bytes| bytes.is_ok());
+    has_begun && (begun.starts_with(b"GET /healthz ") || begun.starts_with(b"HEAD /healthz "))
 }
 
 /// Serves one connection; a probe's for one request.
@@ -171,7 +153,8 @@ async fn connection(stream: std::net::TcpStream, address: SocketAddr, is_probe: 
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(settings.constants.header_timeout);
     if is_probe {
-        http.keep_alive(false).max_buf_size(PROBE_HEAD);
+        // bytes of its head, which the accepting thread parses
+        http.keep_alive(false).max_buf_size(8 << 10);
     }
     let serve = async {
         let io = TokioIo::new(&mut socket);
@@ -187,16 +170,16 @@ async fn connection(stream: std::net::TcpStream, address: SocketAddr, is_probe: 
     if let Err(error) = serve.await {
         tracing::debug!(%error, "a connection ended early");
     }
+    // Reads the rest of a refused body, so that the answer reaches a client that is still sending: closing at once
+    // would reset the connection, and the answer with it. Reading it as HTTP would cost more.
+    let linger = async {
+        socket.shutdown().await?;
+        tokio::io::copy(&mut socket, &mut tokio::io::sink()).await
+    };
     // a service that stops does not wait for clients that keep their connections
     tokio::select! {
         biased;
-        _ = timeout(LINGER, linger(socket)) => {}
+        _ = timeout(Duration::from_secs(2), linger) => {}
         () = close.cancelled() => {}
     }
-}
-
-/// Ends the answers, and reads the rest of what the client sends: not as HTTP, which costs more.
-async fn linger(mut socket: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<u64> {
-    socket.shutdown().await?;
-    tokio::io::copy(&mut socket, &mut tokio::io::sink()).await
 }

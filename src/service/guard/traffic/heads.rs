@@ -7,8 +7,7 @@
 //! | of a name that resolves to this machine (DNS rebinding) | all, as if it were the service's | `Host` |
 //! | of another origin | send requests without a preflight; read no answer | the headers that [`CsrfLayer`] reads |
 //!
-//! `Host` must then be an address or `localhost`, unless `--insecure-no-auth` accepts any name. With tokens any name
-//! will do: a page has none.
+//! `Host` must then be an address or `localhost`, unless `--insecure-no-auth` is given. With tokens any name will do.
 //!
 //! [`CsrfLayer`]: tower_http::csrf::CsrfLayer
 
@@ -30,8 +29,7 @@ const MAX_BYTES: usize = 8 << 10;
 /// Most parameters of a query string.
 const MAX_PARAMETERS: usize = 64;
 
-/// Answers requests that are refused. The connection of one that is not valid closes: where the next request begins is
-/// uncertain.
+/// Answers requests that are refused. The connection of an invalid one closes: the next may begin anywhere.
 pub(crate) async fn check(State(refuses_names): State<bool>, request: Request, next: Next) -> Response {
     if let Err(error) = check_host(&request).and_then(|()| check_codings(&request)).and_then(|()| check_query(&request))
     {
@@ -74,14 +72,12 @@ fn check_codings(request: &Request) -> Result<()> {
 fn check_query(request: &Request) -> Result<()> {
     let query = request.uri().query().unwrap_or_default();
     if query.len() > MAX_BYTES {
-        return Err(Error::new(
-            Kind::UriTooLong,
-            format_args!(
-                "the query string has more bytes than the limit of {MAX_BYTES}; send parameters of a job in the part \
-                 \"parameters\" of a form instead; bytes: {}",
-                query.len()
-            ),
-        ));
+        let message = format_args!(
+            "the query string has more bytes than the limit of {MAX_BYTES}; send parameters of a job in the part \
+             \"parameters\" of a form instead; bytes: {}",
+            query.len()
+        );
+        return Err(Error::new(Kind::UriTooLong, message));
     }
     match form_urlencoded::parse(query.as_bytes()).count() {
         ..=MAX_PARAMETERS => Ok(()),
@@ -102,25 +98,21 @@ pub(crate) fn foreign(_: ProtectionError) -> Response {
 fn check_name(request: &Request) -> Result<()> {
     let in_target = request.uri().authority().map(Authority::as_str);
     let in_header = request.headers().get(header::HOST).map(|host| host.to_str().unwrap_or_default());
-    match in_target.into_iter().chain(in_header).find(|host| !is_address_or_localhost(host)) {
-        None => Ok(()),
-        Some(host) => Err(Error::new(
-            Kind::Misdirected,
-            format_args!(
-                "a service without tokens answers for addresses and localhost only, so that no web page reaches it by \
-                 a name; use its address, give it --tokens, or --insecure-no-auth to accept any name: {}",
-                Quoted(host)
-            ),
-        )),
-    }
+    let mut hosts = in_target.into_iter().chain(in_header);
+    let Some(name) = hosts.find(|host| !is_address_or_localhost(host)) else { return Ok(()) };
+    let message = format_args!(
+        "a service without tokens answers for addresses and localhost only, so that no web page reaches it by a name; \
+         use its address, give it --tokens, or --insecure-no-auth to accept any name: {}",
+        Quoted(name)
+    );
+    Err(Error::new(Kind::Misdirected, message))
 }
 
 /// Whether it is an address or `localhost`, perhaps with a port.
 fn is_address_or_localhost(host: &str) -> bool {
     let Ok(authority) = host.parse::<Authority>() else { return false };
     let host = authority.host();
-    let in_brackets = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
-    match in_brackets {
+    match host.strip_prefix('[').and_then(|host| host.strip_suffix(']')) {
         Some(host) => host.parse::<Ipv6Addr>().is_ok(),
         None => host.eq_ignore_ascii_case("localhost") || host.parse::<Ipv4Addr>().is_ok(),
     }
@@ -139,9 +131,8 @@ mod tests {
             let request = host.into_iter().fold(request, |request, host| request.header("host", host));
             check_name(&request.body(Body::empty()).expect("a request")).is_ok()
         };
-        for good in
-            ["127.0.0.1", "10.1.2.3:8080", "[::1]", "[::1]:8080", "[::ffff:127.0.0.1]:1", "localhost", "LocalHost:1"]
-        {
+        let good = "127.0.0.1 10.1.2.3:8080 [::1] [::1]:8080 [::ffff:127.0.0.1]:1 localhost LocalHost:1";
+        for good in good.split(' ') {
             assert!(is_taken("/", Some(good)), "{good}");
             assert!(is_taken(&format!("http://{good}/"), Some(good)), "{good}");
         }

@@ -26,7 +26,7 @@ use axum::middleware::Next;
 use http_body_util::BodyExt as _;
 use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::Semaphore;
 
 use crate::guard::access::{Access, Caller};
 use crate::guard::problem::{Answer, Failure};
@@ -35,16 +35,13 @@ use crate::ops::trace::Origin;
 use crate::settings::{Settings, TrafficSettings};
 use crate::store::LOCAL_TENANT;
 
-/// Paths of probes, which get an answer even when their address is over its limits.
-const PROBES: [&str; 2] = ["/healthz", "/readyz"];
-
 #[derive(Debug)]
 pub(crate) struct Traffic {
     access: Arc<Access>,
     settings: TrafficSettings,
     faults: Faults,
     requests: Counts<Client>,
-    streams_of_clients: Counts<Client>,
+    client_streams: Counts<Client>,
     streams: Arc<Semaphore>,
 }
 
@@ -72,7 +69,7 @@ impl Traffic {
             settings: settings.traffic.clone(),
             faults,
             requests: Counts::default(),
-            streams_of_clients: Counts::default(),
+            client_streams: Counts::default(),
             streams: Arc::new(Semaphore::new(settings.traffic.constants.streams as usize)),
         }
     }
@@ -82,10 +79,10 @@ impl Traffic {
     }
 }
 
-/// Finds the caller, and lets the request through when neither that client nor the service is over a limit. The permits
-/// of a request are held until its answer was sent.
+/// Finds the caller, and lets the request through when neither that client nor the service is over a limit. Its permits
+/// are held until its answer was sent. Probes need none, so that they are answered whatever their address does.
 pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Request, next: Next) -> Answer {
-    if PROBES.contains(&request.uri().path()) {
+    if ["/healthz", "/readyz"].contains(&request.uri().path()) {
         return Ok(next.run(request).await);
     }
     traffic.faults.pass(FaultPoint::Request);
@@ -108,10 +105,8 @@ pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
     Ok(response)
 }
 
-/// The permits of a request: its client's, and one of all streams.
-type Holding = (Counted<Client>, Option<OwnedSemaphorePermit>);
-
-fn check(traffic: &Traffic, request: &Request) -> Result<(Option<Caller>, Holding), Failure> {
+/// The caller of a request, and its permits: its client's, and of a stream one of all streams.
+fn check(traffic: &Traffic, request: &Request) -> Result<(Option<Caller>, impl Send + use<>), Failure> {
     let path = request.uri().path();
     let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");
     let caller = traffic.access.caller(path, request.headers());
@@ -126,16 +121,13 @@ fn check(traffic: &Traffic, request: &Request) -> Result<(Option<Caller>, Holdin
     };
     let (quotas, constants) = (tenant.map(|tenant| tenant.quotas).unwrap_or_default(), &traffic.settings.constants);
     let (counts, limit, what) = match is_stream {
-        true => {
-            let limit = quotas.max_streams.unwrap_or(constants.streams_per_client);
-            (&traffic.streams_of_clients, limit, "event streams")
-        }
+        true => (&traffic.client_streams, quotas.max_streams.unwrap_or(constants.streams_per_client), "event streams"),
         false => (&traffic.requests, quotas.max_requests_at_once.unwrap_or(constants.requests_at_once), "requests"),
     };
-    let permit = enter(counts, client, limit).ok_or_else(|| {
+    let Some(permit) = enter(counts, client, limit) else {
         let message = format_args!("as many {what} at a time as a client may have; try again later: {limit}");
-        Error::new(Kind::RateLimited, message)
-    })?;
+        return Err(Error::new(Kind::RateLimited, message).into());
+    };
     let caller = caller?;
     let stream = is_stream.then(|| Arc::clone(&traffic.streams).try_acquire_owned()).transpose().map_err(|_| {
         let limit = constants.streams;

@@ -10,8 +10,6 @@ use axum::extract::{ConnectInfo, Request};
 use axum::http::{HeaderMap, HeaderValue};
 use ipnet::IpNet;
 
-const FORWARDED: &str = "x-forwarded-for";
-
 pub(crate) fn is_proxy(address: IpAddr, proxies: &[IpNet]) -> bool {
     proxies.iter().any(|network| network.contains(&address))
 }
@@ -25,7 +23,7 @@ pub(crate) fn client(request: &Request, proxies: &[IpNet]) -> IpAddr {
 /// The address behind `peer`. An entry that is no address ends the list: the proxy before it is then the client.
 fn behind(peer: IpAddr, headers: &HeaderMap, proxies: &[IpNet]) -> IpAddr {
     let mut client = peer;
-    let lines: Vec<&[u8]> = headers.get_all(FORWARDED).iter().map(HeaderValue::as_bytes).collect();
+    let lines: Vec<&[u8]> = headers.get_all("x-forwarded-for").iter().map(HeaderValue::as_bytes).collect();
     let mut entries = lines.iter().rev().flat_map(|line| line.rsplit(|&byte| byte == b','));
     while is_proxy(client, proxies) {
         let entry = entries.next().and_then(|entry| str::from_utf8(entry).ok());
@@ -66,7 +64,7 @@ mod tests {
         ] {
             let mut headers = HeaderMap::new();
             for line in lines {
-                headers.append(FORWARDED, HeaderValue::from_bytes(line.as_bytes()).expect("a value"));
+                headers.append("x-forwarded-for", HeaderValue::from_bytes(line.as_bytes()).expect("a value"));
             }
             let client = behind(peer.parse().expect("an address"), &headers, &proxies);
             assert_eq!(client.to_string(), expected, "{peer} {lines:?}");

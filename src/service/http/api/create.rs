@@ -22,9 +22,6 @@ use crate::ops::trace::Origin;
 use crate::store::{Created, Job, NewJob};
 use crate::work::urls;
 
-/// Longest wait for the end of a job: proxies give up on an answer after a minute.
-const LONGEST_WAIT: Duration = Duration::from_secs(60);
-
 /// Bytes.
 #[derive(ToSchema)]
 #[schema(value_type = String, format = Binary)]
@@ -152,7 +149,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
 /// Makes a job of an upload, or finds the one that was made of it before.
 async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>, most_waiting: Option<u64>) -> Result<Job> {
     let Upload { mut folder, mut spec, digests, .. } = upload;
-    let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
+    let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests));
     let id = folder.id;
     let upload = folder.settle().await?;
     spec.is_small = !upload.is_empty();
@@ -175,9 +172,7 @@ async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>, most_w
 
 /// The job after it ended, or after a while; as it was accepted when the store cannot be read now.
 async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
-    let Ok(Some(mut pulses)) = shared.store.watch(job.id).await else {
-        return job;
-    };
+    let Ok(Some(mut pulses)) = shared.store.watch(job.id).await else { return job };
     tokio::select! {
         _ = pulses.wait_for(|pulse| pulse.ended) => {}
         () = tokio::time::sleep(wait) => {}
@@ -186,8 +181,8 @@ async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
     shared.store.get(job.id).await.ok().flatten().unwrap_or(job)
 }
 
-/// The time that the client wants to wait, at most [`LONGEST_WAIT`]: `wait=N` of the `Prefer` header (RFC 7240).
-/// Everything else in it is ignored, as the standard requires.
+/// The time that the client wants to wait: `wait=N` of the `Prefer` header (RFC 7240), at most a minute, after which
+/// proxies give up on an answer. Everything else in it is ignored, as the standard requires.
 pub(crate) fn wait(headers: &HeaderMap) -> Option<Duration> {
     let values = headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
     let mut waits = values.flat_map(|value| value.split(',')).filter_map(|preference| {
@@ -196,12 +191,12 @@ pub(crate) fn wait(headers: &HeaderMap) -> Option<Duration> {
         name.trim().eq_ignore_ascii_case("wait").then(|| value.parse().ok())?
     });
     // the first one counts
-    waits.next().map(|seconds| Duration::from_secs(seconds).min(LONGEST_WAIT))
+    waits.next().map(|seconds: u64| Duration::from_secs(seconds.min(60)))
 }
 
 #[cfg(test)]
 mod tests {
-    use axum::http::HeaderValue;
+    use axum::http::{HeaderName, HeaderValue};
 
     use super::*;
 
@@ -216,8 +211,7 @@ mod tests {
             ("wait=-1", None),
             ("return=minimal", None),
         ] {
-            let mut headers = HeaderMap::new();
-            headers.insert("prefer", HeaderValue::from_static(header));
+            let headers = HeaderMap::from_iter([(HeaderName::from_static("prefer"), HeaderValue::from_static(header))]);
             assert_eq!(wait(&headers), expected.map(Duration::from_secs), "{header}");
         }
         assert_eq!(wait(&HeaderMap::new()), None);

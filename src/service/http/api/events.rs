@@ -13,6 +13,7 @@ use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::IntoResponse;
 use axum::response::sse::{Event as Sent, KeepAlive, Sse};
+use futures_util::future::OptionFuture;
 use futures_util::stream;
 use serde::{Deserialize, Serialize};
 use tesserae_mesh::error::{Error, Kind, Result};
@@ -27,12 +28,6 @@ use crate::http::state::{App, Shared};
 use crate::store::live::{LabelsEvent, Watcher};
 use crate::store::{Event, JobId, Pulse, State, What, no_such_job};
 use crate::work::urls;
-
-/// Events that are read from the log at once.
-const PAGE: usize = 256;
-
-/// When a client of a stream that the service ended may come back.
-const RETRY: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -120,14 +115,15 @@ pub(crate) async fn stream(
     let mut after = last_event_id(&headers)?;
     let mut pulses = shared.store.watch(id).await?.ok_or_else(|| no_such_job(id))?;
     let pulse = *pulses.borrow_and_update();
-    if after > pulse.last_seq && is_beyond(&shared, id, after).await? {
+    // a pulse may be older than an event that a client has read
+    if after > pulse.last_seq && shared.store.events(id, after - 1, 1).await?.is_none_or(|page| page.is_empty()) {
         after = pulse.last_seq.saturating_sub(u64::from(pulse.ended));
     }
     if pulse.ended && after >= pulse.last_seq {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let reader = Reader {
-        tokens: shared.access.tokens(),
+        tokens: shared.access.tokens.subscribe(),
         caller,
         watcher: labels.then(|| shared.live.watch(id)).flatten(),
         shared,
@@ -143,17 +139,10 @@ pub(crate) async fn stream(
     });
     // nginx and proxies like it hold an answer back until they have much of it, but for this header
     let unbuffered = [("x-accel-buffering", "no")];
-    Ok((unbuffered, Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE))).into_response())
+    // proxies close a quiet stream after a minute, the shortest after 20 s
+    let comments = KeepAlive::new().interval(Duration::from_secs(15));
+    Ok((unbuffered, Sse::new(events).keep_alive(comments)).into_response())
 }
-
-/// Whether the log has no event of that number: a pulse may be older than an event that a client has read.
-async fn is_beyond(shared: &Shared, id: JobId, number: u64) -> Result<bool> {
-    let page = shared.store.events(id, number.saturating_sub(1), 1).await?;
-    Ok(page.is_none_or(|page| page.is_empty()))
-}
-
-/// Time between the comments that keep a quiet stream open: proxies close one after a minute, the shortest after 20 s.
-const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 struct Reader {
     shared: Arc<Shared>,
@@ -175,7 +164,7 @@ impl Reader {
     /// The next event, once there is one; none at the end.
     async fn next(&mut self) -> Option<Sent> {
         loop {
-            if self.closing || !self.shared.access.still_knows(&self.caller) {
+            if self.closing || !self.tokens.borrow().has(&self.caller.0) {
                 return None;
             }
             // the last labels come before the end; others when no event waits
@@ -192,19 +181,21 @@ impl Reader {
             }
             // seen before reading, so that what happens while reading is noticed
             self.pulses.borrow_and_update();
-            match self.shared.store.events(self.id, self.after, PAGE).await {
+            match self.shared.store.events(self.id, self.after, 256).await {
                 Ok(Some(page)) if !page.is_empty() => self.page = page.into(),
                 Ok(Some(_)) => {
-                    let stop = self.shared.stop.clone();
                     tokio::select! {
                         biased;
                         changed = self.pulses.changed() => changed.ok()?,
-                        labels = next_labels(&mut self.watcher) => return labels_sent(&labels),
+                        Some(labels) = OptionFuture::from(self.watcher.as_mut().map(Watcher::next)) => {
+                            return labels_sent(&labels);
+                        }
                         // looked at above
                         _ = self.tokens.changed() => {}
-                        () = stop.cancelled() => {
+                        () = self.shared.stop.cancelled() => {
                             self.closing = true;
-                            return Some(Sent::default().retry(RETRY).comment("the service is stopping"));
+                            let retry = Duration::from_secs(2);
+                            return Some(Sent::default().retry(retry).comment("the service is stopping"));
                         }
                     }
                 }
@@ -218,16 +209,12 @@ impl Reader {
     }
 
     fn sent(&self, event: Event) -> Option<Sent> {
+        let entered =
+            |sent: Sent, state, attempt, worker| sent.event("state").json_data(StateEvent { state, attempt, worker });
         let sent = Sent::default().id(event.seq.to_string());
         let sent = match event.what {
-            What::Queued => {
-                let event = StateEvent { state: State::Queued, attempt: None, worker: None };
-                sent.event("state").json_data(event)
-            }
-            What::Started(attempt, worker) => {
-                let event = StateEvent { state: State::Running, attempt: Some(attempt), worker: Some(worker) };
-                sent.event("state").json_data(event)
-            }
+            What::Queued => entered(sent, State::Queued, None, None),
+            What::Started(attempt, worker) => entered(sent, State::Running, Some(attempt), Some(worker)),
             What::Iteration(row) => Ok(sent.event("iteration").data(row)),
             What::Round(row) => Ok(sent.event("round").data(row)),
             What::End(state, error) => {
@@ -239,28 +226,16 @@ impl Reader {
     }
 }
 
-/// The next labels of a job; without a watcher there are none.
-async fn next_labels(watcher: &mut Option<Watcher>) -> LabelsEvent {
-    match watcher {
-        Some(watcher) => watcher.next().await,
-        None => std::future::pending().await,
-    }
-}
-
 fn labels_sent(labels: &LabelsEvent) -> Option<Sent> {
     Sent::default().event("labels").json_data(labels).ok()
 }
 
 fn last_event_id(headers: &HeaderMap) -> Result<u64> {
-    let Some(value) = headers.get("last-event-id") else {
-        return Ok(0);
-    };
+    let Some(value) = headers.get("last-event-id") else { return Ok(0) };
     let text = value.to_str().unwrap_or("?").trim();
     // as far as the signed 64 bits of the description go
     text.parse().ok().filter(|&id: &u64| i64::try_from(id).is_ok()).ok_or_else(|| {
-        Error::new(
-            Kind::BadRequest,
-            format_args!("Last-Event-ID must be the id of an event of this job, a number, not {text:?}"),
-        )
+        let message = format_args!("Last-Event-ID must be the id of an event of this job, a number, not {text:?}");
+        Error::new(Kind::BadRequest, message)
     })
 }

@@ -1,5 +1,4 @@
-//! The handlers: one resource a file. They stand on top: nothing but the description of the interface, with
-//! which the router begins, imports them.
+//! The handlers, one resource a file. Nothing but the description of the interface imports them.
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 

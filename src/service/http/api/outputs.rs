@@ -1,10 +1,9 @@
-//! What a job gives: its labels, its hierarchy, the outputs that are made of its mesh, and the other ones of the table;
-//! and its upload.
+//! What a job gives: labels, the hierarchy, outputs that are made of the mesh, other outputs of the table; its upload.
 
 use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;
 use tesserae_mesh::artifacts::{
-    Artifact, Choice, Choices, CutKind, Form, HIERARCHY, HIERARCHY_JSON, LABELS, LABELS_BIN, LABELS_NPY, Need,
+    Artifact, Choices, CutKind, Form, HIERARCHY, HIERARCHY_JSON, LABELS, LABELS_BIN, LABELS_NPY, Need,
 };
 use tesserae_mesh::error::{Error, Kind, Quoted};
 use tesserae_mesh::hierarchy::json::Limits;
@@ -13,7 +12,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::create::Binary;
 use crate::files::{self, kept_mesh};
-use crate::guard::problem::{Answer, Problematic};
+use crate::guard::problem::Answer;
 use crate::guard::query;
 use crate::http::conditional::Content;
 use crate::http::negotiate;
@@ -145,7 +144,6 @@ pub(crate) async fn hierarchy(Found { shared, job }: Found, uri: Uri, headers: H
 
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
 pub(crate) struct DerivedQuery {
     /// The format; by `Accept` when left out, one that was made first
     format: Option<String>,
@@ -175,16 +173,11 @@ enum Colours {
 /// An output that is made of the mesh: stored where the request for the job named it, or made of a kept mesh.
 pub(crate) async fn derived(artifact: &'static Artifact, found: Found, uri: Uri, headers: HeaderMap) -> Answer {
     let Found { shared, job } = found;
-    let DerivedQuery { clusters, format, placement, ply_vertex_colours, force, colours } = query::read(&uri)?;
-    let given = [
-        (Choice::Placement, placement.is_some()),
-        (Choice::PlyVertexColours, ply_vertex_colours.is_some()),
-        (Choice::Force, force.is_some()),
-        (Choice::Colours, colours.is_some()),
-    ];
-    if let Some((choice, _)) = given.into_iter().find(|(choice, given)| *given && !artifact.choices.contains(choice)) {
-        let message = format!("{} has nothing to choose by {}: leave it out", artifact.name, choice.name());
-        return Err(Error::new(Kind::InvalidParameter, message).into());
+    let given = query::pairs(&uri)?;
+    let DerivedQuery { clusters, format, placement, ply_vertex_colours, force, colours } = query::parse(&given)?;
+    if let Some((name, _)) = given.iter().find(|(name, _)| !has_parameter(artifact, name)) {
+        let message = format_args!("{} has nothing to choose by {name}: leave it out", artifact.name);
+        return Err(Error::parameter(message).into());
     }
     let choices = Choices {
         placement: placement.unwrap_or_default(),
@@ -224,6 +217,11 @@ pub(crate) async fn derived(artifact: &'static Artifact, found: Found, uri: Uri,
     response.extensions_mut().insert(Content(format!("{what} {}", env!("CARGO_PKG_VERSION"))));
     attachment(&mut response, &done.job, form.file);
     Ok(response)
+}
+
+/// Whether a parameter of [`DerivedQuery`] goes with an output.
+pub(crate) fn has_parameter(artifact: &Artifact, name: &str) -> bool {
+    ["format", "clusters"].contains(&name) || artifact.choices.iter().any(|choice| choice.name() == name)
 }
 
 fn not_made(job: &Job, form: &Form) -> Error {
@@ -280,10 +278,6 @@ pub(crate) struct UploadQuery {
     params(UploadQuery),
     responses(
         (status = 200, description = "The bytes", body = Binary, content_type = "application/octet-stream"),
-        (status = 206, description = "The part of them that `Range` names", body = Binary,
-         content_type = "application/octet-stream"),
-        (status = 304, description = "The client has them already (`If-None-Match`)"),
-        (status = 416, response = Problematic),
     ),
 )]
 pub(crate) async fn upload(Found { shared, job }: Found, uri: Uri) -> Answer {

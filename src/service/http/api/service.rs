@@ -10,9 +10,8 @@ use tesserae_mesh::error::{Error, Kind};
 use tesserae_mesh::job::InputFormat;
 use utoipa::ToSchema;
 
-use crate::guard::problem::{Answer, Problematic};
+use crate::guard::problem::Answer;
 use crate::http::state::{App, DeviceDescription};
-use crate::metrics;
 use crate::ops::health::{self, Condition};
 use crate::ops::trace::Origin;
 use crate::settings::Settings;
@@ -140,13 +139,13 @@ pub(crate) async fn workers(Extract(shared): App) -> Answer<Json<WorkerList>> {
     get, path = "/metrics", tag = "service", operation_id = "getMetrics",
     responses(
         (status = 200, description = "The metrics", body = String, content_type = "application/openmetrics-text"),
-        (status = 500, response = Problematic),
     ),
 )]
 pub(crate) async fn metrics(Extract(shared): App) -> Answer {
     shared.metrics.families.streams.set(shared.traffic.open_streams().cast_signed());
     let text = shared.metrics.text(&shared.store, &shared.files, &shared.health).await?;
-    Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
+    let media_type = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+    Ok(([(header::CONTENT_TYPE, media_type)], text).into_response())
 }
 
 /// That the process answers.
@@ -184,10 +183,7 @@ pub(crate) async fn healthz() -> Json<HealthView> {
 /// read metrics, and on the service's own machine where there are no tokens.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "getReadiness",
-    responses(
-        (status = 200, description = "Jobs are taken", body = Readiness),
-        (status = 503, response = Problematic),
-    ),
+    responses((status = 200, description = "Jobs are taken", body = Readiness)),
 )]
 pub(crate) async fn readyz(Extract(shared): App, request: Request) -> Answer<Json<Readiness>> {
     let mut conditions = shared.health.conditions();

@@ -40,7 +40,7 @@ pub(super) fn expected<'d>(done: &'d Done, name: &str) -> Result<&'d Contents> {
     found.ok_or_else(|| Error::new(Kind::NotFound, "the job has no such result"))
 }
 
-/// Opens a blob of a result. [`Kind::NotFound`] if the job has none of this name.
+/// Opens a blob of a result, after it was compared if it is small. [`Kind::NotFound`] if the job has none of this name.
 pub(super) async fn open(done: &Arc<Done>, name: &'static str) -> Result<Checked> {
     let checked = |blob| Checked { blob, done: Arc::clone(done), name };
     let opened = checked(found(done, name, None).await?);

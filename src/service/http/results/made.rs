@@ -33,9 +33,6 @@ use crate::http::state::Shared;
 use crate::ops::blocking::blocking;
 use crate::work::pipeline::Needed;
 
-/// Faces up to which labels are encoded without waiting for a turn.
-const SMALL: u64 = 1 << 16;
-
 /// Which labels of a job.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Which {
@@ -77,7 +74,8 @@ async fn turn(shared: &Shared) -> Option<OwnedSemaphorePermit> {
 
 /// Labels in a form that is made of them, with headers that say what a cut is.
 pub(crate) async fn labels(done: &Arc<Done>, which: Which, form: &'static Form) -> Result<Response> {
-    let is_small = done.summary.faces <= SMALL && !matches!(which, Which::Cut(_));
+    // few labels wait for no turn
+    let is_small = done.summary.faces <= 1 << 16 && !matches!(which, Which::Cut(_));
     let turn = if is_small { None } else { turn(&done.shared).await };
     let load = load(done, which).await?;
     let shape = done.summary.shape();
@@ -85,9 +83,8 @@ pub(crate) async fn labels(done: &Arc<Done>, which: Which, form: &'static Form) 
         let loaded = load()?;
         let shape = Some(&shape[..]).filter(|shape| !shape.is_empty());
         (form.encode)(&Content { labels: Some(loaded.view()), shape, ..Content::default() })?(out).map_err(cannot)?;
-        Ok(loaded
-            .cut
-            .map(|(cut, energy)| [("tesserae-cut", cut.to_owned()), ("tesserae-energy", format!("{energy:e}"))]))
+        let headers = |(cut, energy)| [("tesserae-cut", String::from(cut)), ("tesserae-energy", format!("{energy:e}"))];
+        Ok(loaded.cut.map(headers))
     };
     encoded(&done.shared, turn, form.media_type, write).await
 }
@@ -114,11 +111,8 @@ pub(crate) async fn of_input(
     form: &'static Form,
 ) -> Result<Response> {
     let (format, faces) = (done.job.spec.format, done.summary.faces);
-    let kept = match format {
-        InputFormat::Mesh(_) => kept_mesh::NAME,
-        InputFormat::Points(_) => kept_mesh::IMAGE,
-    };
-    let kept = checked::open(done, kept).await?;
+    let name = if format.is_of_points() { kept_mesh::IMAGE } else { kept_mesh::NAME };
+    let kept = checked::open(done, name).await?;
     // what is in memory meanwhile counts like the mesh or the image of a job
     let memory = done.shared.memory.read(kept.length()).await?;
     let (kept, memory) = match format {

@@ -1,5 +1,4 @@
-//! Results as responses: what is stored, and what is made of it on request. Handlers use these, and not the other way
-//! round.
+//! Results as responses: what is stored, and what is made of it on request. No handler is known here.
 
 mod checked;
 pub(crate) mod made;
@@ -24,43 +23,41 @@ pub(crate) struct Done {
 impl Done {
     /// An error says why there is nothing yet, or never will be.
     pub fn of(shared: Arc<Shared>, job: Job) -> Result<Arc<Self>> {
-        let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
-        match (job.state, job.summary.clone()) {
-            (State::Succeeded, Some(summary)) => Ok(Arc::new(Self { shared, job, summary })),
-            (State::Failed, _) => conflict(format!(
-                "the job failed and has no result: {}",
-                job.problem.as_ref().map_or("", |problem| &problem.message)
-            )),
-            (State::Cancelled, _) => Err(Error::new(Kind::Cancelled, "the job was cancelled and has no result")),
-            (State::Queued | State::Running | State::Succeeded, _) => conflict(format!(
-                "the job has no result yet; follow its events, or ask again later: it is {}",
-                job.state.name()
-            )),
-        }
+        let (kind, message) = match (job.state, job.summary.clone()) {
+            (State::Succeeded, Some(summary)) => return Ok(Arc::new(Self { shared, job, summary })),
+            (State::Failed, _) => {
+                let why = job.problem.map_or_else(String::new, |problem| problem.message);
+                (Kind::Conflict, format!("the job failed and has no result: {why}"))
+            }
+            (State::Cancelled, _) => (Kind::Cancelled, "the job was cancelled and has no result".to_owned()),
+            (State::Queued | State::Running | State::Succeeded, _) => {
+                let state = job.state.name();
+                (
+                    Kind::Conflict,
+                    format!("the job has no result yet; follow its events, or ask again later: it is {state}"),
+                )
+            }
+        };
+        Err(Error::new(kind, message))
     }
 
     /// Refuses a number of clusters for a flat job, and none for a whole hierarchy.
     pub fn check_clusters(&self, clusters: Option<u64>) -> Result<()> {
         let (parameters, summary) = (&self.job.spec.parameters, &self.summary);
-        match clusters {
-            Some(clusters) if !HIERARCHY.is_made(parameters) => Err(Error::new(
-                Kind::Conflict,
-                format_args!(
-                    "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
-                     clusters out, not {clusters}",
-                    summary.clusters
-                ),
-            )),
-            None if LABELS.lacks(parameters) == Some(Need::Labels) => Err(Error::new(
-                Kind::Conflict,
-                format_args!(
-                    "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, \
-                     from {} to {}",
-                    summary.clusters, summary.faces
-                ),
-            )),
-            _ => Ok(()),
-        }
+        let message = match clusters {
+            Some(clusters) if !HIERARCHY.is_made(parameters) => format!(
+                "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
+                 clusters out, not {clusters}",
+                summary.clusters
+            ),
+            None if LABELS.lacks(parameters) == Some(Need::Labels) => format!(
+                "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, from \
+                 {} to {}",
+                summary.clusters, summary.faces
+            ),
+            _ => return Ok(()),
+        };
+        Err(Error::new(Kind::Conflict, message))
     }
 
     fn damaged(&self, name: &str, why: impl Display) -> Error {

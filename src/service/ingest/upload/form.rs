@@ -14,21 +14,23 @@ use tesserae_mesh::job::{self, InputFormat};
 use super::{Mesh, Received, kept_name};
 use crate::files;
 use crate::ingest::intake::Content;
-use crate::ingest::request::MAX_PARAMETERS_BYTES;
+
+/// Largest JSON part with parameters, in bytes.
+const MAX_PARAMETERS_BYTES: usize = 64 << 10;
 
 /// Largest number of buffers of a mesh.
 const MAX_BUFFERS: usize = 1024;
 
 pub(super) async fn receive(parts: Parts, content: Content, received: &mut Received) -> Result<()> {
-    let Content { bytes, allowance } = content;
-    allowance.between_parts();
+    let Content { bytes, counts } = content;
+    counts.between_parts();
     let request = Request::from_parts(parts, Body::from_stream(bytes));
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
     let mut has_parameters = false;
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
-        allowance.within_part();
+        counts.within_part();
         match field.name().unwrap_or_default() {
             "mesh" => add_mesh(received, field, "mesh").await?,
             "points" => add_mesh(received, field, "points").await?,
@@ -51,24 +53,21 @@ pub(super) async fn receive(parts: Parts, content: Content, received: &mut Recei
                 )));
             }
         }
-        allowance.between_parts();
+        counts.between_parts();
     }
     Ok(())
 }
 
 async fn add_mesh(received: &mut Received, field: Field<'_>, part: &'static str) -> Result<()> {
-    match &received.mesh {
-        None => {}
-        Some(Mesh { referred: Some(_), .. }) => {
-            return Err(Error::parameter(
-                "mesh_url in the query says where the mesh lies: leave out the part mesh or points, or mesh_url",
-            ));
-        }
-        Some(_) => {
-            return Err(Error::parameter(format_args!(
-                "there is more than one part named mesh or points: leave out all but one, such as this: {part}"
-            )));
-        }
+    if let Some(Mesh { referred, .. }) = &received.mesh {
+        return Err(Error::parameter(match referred {
+            Some(_) => {
+                "mesh_url in the query says where the mesh lies: leave out the part mesh or points, or mesh_url".into()
+            }
+            None => {
+                format!("there is more than one part named mesh or points: leave out all but one, such as this: {part}")
+            }
+        }));
     }
     let file_name = file_name(&field).map(|name| kept_name(&name));
     let by_type = field.content_type().and_then(InputFormat::from_media_type);
@@ -125,10 +124,10 @@ async fn small(field: Field<'_>) -> Result<Vec<u8>> {
     let mut content = content(field);
     while let Some(chunk) = content.try_next().await? {
         bytes.extend_from_slice(&chunk);
-        if bytes.len() as u64 > MAX_PARAMETERS_BYTES {
-            return Err(Error::too_large(format_args!(
-                "the part \"parameters\" has more bytes than the limit of {MAX_PARAMETERS_BYTES}"
-            )));
+        if bytes.len() > MAX_PARAMETERS_BYTES {
+            let message =
+                format_args!("the part \"parameters\" has more bytes than the limit of {MAX_PARAMETERS_BYTES}");
+            return Err(Error::too_large(message));
         }
     }
     Ok(bytes)
