@@ -318,6 +318,7 @@ fn hierarchical(parameters: &Parameters, sequential_at: u64) -> hierarchy::Optio
         clusters: parameters.clusters,
         levels: parameters.levels().to_vec(),
         allow_disconnected: parameters.allow_disconnected,
+        // by normals, levels get swaps alone, whatever the size of the mesh
         relocation: (refine && !parameters.allow_disconnected)
             .then(|| relocation(parameters.quality, parameters.energy, usize::MAX)),
     }
