@@ -67,8 +67,11 @@ export const drawnAs = async (page, layer) =>
   );
 
 /** What the canvas shows of the image: where it is, how many pixels are light, and the colour of its middle. */
-export const canvasOf = async (page) =>
-  await page.evaluate(
+export const canvasOf = (page) => until("the canvas shows the image", () => shownBy(page));
+
+/** The same, or null while the canvas is empty, as after a change of its size. */
+const shownBy = (page) =>
+  page.evaluate(
     ([width, height]) => {
       const canvas = document.querySelector("#view canvas");
       const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
@@ -77,6 +80,7 @@ export const canvasOf = async (page) =>
       let top = 0;
       const middle = Math.floor(canvas.width / 2);
       while (data[4 * (top * canvas.width + middle) + 3] === 0) top++;
+      if (top === canvas.height) return null;
       const left = (canvas.width - scale * width) / 2;
       const light = data.filter((_, i) => i % 4 === 0 && data[i] > 230 && data[i + 1] > 230 && data[i + 2] > 230);
       // the middle of a pixel of the image, where no line is
