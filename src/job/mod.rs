@@ -289,8 +289,12 @@ impl Opened<'_> {
         }
         let (format, adjusted, parts) = (Some(mesh.format), mesh.adjusted, mesh.parts.clone());
         let about = About { format, adjusted, parts, weights, groups };
-        let prepared = checked.prepare((&mesh).into(), about, warnings, tell)?;
-        Ok(Prepared { mesh: keeps_mesh.then(|| Arc::new(mesh)), origin, ..prepared })
+        tell(Preparing::Surface);
+        let laid = checked.lay((&mesh).into(), about, warnings)?;
+        // where no output needs the mesh, its memory is for the plan
+        let mesh = keeps_mesh.then(|| Arc::new(mesh));
+        tell(Preparing::Start);
+        Ok(Prepared { mesh, origin, ..laid.plan()? })
     }
 }
 

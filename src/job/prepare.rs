@@ -2,7 +2,8 @@
 
 use std::time::Instant;
 
-use super::{Clustering, InputFile, JobSpec, Plan, Prepared, Preparing, Refusal, Subject, milliseconds, weight_list};
+use super::subject::Seen;
+use super::{Clustering, InputFile, JobSpec, Plan, Prepared, Refusal, milliseconds, weight_list};
 use crate::energy::{self, Functional};
 use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
@@ -48,7 +49,7 @@ pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
         ))));
     }
     job.limits.check_faces(job.mesh.faces.len() as u64).map_err(Refusal::of(InputFile::Mesh))?;
-    checked.prepare(job.mesh, About::default(), Vec::new(), &mut |_| ())
+    checked.lay(job.mesh, About::default(), Vec::new())?.plan()
 }
 
 /// Prepares a surface that the caller built of a mesh in memory, such as one of its points; without seeds and weights.
@@ -63,7 +64,7 @@ pub fn prepare_surface(parameters: &Parameters, mesh: MeshView<'_>, surface: Sur
             "{name} goes with faces, not with the points of a mesh: leave it out"
         ))));
     }
-    checked.plan(mesh, surface, Instant::now(), About::default(), Vec::new())
+    checked.laid(mesh, surface, Instant::now(), About::default(), Vec::new())?.plan()
 }
 
 /// A job whose parameters, seeds and weights were read and checked.
@@ -112,14 +113,7 @@ impl Checked {
     }
 
     /// Builds the surface. Weights are those of an attribute where none are listed; warnings are added to those given.
-    pub fn prepare(
-        mut self,
-        mesh: MeshView<'_>,
-        mut about: About,
-        warnings: Vec<String>,
-        tell: &mut dyn FnMut(Preparing),
-    ) -> Result<Prepared, Refusal> {
-        tell(Preparing::Surface);
+    pub fn lay(mut self, mesh: MeshView<'_>, mut about: About, warnings: Vec<String>) -> Result<Laid, Refusal> {
         let parsed = Instant::now();
         let are_listed = self.weights.is_some();
         let weights = self.weights.take().or(about.weights.take());
@@ -131,32 +125,31 @@ impl Checked {
             let of_weights = are_listed && error.kind == Kind::InvalidParameter;
             Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
         })?;
-        tell(Preparing::Start);
-        let mut prepared = self.plan(mesh, surface, parsed, about, warnings)?;
+        let mut laid = self.laid(mesh, surface, parsed, about, warnings)?;
         if are_listed && mesh.faces.len() == mesh.positions.len() {
-            prepared.warnings.push(format!(
+            laid.warnings.push(format!(
                 "there are as many faces as vertices, and the weights were taken as one a face: {}",
                 mesh.faces.len()
             ));
         }
         if weights.is_some() {
-            prepared.weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
+            laid.weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
         }
         if curvature_exponent.is_some() {
-            prepared.weighted_by.push(WeightedBy::Curvature);
+            laid.weighted_by.push(WeightedBy::Curvature);
         }
-        Ok(prepared)
+        Ok(laid)
     }
 
-    /// Chooses how to go about a surface, which was begun at `parsed`.
-    fn plan(
+    /// Sees a surface, which was begun at `parsed`, as the energy does.
+    fn laid(
         self,
         mesh: MeshView<'_>,
         surface: Surface,
         parsed: Instant,
         about: About,
         mut warnings: Vec<String>,
-    ) -> Result<Prepared, Refusal> {
+    ) -> Result<Laid, Refusal> {
         let Self { spec, started, .. } = self;
         let counts = surface.counts;
         if counts.degenerate_faces > 0 {
@@ -174,13 +167,32 @@ impl Checked {
             ));
         }
         let input = describe(mesh, about, &surface);
-        let subject = Subject::of(surface, mesh, &spec)?;
+        let seen = Seen::of(surface, mesh, &spec)?;
+        Ok(Laid { seen, spec, input, weighted_by: Vec::new(), warnings, started, parsed })
+    }
+}
+
+/// A job on a surface, which needs neither the mesh nor its bytes any more.
+pub(super) struct Laid {
+    seen: Seen,
+    spec: JobSpec,
+    input: Input,
+    weighted_by: Vec<WeightedBy>,
+    warnings: Vec<String>,
+    started: Instant,
+    parsed: Instant,
+}
+
+impl Laid {
+    /// Chooses how to go about it.
+    pub fn plan(self) -> Result<Prepared, Refusal> {
+        let Self { seen, spec, input, weighted_by, warnings, started, parsed } = self;
+        let subject = seen.planned(&spec.clustering)?;
         let timings = Timings {
             parse: milliseconds(parsed - started),
             topology: milliseconds(parsed.elapsed()),
             ..Timings::default()
         };
-        let weighted_by = Vec::new();
         Ok(Prepared {
             subject,
             spec,

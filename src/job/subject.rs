@@ -95,22 +95,46 @@ macro_rules! with_items {
 }
 pub(super) use with_items;
 
-impl Subject {
-    /// The faces of a mesh as the energy of a job sees them.
-    pub(super) fn of(surface: Surface, mesh: MeshView<'_>, spec: &JobSpec) -> Result<Self, Refusal> {
+/// The faces of a mesh as the energy of a job sees them, before it is planned.
+#[derive(Debug)]
+pub(super) enum Seen {
+    /// By their places.
+    Mesh(Box<Surface>),
+    /// By their normals.
+    Normals(Box<Surface<Normals>>),
+    /// Beside shapes.
+    Shapes(Box<Shaped>),
+}
+
+impl Seen {
+    pub fn of(surface: Surface, mesh: MeshView<'_>, spec: &JobSpec) -> Result<Self, Refusal> {
         if spec.energy.is_of_shapes() {
             let shaped = Shaped::new(surface, mesh, &spec.clustering);
             return Ok(Self::Shapes(Box::new(shaped.map_err(Refusal::of(InputFile::Mesh))?)));
         }
-        if spec.energy.is_of_normals() {
-            let surface = surface.with_normals(mesh).seen_by(spec.moves());
-            let plan = plan(&surface.items, &spec.clustering)?;
-            return Ok(Self::Normals(Box::new(surface), plan));
-        }
-        let plan = plan(&surface.items, &spec.clustering)?;
-        Ok(Self::Mesh(Box::new(surface), plan))
+        Ok(match spec.energy.is_of_normals() {
+            true => Self::Normals(Box::new(surface.with_normals(mesh).seen_by(spec.moves()))),
+            false => Self::Mesh(Box::new(surface)),
+        })
     }
 
+    /// Chooses how to go about them.
+    pub fn planned(self, clustering: &Clustering) -> Result<Subject, Refusal> {
+        Ok(match self {
+            Self::Mesh(surface) => {
+                let plan = plan(&surface.items, clustering)?;
+                Subject::Mesh(surface, plan)
+            }
+            Self::Normals(surface) => {
+                let plan = plan(&surface.items, clustering)?;
+                Subject::Normals(surface, plan)
+            }
+            Self::Shapes(shaped) => Subject::Shapes(shaped),
+        })
+    }
+}
+
+impl Subject {
     /// Number of items that are clustered.
     pub fn items(&self) -> usize {
         with_items!(self, |items| items.faces())
