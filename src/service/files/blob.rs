@@ -101,6 +101,7 @@ impl BlobWriter {
             }
         };
         stored.map_err(|error| self.files.noted(error))?;
+        self.files.check_owned().await?;
         // they stay
         self.written = 0;
         Ok(())

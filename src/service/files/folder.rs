@@ -19,6 +19,9 @@ use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::private;
 use crate::store::JobId;
 
+const SCRATCH: &str = "scratch";
+const FOLDERS: [&str; 3] = [UPLOADS, RESULTS, SCRATCH];
+
 #[derive(Debug)]
 pub(crate) struct Files {
     pub(super) root: Root,
@@ -51,7 +54,7 @@ impl Files {
         // nothing that is to stay lies in a temporary folder then
         let reserve = if elsewhere.is_some() && !root.is_kept() { 0 } else { reserve };
         disk::check_reserve(&root.path, reserve)?;
-        for folder in [UPLOADS, RESULTS, "scratch"] {
+        for folder in FOLDERS {
             let path = root.path.join(folder);
             private::make_folder(&path).map_err(|error| cannot_make(&path, error))?;
         }
@@ -86,7 +89,7 @@ impl Files {
     }
 
     pub fn scratch(&self) -> PathBuf {
-        self.root.path.join("scratch")
+        self.root.path.join(SCRATCH)
     }
 
     pub async fn remove_upload(&self, id: JobId) {
@@ -148,7 +151,7 @@ impl Files {
         self.faults.hit(FaultPoint::ProbeFolder).map_err(cannot)?;
         self.check_root()?;
         let write = || {
-            for folder in [UPLOADS, RESULTS].map(|name| self.root.path.join(name)) {
+            for folder in FOLDERS.map(|name| self.root.path.join(name)) {
                 private::make_folder(&folder)?;
                 tempfile::tempfile_in(folder)?;
             }

@@ -89,13 +89,26 @@ impl Files {
         }
     }
 
+    /// Whether blobs that lie elsewhere lie at the place of this store.
+    async fn is_owned(&self) -> Result<bool> {
+        Ok(self.elsewhere.is_none() || self.owner.is_none() || self.owner().await? == self.owner)
+    }
+
+    /// An error when a blob was written to another place: a folder that is not mounted takes it, too.
+    pub(super) async fn check_owned(&self) -> Result<()> {
+        match self.is_owned().await {
+            Ok(false) => Err(self.noted(Error::new(Kind::Unavailable, CANNOT_REACH))),
+            checked => checked.map(drop).map_err(|error| self.noted(error)),
+        }
+    }
+
     /// Whether blobs that lie elsewhere can be stored and found there; says what is wrong. Without the owner it is
     /// another place: a folder that is not mounted, say.
     pub async fn probe_elsewhere(&self) -> Result<()> {
         let Some(place) = &self.elsewhere else { return Ok(()) };
         let probe = async {
             self.blobs.names(&BlobPath::default()).await?;
-            if self.owner.is_some() && self.owner().await? != self.owner {
+            if !self.is_owned().await? {
                 return Err(Error::new(Kind::Conflict, format_args!("the file {OWNER} is not there, or another one")));
             }
             self.blobs.probe().await

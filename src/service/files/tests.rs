@@ -125,7 +125,7 @@ async fn a_disk_that_fails_says_how() {
     // another process may have removed it
     std::fs::remove_file(folder.path().join("lock")).expect("there");
     assert_eq!(files.probe(), Ok(()));
-    for name in [UPLOADS, RESULTS] {
+    for name in [UPLOADS, RESULTS, "scratch"] {
         let path = folder.path().join(name);
         std::fs::remove_dir_all(&path).expect("there");
         std::fs::write(&path, "").expect("written");
@@ -237,6 +237,9 @@ async fn a_place_and_a_store_are_each_others() {
     assert_eq!(files.probe_elsewhere().await, Ok(()));
     std::fs::remove_file(blobs.join(OWNER)).expect("there");
     assert!(files.probe_elsewhere().await.is_err(), "as when it is not mounted");
+    let files = Arc::new(files);
+    let written = write(files.result(JobId::random(), 1, "x"), b"x").await;
+    assert_eq!(written.expect_err("lost when it is mounted").kind, Kind::Unavailable);
     files.close().await;
 }
 

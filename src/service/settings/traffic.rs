@@ -13,7 +13,7 @@ pub(crate) const BEGINNINGS: usize = 256;
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 #[command(next_help_heading = "Limits")]
 pub struct TrafficSettings {
-    /// Jobs of one tenant that may wait; more are answered with 429
+    /// Jobs of one tenant that may wait, where there are tokens; more are answered with 429
     #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N", hide_short_help = true,
           default_value_t = Self::default().max_queued_jobs_per_tenant,
           value_parser = clap::value_parser!(u64).range(1..))]

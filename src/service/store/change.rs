@@ -2,11 +2,12 @@
 
 use std::time::SystemTime;
 
+use serde::Deserialize;
 use tesserae_mesh::error::{Error, Result};
 use uuid::Uuid;
 
 use super::database::{Abort, Row, Rows, Value, json, read, values};
-use super::job::{Job, JobId, SmallBlob, Spec, Ticket, keeps_upload};
+use super::job::{Job, JobId, SmallBlob, Ticket, keeps_upload};
 use super::listeners::Effects;
 use super::terms::{Ending, Pulse};
 use crate::queue::{Change, Rules, Standing, State, What, not_yours};
@@ -69,13 +70,19 @@ pub struct Live {
     pub ends: u32,
 }
 
+/// What the end of a job needs of its [spec](super::job::Spec), which a later release may have written.
+#[derive(Deserialize)]
+struct Traced {
+    trace_parent: Option<String>,
+}
+
 impl Live {
     pub fn of(row: &Row) -> Result<Self> {
-        let webhook = |webhook| Ok((webhook, row.json::<Spec>("spec")?.trace_parent));
+        let webhook = |webhook| (webhook, row.json::<Traced>("spec").ok().and_then(|spec| spec.trace_parent));
         Ok(read!(row, Self {
             id, number, tenant, last_seq, worker, worker_id, ends;
             standing: standing(row)?,
-            webhook: row.get::<Option<String>>("webhook")?.map(webhook).transpose()?,
+            webhook: row.get::<Option<String>>("webhook")?.map(webhook),
         }))
     }
 

@@ -102,13 +102,22 @@ fn claim(
     // none where a client ended the job meanwhile
     let sql = "SELECT *, NULL AS queue_position FROM jobs WHERE number = $1 AND state = 'queued' FOR UPDATE";
     let picked: Vec<Query> = numbers.into_iter().map(|number| (sql, values![number])).collect();
+    let rows = change.rows.all(&picked)?;
+    let found = rows.iter().flatten().map(|row| Ok((Live::of(row)?, job(row)))).collect::<Result<Vec<_>>>()?;
     let Claiming { worker, lease, .. } = claiming;
     let mut taken = Vec::new();
-    for row in change.rows.all(&picked)?.iter().flatten() {
-        let live = change.apply(Live::of(row)?, Change::Claim(worker.clone(), *lease), None)?;
+    for (mut live, job) in found {
+        // a job of a later release: it does not begin, so that the end of its lease is no failure, and others do
+        live.standing.is_small &= job.is_ok();
+        let live = change.apply(live, Change::Claim(worker.clone(), *lease), None)?;
         let Standing { state, attempt, started_at, .. } = live.standing;
-        let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..job(row)? };
-        taken.push((live.ticket(), live.last_seq, job));
+        match job {
+            Ok(job) => {
+                let job = Job { state, attempt, started_at, worker: live.worker.clone(), ..job };
+                taken.push((live.ticket(), live.last_seq, job));
+            }
+            Err(error) => tracing::warn!(job = %live.id, %error, "a claimed job waits until its lease is over"),
+        }
     }
     for Turn { tenant, served, next } in turns {
         let sql = "INSERT INTO tenants (name, served, next) VALUES ($1, $2, $3) \

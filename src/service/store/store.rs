@@ -165,7 +165,7 @@ impl Store {
 
     /// Writes a row without meaning, to see whether the store can write.
     pub async fn probe(&self) -> Result<()> {
-        self.file().and_then(|file| file.place.damage()).map_or(Ok(()), Err)?;
+        self.file().map_or(Ok(()), |file| file.place.check())?;
         let probed = self.change("probe", |change| {
             let now = change.rows.now()?;
             change.rows.write("UPDATE identity SET probed_at = $1", values![now])

@@ -272,5 +272,16 @@ async fn encoded<H: IntoResponseParts + Send + 'static>(
 }
 
 fn cannot(error: io::Error) -> Error {
-    Error::io("the result cannot be written", error)
+    Error::new(Kind::of_storage(&error), format_args!("the result cannot be written: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_said() {
+        assert_eq!(cannot(io::ErrorKind::StorageFull.into()).kind, Kind::InsufficientStorage);
+        assert_eq!(cannot(io::ErrorKind::NotADirectory.into()).kind, Kind::Io);
+    }
 }

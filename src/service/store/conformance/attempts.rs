@@ -1,5 +1,6 @@
 //! Jobs that are claimed more than once: releases, leases, and a crash.
 
+use super::super::database::values;
 use super::*;
 
 pub(super) async fn a_released_job_runs_again_in_its_place(store: &Store) {
@@ -61,6 +62,25 @@ pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &Store) {
         assert_eq!((attempts_failed, given_up), expected);
     }
     assert!(get(store, id).await.keeps_upload(), "it was given up");
+}
+
+pub(super) async fn a_job_of_a_later_release_stops_no_other(store: &Store) {
+    let webhook = Some("https://a.example/".to_owned());
+    let later = add(store, Spec { is_small: true, webhook, ..spec() }).await.id;
+    let others = [create(store).await.id, create(store).await.id];
+    let write = async |spec: String| {
+        let sql = "UPDATE jobs SET spec = $2 WHERE id = $1";
+        let written = store.change("test", move |change| change.rows.write(sql, values![later, &*spec]));
+        written.await.expect("written");
+    };
+    write(r#"{"trace_parent":null,"of_a_later_release":1}"#.to_owned()).await;
+    assert_eq!(jobs_of(&store.claim(9, Duration::ZERO).await.expect("the others")), others);
+    assert_eq!(ids(&store.list(&first(9)).await.expect("listed").jobs), [others[1], others[0]]);
+    assert_eq!(store.get(later).await.expect_err("not known here").kind, Kind::Internal);
+    assert_eq!(store.reclaim().await.expect("reclaimed").len(), 3, "it waits again");
+    assert_eq!(store.statistics().attempts_failed, 0);
+    write(serde_json::to_string(&spec()).expect("a text")).await;
+    assert_eq!(claim(store).await.0, Ticket { job: later, attempt: 2 }, "as by a worker of that release");
 }
 
 /// Everything that was answered is there after a crash; what ran waits again, which counts.

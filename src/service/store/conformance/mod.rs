@@ -51,6 +51,7 @@ async fn run(empty: impl AsyncFn(Rules) -> Store, after_crash: impl AsyncFn() ->
     attempts::a_released_job_runs_again_in_its_place(&make(9).await).await;
     attempts::a_lease_that_is_over_is_reclaimed(&make(9).await).await;
     attempts::attempts_whose_lease_is_over_are_counted(&make(9).await).await;
+    attempts::a_job_of_a_later_release_stops_no_other(&make(9).await).await;
     attempts::a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(&make(2).await).await;
     life::priorities_order_the_jobs_of_a_tenant(&make(9).await).await;
     lists::a_worker_is_known_with_its_jobs(&make(9).await).await;

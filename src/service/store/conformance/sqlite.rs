@@ -112,6 +112,31 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     store.create(large).await.expect("there is room again");
 }
 
+#[tokio::test]
+async fn a_row_whose_text_is_damaged_stops_no_other() {
+    let (_folder, _, store) = new_store(RULES, Faults::default()).await;
+    let [damaged, other] =
+        [store.create(new_job()).await, store.create(new_job()).await].map(|created| match created {
+            Ok(Created::New(job)) => job.id,
+            other => panic!("{other:?}"),
+        });
+    let sql = "UPDATE jobs SET spec = CAST(x'ff' AS TEXT), request_digest = CAST(x'ff' AS TEXT) WHERE number = 1";
+    store.change("test", |change| change.rows.write(sql, Vec::new())).await.expect("written");
+    assert_eq!(store.get(damaged).await.expect_err("no spec").kind, Kind::Internal);
+    let claimed = store.claim(9, LEASE).await.expect("the other");
+    assert_eq!(claimed.iter().map(|(ticket, _)| ticket.job).collect::<Vec<_>>(), [other]);
+}
+
+#[tokio::test]
+async fn a_file_that_is_removed_or_replaced_is_noticed() {
+    let (_folder, path, store) = new_store(RULES, Faults::default()).await;
+    assert_eq!(store.probe().await, Ok(()));
+    for replace in [|path: &Path| std::fs::remove_file(path), |path: &Path| std::fs::write(path, "")] {
+        replace(&path).expect("done");
+        assert_eq!(store.probe().await.expect_err("another file, or none").kind, Kind::Unavailable);
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_command_that_fails_takes_no_other_with_it() {
     let (_folder, _, store) = new_store(RULES, Faults::default()).await;

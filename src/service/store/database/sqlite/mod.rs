@@ -16,6 +16,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use parking_lot::Mutex;
+use rusqlite::types::ValueRef;
 use rusqlite::{Connection, params_from_iter};
 use tesserae_mesh::error::Result;
 use tokio::runtime::{Handle, RuntimeFlavor};
@@ -81,13 +82,21 @@ impl Sqlite {
     }
 }
 
+/// Text that is not UTF-8, which damage leaves, is that of one row: it stops no other.
+fn value(row: &rusqlite::Row<'_>, place: usize) -> rusqlite::Result<Value> {
+    match row.get_ref(place)? {
+        ValueRef::Text(text) => Ok(Value::Text(String::from_utf8_lossy(text).into_owned())),
+        _ => row.get(place),
+    }
+}
+
 fn run(connection: &Connection, sql: &str, values: &[Value]) -> rusqlite::Result<Vec<Row>> {
     // SQLite numbers `$1` by the order in which parameters appear, and `?1` by its number
     let text = sql.strip_suffix(" FOR UPDATE").unwrap_or(sql).replace('$', "?");
     let mut statement = connection.prepare_cached(&text)?;
     let names: Arc<[String]> = statement.column_names().map(ToOwned::to_owned).collect();
     let rows = statement.query_map(params_from_iter(values), |row| {
-        let values = (0..names.len()).map(|place| row.get(place)).collect::<rusqlite::Result<_>>()?;
+        let values = (0..names.len()).map(|place| value(row, place)).collect::<rusqlite::Result<_>>()?;
         Ok(Row { names: Arc::clone(&names), values })
     });
     rows?.collect()

@@ -1,6 +1,8 @@
 //! The file, how connections to it are opened, and how they fail.
 
-use std::fs::{File, TryLockError};
+use std::fs::{File, Metadata, TryLockError};
+use std::io;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::PathBuf;
 
 use parking_lot::Mutex;
@@ -106,6 +108,21 @@ impl DatabasePlace {
             error
         });
         Error::new(Kind::Unavailable, "the storage of the service is damaged; its operator must repair it")
+    }
+
+    /// An error where there is damage, or where the path names another file or none: jobs in a file without a name are
+    /// gone with the process.
+    pub fn check(&self) -> Result<()> {
+        self.damage().map_or(Ok(()), Err)?;
+        let number = |found: io::Result<Metadata>| found.map(|found| (found.dev(), found.ino()));
+        match (number(self.lock.metadata()), number(self.path.metadata())) {
+            (Ok(opened), Ok(named)) if opened == named => Ok(()),
+            _ => Err(Error::new(
+                Kind::Unavailable,
+                "jobs.sqlite3 was removed or replaced while the service works with it: what it accepts now is lost when \
+                 it stops; stop it and put a backup in the place of jobs.sqlite3",
+            )),
+        }
     }
 
     pub fn damage(&self) -> Option<Error> {
