@@ -95,14 +95,7 @@ impl Surface {
     ///
     /// Fails like [`build_with`](Self::build_with).
     pub fn build(mesh: &PolygonMesh) -> Result<Self> {
-        Self::build_bridged(mesh, false)
-    }
-
-    /// Puts a mesh on the lattice; with `bridge`, joins its components into one.
-    ///
-    /// Fails like [`build_with`](Self::build_with).
-    pub fn build_bridged(mesh: &PolygonMesh, bridge: bool) -> Result<Self> {
-        Self::build_with(mesh, bridge, Wanted::default(), None)
+        Self::build_with(mesh, false, Wanted::default(), None)
     }
 
     /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much;
@@ -202,6 +195,7 @@ impl Surface {
         let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
         Ok(Self { items: Items { loose, has_features: !features.is_empty(), ..surface.items }, features, ..surface })
     }
+        let (weights, components) = weigh(&geometry, runs, scales);
 
     /// Weighs the items that were gathered.
     fn of(
@@ -213,7 +207,6 @@ impl Surface {
         frame: Frame,
         density_unit: Option<f64>,
     ) -> Self {
-        let Weighed { weights, components } = Weighed::new(&gathered, runs, scales);
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
         // areas are in squared lengths
@@ -279,27 +272,19 @@ impl Gathered {
 }
 
 /// The weights of the faces, internal order, and what they sum up to.
-struct Weighed {
-    weights: Vec<u32>,
-    components: Vec<Component>,
-}
-
-impl Weighed {
-    fn new(Gathered { geometry, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
-        let mut weights = Vec::with_capacity(geometry.len());
-        let mut components = Vec::with_capacity(runs.len());
-        for (run, &exponent) in runs.iter().zip(&scales.exponents) {
-            let energy_shift = (scales.finest - exponent) as u32;
-            let weight_of = lattice::weight(exponent);
-            let weigh = |face: &FaceGeometry| weight_of(face.area);
-            match &geometry[run.clone()] {
-                few if few.len() <= PIECE => weights.extend(few.iter().map(weigh)),
-                many => weights.par_extend(many.par_iter().map(weigh)),
-            }
-            let weight = weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum();
-            components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
-        }
-        Self { weights, components }
+fn weigh(geometry: &[FaceGeometry], runs: &[Range<usize>], scales: &Scales) -> (Vec<u32>, Vec<Component>) {
+    (weights, components)
+    let mut weights = Vec::with_capacity(geometry.len());
+    let mut components = Vec::with_capacity(runs.len());
+    for (run, &exponent) in runs.iter().zip(&scales.exponents) {
+        let weight_of = lattice::weight(exponent);
+        weights.extend(geometry[run.clone()].iter().map(|face| weight_of(face.area)));
+        components.push(Component {
+            first_face: run.start as u32,
+            faces: run.len() as u32,
+            weight: weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
+            energy_shift: (scales.finest - exponent) as u32,
+        });
     }
 }
 
