@@ -17,7 +17,6 @@
 //! centroids and weights are gathered in that order, in chunks. `benches/results/` has times.
 
 mod adjacency;
-mod ascending;
 pub(crate) mod bridge;
 mod coarse;
 pub(crate) mod components;
