@@ -13,8 +13,8 @@
 //!
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!
-//! Welding, adjacency and components on one side and the order on the other are computed at the same time; then rows,
-//! centroids and weights are gathered in that order, in chunks. `benches/results/` has times.
+//! Adjacency and components on one side and the order on the other are computed at the same time; then rows, centroids
+//! and areas are gathered in that order, in chunks.
 
 mod adjacency;
 pub(crate) mod bridge;
@@ -131,27 +131,16 @@ impl Surface {
         features: Option<Features<'_>>,
     ) -> Result<Self> {
         let faces = mesh.faces.len();
+        let (weld, positions) = weld::weld(mesh);
+        let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
+        let frame = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
         let connect = || {
-            let (weld, positions) = weld::weld(mesh);
             let links = Links::new(mesh.faces, positions, weld.vertices, features.as_ref());
             let components = components::label(faces, &links);
-            (weld, links, components)
+            (links, components)
         };
-        let along_curve =
-            |frame: &Frame| order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
-        let lay = || {
-            let frame = Frame::of(mesh.positions.iter(), COORDINATE_BITS);
-            (frame, along_curve(&frame))
-        };
-        let ((weld, mut links, mut components), (mut frame, mut sorted)) = rayon::join(connect, lay);
-        if weld.position_of_vertex.contains(&UNUSED) {
-            let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
-            let of_used = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
-            if of_used != frame {
-                frame = of_used;
-                sorted = along_curve(&frame);
-            }
-        }
+        let along_curve = || order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
+        let ((mut links, mut components), mut sorted) = rayon::join(connect, along_curve);
         let loose = loose::find(mesh, &frame, &weld, &components, &sorted);
         if !loose.is_empty() {
             components.leave_out(loose.iter().map(|loose| loose.face));
@@ -194,7 +183,6 @@ impl Surface {
         let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
         Ok(Self { items: Items { loose, has_features: !features.is_empty(), ..surface.items }, features, ..surface })
     }
-        let (weights, components) = weigh(&geometry, runs, scales);
 
     /// Weighs the items that were gathered.
     fn of(
@@ -207,6 +195,7 @@ impl Surface {
         density_unit: Option<f64>,
     ) -> Self {
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
+        let (weights, components) = weigh(&geometry, runs, scales);
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
         // areas are in squared lengths
         let weight_exponent = -2 * frame.exponent - scales.finest;
@@ -272,7 +261,6 @@ impl Gathered {
 
 /// The weights of the faces, internal order, and what they sum up to.
 fn weigh(geometry: &[FaceGeometry], runs: &[Range<usize>], scales: &Scales) -> (Vec<u32>, Vec<Component>) {
-    (weights, components)
     let mut weights = Vec::with_capacity(geometry.len());
     let mut components = Vec::with_capacity(runs.len());
     for (run, &exponent) in runs.iter().zip(&scales.exponents) {
@@ -285,6 +273,7 @@ fn weigh(geometry: &[FaceGeometry], runs: &[Range<usize>], scales: &Scales) -> (
             energy_shift: (scales.finest - exponent) as u32,
         });
     }
+    (weights, components)
 }
 
 impl<E: Functional> Deref for Surface<E> {
