@@ -10,8 +10,8 @@
 //! # Ties
 //!
 //! Equal costs are the rule on regular meshes. The paper takes the neighbour with the largest number, which never
-//! stalls but crawls: a strip of 4,096 equal faces takes 2,059 rounds. A hash of the pair puts the edges of a plateau
-//! in a random order instead, in which a constant share of them are the best at both ends (27 rounds).
+//! stalls but crawls: on a strip of equal faces, two pairs merge a round. A hash of the pair puts the edges of a
+//! plateau in a random order instead, in which a constant share of them are the best at both ends.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

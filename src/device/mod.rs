@@ -105,7 +105,9 @@ pub trait Device<E: Functional = Energy>: Send {
     /// Brings a surface to the device, with all faces free.
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.
-    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
+    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+        Ok(self.open_merging(graph, component_of_cluster)?)
+    }
 
     /// The same for a hierarchical clustering.
     fn open_merging<'a>(

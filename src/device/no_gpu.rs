@@ -2,7 +2,7 @@
 
 use super::adapter::{AdapterKind, AdapterReport};
 use super::tuning::Tuning;
-use super::{Device, DeviceInfo, MergeSteps, Steps};
+use super::{Device, DeviceInfo, MergeSteps};
 use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
@@ -24,10 +24,6 @@ pub enum GpuDevice {}
 
 impl<E: Functional> Device<E> for GpuDevice {
     fn info(&self) -> &DeviceInfo {
-        match *self {}
-    }
-
-    fn open<'a>(&'a mut self, _: &'a DualGraph<E>, _: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         match *self {}
     }
 

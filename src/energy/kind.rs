@@ -33,17 +33,11 @@ impl Kind {
 
     /// Whether it sees the normals of faces.
     pub fn is_of_normals(self) -> bool {
-        match self {
-            Kind::Cvd | Kind::Planes | Kind::Shapes => false,
-            Kind::L21 => true,
-        }
+        self == Kind::L21
     }
 
     /// Whether it compares faces with shapes in place of points.
     pub fn is_of_shapes(self) -> bool {
-        match self {
-            Kind::Cvd | Kind::L21 => false,
-            Kind::Planes | Kind::Shapes => true,
-        }
+        matches!(self, Kind::Planes | Kind::Shapes)
     }
 }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A type of shape that stands for a cluster.
+/// A type of shape that stands for a cluster, in the order of their [prices](Self::prices).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 #[schema(as = ShapeType)]
@@ -37,11 +37,6 @@ impl Kind {
 
     /// How many prices it costs: how many numbers it has beyond those of a plane.
     pub fn prices(self) -> u32 {
-        match self {
-            Kind::Plane => 0,
-            Kind::Sphere => 1,
-            Kind::Cylinder => 2,
-            Kind::Cone => 3,
-        }
+        self as u32
     }
 }

@@ -6,8 +6,7 @@
 //!
 //! A bucket has six half-edges on average, and is a list through the memory that later holds the links. A table with an
 //! entry for each upper end pairs its half-edges without unpredictable branches. Only large buckets, and those with an
-//! edge of more than two faces, are sorted. Sorting all of them takes 1.09 times the instructions of a whole clustering
-//! of the bunny at quality fast.
+//! edge of more than two faces, are sorted.
 
 mod buckets;
 mod rows;

@@ -4,14 +4,12 @@
 //! one face join the smallest neighbouring group. On triangles a group has 2.6 faces on average.
 //!
 //! Which neighbours are free follows no pattern: the loops that form and number groups compute both outcomes and select
-//! one. With branches, a whole clustering of the bunny at quality fast takes 1.09 times as long
-//! (`benches/results/2026-11-22-two-cores/deleted.md`).
+//! one (`benches/results/2026-11-22-two-cores/deleted.md`).
 
 use std::hint::select_unpredictable;
 
 use rayon::prelude::*;
 
-use super::ascending;
 use super::components::Component;
 use super::graph::DualGraph;
 use crate::energy::{Functional, Sums};
@@ -178,7 +176,9 @@ impl<E: Functional> Run<E> {
                 sums.add_face(graph.face(face as usize), 1);
                 others.extend(graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]));
             }
-            ascending::append(&mut run.neighbours, &mut others, group);
+            others.sort_unstable();
+            others.dedup();
+            run.neighbours.extend(others.drain(..).filter(|&other| other != group));
             run.ends.push(run.neighbours.len() as u32);
             // every group has faces
             run.points.extend(sums.point());

@@ -1,8 +1,7 @@
 //! A local test whether a cluster stays connected when a face leaves it.
 //!
 //! Most faces that leave do not cut their cluster, and a short way around the face shows it. Without this test, repair
-//! searches every cluster that lost a face: a whole hierarchy of the bunny with optimisation then takes 1.1 to 1.2
-//! times as long (`benches/results/2026-11-22-two-cores/deleted.md`).
+//! searches every cluster that lost a face (`benches/results/2026-11-22-two-cores/deleted.md`).
 
 use crate::energy::Functional;
 use crate::surface::DualGraph;

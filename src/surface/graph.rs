@@ -36,7 +36,7 @@ pub enum Moves {
 }
 
 /// Faces from which on prefetching pays in clusterings (`benches/results/2026-11-22-two-cores-xeon/ahead.md`). Smaller
-/// graphs lie in the caches, and the requests took up to 5 % of a clustering.
+/// graphs lie in the caches.
 const OUTGROWS_CACHES: usize = 1 << 18;
 
 #[cfg(test)]

@@ -34,13 +34,6 @@ pub struct FaceGeometry {
     pub area: f64,
 }
 
-impl FaceGeometry {
-    /// A point of this area.
-    pub fn new(centroid: DVec3, area: f64) -> Self {
-        Self { centroid, area }
-    }
-}
-
 impl Frame {
     /// Centroid and area of a face, and the second moment inside it: Σ over the fan's triangles of
     /// `area·((|ab|²+|bc|²+|ca|²)/36 + |triangle centroid − face centroid|²)`.
@@ -142,11 +135,6 @@ impl Frame {
         (0..mesh.faces.len()).map(geometry).collect()
     }
 
-    /// The unit normal of a face; of one that is not flat, the mean normal of its fan; 0 without area.
-    pub fn unit_normal(&self, mesh: MeshView<'_>, face: usize) -> DVec3 {
-        self.vector_area(mesh, face).normalize_or_zero()
-    }
-
     /// The vector area of a face: of a flat one, its area along its normal.
     pub fn vector_area(&self, mesh: MeshView<'_>, face: usize) -> DVec3 {
         let corners = mesh.faces.corners(face);
@@ -156,8 +144,7 @@ impl Frame {
     }
 }
 
-/// Triangles in lattice units: one, or four at a time, for which the compiler uses vector instructions. Alone, they
-/// take 1.08 times the instructions of a whole clustering of the bunny at quality fast.
+/// Triangles in lattice units: one, or four at a time, for which the compiler uses vector instructions.
 struct Triangle<T> {
     corners: [[T; 3]; 3],
 }

@@ -13,11 +13,10 @@
 //!
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!
-//! Welding, adjacency and components on one side and the order on the other are computed at the same time; then rows,
-//! centroids and weights are gathered in that order, in chunks. `benches/results/` has times.
+//! Adjacency and components on one side and the order on the other are computed at the same time; then rows, centroids
+//! and areas are gathered in that order, in chunks.
 
 mod adjacency;
-mod ascending;
 pub(crate) mod bridge;
 mod coarse;
 pub(crate) mod components;
@@ -95,14 +94,7 @@ impl Surface {
     ///
     /// Fails like [`build_with`](Self::build_with).
     pub fn build(mesh: &PolygonMesh) -> Result<Self> {
-        Self::build_bridged(mesh, false)
-    }
-
-    /// Puts a mesh on the lattice; with `bridge`, joins its components into one.
-    ///
-    /// Fails like [`build_with`](Self::build_with).
-    pub fn build_bridged(mesh: &PolygonMesh, bridge: bool) -> Result<Self> {
-        Self::build_with(mesh, bridge, Wanted::default(), None)
+        Self::build_with(mesh, false, Wanted::default(), None)
     }
 
     /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much;
@@ -139,27 +131,16 @@ impl Surface {
         features: Option<Features<'_>>,
     ) -> Result<Self> {
         let faces = mesh.faces.len();
+        let (weld, positions) = weld::weld(mesh);
+        let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
+        let frame = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
         let connect = || {
-            let (weld, positions) = weld::weld(mesh);
             let links = Links::new(mesh.faces, positions, weld.vertices, features.as_ref());
             let components = components::label(faces, &links);
-            (weld, links, components)
+            (links, components)
         };
-        let along_curve =
-            |frame: &Frame| order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
-        let lay = || {
-            let frame = Frame::of(mesh.positions.iter(), COORDINATE_BITS);
-            (frame, along_curve(&frame))
-        };
-        let ((weld, mut links, mut components), (mut frame, mut sorted)) = rayon::join(connect, lay);
-        if weld.position_of_vertex.contains(&UNUSED) {
-            let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
-            let of_used = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
-            if of_used != frame {
-                frame = of_used;
-                sorted = along_curve(&frame);
-            }
-        }
+        let along_curve = || order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
+        let ((mut links, mut components), mut sorted) = rayon::join(connect, along_curve);
         let loose = loose::find(mesh, &frame, &weld, &components, &sorted);
         if !loose.is_empty() {
             components.leave_out(loose.iter().map(|loose| loose.face));
@@ -213,8 +194,8 @@ impl Surface {
         frame: Frame,
         density_unit: Option<f64>,
     ) -> Self {
-        let Weighed { weights, components } = Weighed::new(&gathered, runs, scales);
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
+        let (weights, components) = weigh(&geometry, runs, scales);
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
         // areas are in squared lengths
         let weight_exponent = -2 * frame.exponent - scales.finest;
@@ -279,28 +260,20 @@ impl Gathered {
 }
 
 /// The weights of the faces, internal order, and what they sum up to.
-struct Weighed {
-    weights: Vec<u32>,
-    components: Vec<Component>,
-}
-
-impl Weighed {
-    fn new(Gathered { geometry, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
-        let mut weights = Vec::with_capacity(geometry.len());
-        let mut components = Vec::with_capacity(runs.len());
-        for (run, &exponent) in runs.iter().zip(&scales.exponents) {
-            let energy_shift = (scales.finest - exponent) as u32;
-            let weight_of = lattice::weight(exponent);
-            let weigh = |face: &FaceGeometry| weight_of(face.area);
-            match &geometry[run.clone()] {
-                few if few.len() <= PIECE => weights.extend(few.iter().map(weigh)),
-                many => weights.par_extend(many.par_iter().map(weigh)),
-            }
-            let weight = weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum();
-            components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
-        }
-        Self { weights, components }
+fn weigh(geometry: &[FaceGeometry], runs: &[Range<usize>], scales: &Scales) -> (Vec<u32>, Vec<Component>) {
+    let mut weights = Vec::with_capacity(geometry.len());
+    let mut components = Vec::with_capacity(runs.len());
+    for (run, &exponent) in runs.iter().zip(&scales.exponents) {
+        let weight_of = lattice::weight(exponent);
+        weights.extend(geometry[run.clone()].iter().map(|face| weight_of(face.area)));
+        components.push(Component {
+            first_face: run.start as u32,
+            faces: run.len() as u32,
+            weight: weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
+            energy_shift: (scales.finest - exponent) as u32,
+        });
     }
+    (weights, components)
 }
 
 impl<E: Functional> Deref for Surface<E> {

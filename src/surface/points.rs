@@ -5,9 +5,7 @@
 //! energy of a clustering is Σ area·|position − P|², with P the mean of a cluster's positions weighted by area: what
 //! pyacvd minimises, up to the third.
 //!
-//! Everything after this step sees a [`DualGraph`](super::DualGraph) and cannot tell points from faces. A mesh has half
-//! as many points as triangles, so that clustering them takes about half of the time. The alternative, a polygon around
-//! each point as a face, has 24 corners a polygon to weld and to pair: 15 times the work of this file.
+//! Everything after this step sees a [`DualGraph`](super::DualGraph) and cannot tell points from faces.
 
 use super::components::Components;
 use super::density::{self, Wanted};
@@ -129,7 +127,7 @@ fn places(mesh: MeshView<'_>, weld: &Weld) -> (Frame, Vec<FaceGeometry>) {
         }
     }
     let frame = Frame::of(source.iter().copied(), COORDINATE_BITS);
-    let items = source.into_iter().map(|at| FaceGeometry::new(frame.position(at), 0.0));
+    let items = source.into_iter().map(|at| FaceGeometry { centroid: frame.position(at), area: 0.0 });
     (frame, items.collect())
 }
 

@@ -10,7 +10,7 @@ use crate::mesh::MeshView;
 impl Surface {
     /// The same faces with their normals; the mesh is the one that it was built from.
     pub fn with_normals(mut self, mesh: MeshView<'_>) -> Self {
-        let normal = |&face: &u32| self.frame.unit_normal(mesh, face as usize);
+        let normal = |&face: &u32| self.frame.vector_area(mesh, face as usize).normalize_or_zero();
         self.normals = self.items.upload_face.par_iter().map(normal).collect();
         self
     }

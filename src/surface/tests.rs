@@ -216,16 +216,20 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
     assert_eq!(surface.figures(&alone, surface.faces()).hexagon_ratio, None, "nothing is left of the tiling's energy");
 }
 
+fn bridged(mesh: &PolygonMesh) -> Surface {
+    Surface::build_with(mesh, true, Wanted::default(), None).expect("a surface")
+}
+
 #[test]
 fn bridges_join_every_component_once_and_near_ones_first() {
     let mesh = crate::dev::sample::generate(crate::dev::sample::Sample::Parts, 1000).expect("a sample");
     let plain = Surface::build(&mesh).expect("a surface");
-    let bridged = Surface::build_bridged(&mesh, true).expect("a surface");
+    let whole = bridged(&mesh);
     let parts = plain.components.len();
     assert!(parts > 5);
-    assert_eq!((bridged.components.len(), bridged.counts.components), (1, parts as u64));
-    assert_eq!(bridged.neighbours.len(), plain.neighbours.len() + 2 * (parts - 1));
-    assert_eq!(Surface::build_bridged(&mesh, true).expect("a surface").neighbours, bridged.neighbours);
+    assert_eq!((whole.components.len(), whole.counts.components), (1, parts as u64));
+    assert_eq!(whole.neighbours.len(), plain.neighbours.len() + 2 * (parts - 1));
+    assert_eq!(bridged(&mesh).neighbours, whole.neighbours);
 
     // four squares along a line: a bridge between each and the next, none between the ends
     let mut positions = Vec::new();
@@ -234,7 +238,7 @@ fn bridges_join_every_component_once_and_near_ones_first() {
         positions.extend(SQUARE.map(|p| [p[0] + 3.0 * f64::from(part), p[1], p[2]]));
         faces.push(&[0, 1, 2, 3].map(|corner| corner + 4 * part));
     }
-    let line = Surface::build_bridged(&mesh_of(positions, faces), true).expect("a surface");
+    let line = bridged(&mesh_of(positions, faces));
     let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);
 }

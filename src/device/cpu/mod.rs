@@ -33,7 +33,7 @@ mod tuning;
 
 use rayon::current_num_threads;
 
-use super::{Device, MergeSteps, Steps};
+use super::{Device, MergeSteps};
 use crate::device::{DeviceInfo, DeviceKind};
 use crate::energy::Functional;
 use crate::error::Result;
@@ -80,10 +80,6 @@ impl<E: Functional> Device<E> for CpuDevice {
 
     fn another(&self) -> Option<Box<dyn Device<E>>> {
         Some(Box::new(Self { info: self.info.clone() }))
-    }
-
-    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
     }
 
     fn open_merging<'a>(

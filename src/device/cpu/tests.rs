@@ -1,8 +1,8 @@
 use super::*;
 use crate::dev::sample::{Sample, generate};
-use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
+use crate::device::{Cancel, Steps};
 use crate::energy::Energy;
 use crate::surface::Surface;
 

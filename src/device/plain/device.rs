@@ -29,10 +29,6 @@ impl<E: Functional> Device<E> for PlainDevice {
         &self.info
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph<E>, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(open(graph, component_of_cluster))
-    }
-
     fn open_merging<'a>(
         &'a mut self,
         graph: &'a DualGraph<E>,
