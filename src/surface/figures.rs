@@ -1,5 +1,7 @@
 //! What a clustering is worth, in f64 from the source positions: for reports, never for labels.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -72,8 +74,11 @@ impl<E: OfFaces> Surface<E> {
 
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
     fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
-        let point = |(face, &label)| (self.position(face), self.geometry[face].area, label);
-        let proxies = E::source_proxies(labels.iter().enumerate().map(point), clusters);
+        let proxies = by_cluster(clusters, |range| {
+            let faces = faces_in(labels, range.clone());
+            let point = |(face, label)| (self.position(face), self.geometry[face].area, label);
+            E::source_proxies(faces.map(point), range.len())
+        });
         let term = |(face, &label): (usize, &u32)| {
             E::source_term(self.position(face), self.geometry[face].area, proxies[label as usize])
         };
@@ -99,19 +104,39 @@ impl<E: OfFaces> Surface<E> {
         if self.normals.is_empty() {
             return None;
         }
-        let mut sums = vec![(0.0, DVec3::ZERO); clusters];
-        for (face, &label) in labels.iter().enumerate() {
-            let area = self.geometry[face].area;
-            let (sum, vector) = &mut sums[label as usize];
-            *sum += area;
-            *vector += self.normals[face] * area;
-        }
-        let lattice: f64 = sums.iter().map(|(sum, vector)| 2.0 * (sum - vector.length()).max(0.0)).sum();
+        let figures = by_cluster(clusters, |range| {
+            let mut sums = vec![(0.0, DVec3::ZERO); range.len()];
+            for (face, label) in faces_in(labels, range) {
+                let area = self.geometry[face].area;
+                let (sum, vector) = &mut sums[label as usize];
+                *sum += area;
+                *vector += self.normals[face] * area;
+            }
+            sums.iter().map(|(sum, vector)| 2.0 * (sum - vector.length()).max(0.0)).collect()
+        });
+        let lattice: f64 = figures.into_iter().sum();
         Some(lattice / (self.frame.diagonal * self.frame.diagonal) * self.units.density)
     }
+}
+
+/// The faces of a range of clusters, and their labels counted from its first.
+fn faces_in(labels: &[u32], range: Range<u32>) -> impl Iterator<Item = (usize, u32)> + Clone {
+    let first = range.start;
+    let faces = labels.iter().enumerate().filter(move |(_, label)| range.contains(label));
+    faces.map(move |(face, label)| (face, label - first))
 }
 
 /// The sum of numbers in their order.
 fn in_order(numbers: impl IndexedParallelIterator<Item = f64>) -> f64 {
     numbers.collect::<Vec<f64>>().into_iter().sum()
+}
+
+/// A figure of each cluster. `of_range` has those of a range of clusters; threads take ranges, and go over all faces.
+fn by_cluster<T: Send>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
+    /// Ranges at most: each goes over all labels.
+    const MOST: usize = 16;
+    let ranges = rayon::current_num_threads().min(MOST).min(clusters);
+    let bound = |range: usize| (clusters * range / ranges) as u32;
+    let figures = (0..ranges).into_par_iter().map(|range| of_range(bound(range)..bound(range + 1)));
+    figures.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
 }
