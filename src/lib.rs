@@ -42,7 +42,7 @@
 //! | what a boundary iteration is (P§3.2) | definition, proof: [`cluster::flat`]; as code: [`device::plain::iterate`] |
 //! | the same on the cpu | `BoundaryPhase::moves` in `device/cpu/boundary.rs`; [`device::cpu`] has the reading order |
 //! | the same on the gpu | `boundary_propose`, `boundary_apply` and `proxies_fit` in `shaders/`; [`device::gpu`] |
-//! | what connected moves are | [`mod@cluster::relocation::settle`]; as code: [`device::plain::ConnectedMoves`] |
+//! | what connected moves are | [`mod@cluster::connected::settle`]; as code: [`device::plain::ConnectedMoves`] |
 //! | what a merge costs (P§6) | `merge_cost` in `energy/cvd.rs` and `shaders/energy/cvd.wgsl` |
 //! | which merge is next (P§5.4) | the order: [`device::dual_edge`]; the rounds: [`cluster::hierarchy`] |
 //! | from a label to an answer | [`job::finish()`]; `service/work/pipeline/stages.rs`, `service/http/api/outputs.rs` |

@@ -21,8 +21,8 @@
 //!
 //! A flat clustering from k seeds keeps the irregularities that it starts with: its moves shift boundaries, and never
 //! take a cluster from where there are too many to where there are too few. Merging does. Where a cluster has sixteen
-//! groups instead of a hundred faces, the rounds are cheap. Energies end 0.2 to 0.5 % below those of the next best
-//! seeds, and below ACVD's (`benches/results/choices.md`, with what else was tried).
+//! groups instead of a hundred faces, the rounds are cheap. Energies end below those of the next best seeds, and below
+//! ACVD's (`benches/results/choices.md`, with what else was tried).
 
 use rayon::prelude::*;
 
@@ -65,9 +65,8 @@ const TELEPORTS_OF: usize = 20;
 /// Rounds of teleports at most.
 const MOST_TELEPORT_ROUNDS: u64 = 12;
 
-/// Rounds of merges in which both of two clusters must have chosen each other. Scans take up to 7. Where
-/// thousands of clusters have one neighbour, as the triangles around a large polygon, one of them merges in such a
-/// round.
+/// Rounds of merges in which both of two clusters must have chosen each other. Where thousands of clusters have one
+/// neighbour, as the triangles around a large polygon, one of them merges in such a round.
 const PAIRED_ROUNDS: u32 = 32;
 
 /// Starts have no more faces of the coarsest graph together than this, or than the mesh has; one there is in any case.
@@ -284,13 +283,6 @@ impl<E: Functional> CoarseStart<E> {
     }
 }
 
-impl Start {
-    /// From one face a cluster.
-    pub fn from_seeds(seeds: SeedFaces, faces: usize) -> Self {
-        Self { labels: seeds.labels(faces), component_of_cluster: seeds.component_of_cluster }
-    }
-}
-
 /// Merges the cheaper half of the mutual pairs; in each component at most its surplus, which falls by that.
 fn merge_cheaper_half<E: Functional>(
     steps: &mut dyn MergeSteps<E>,
@@ -343,23 +335,10 @@ fn take(surplus: &mut [usize], component_of_cluster: &[u32], cluster: u32) -> bo
 mod tests {
     use super::*;
     use crate::cluster::quality::Quality;
+    use crate::cluster::relocation::tests::uneven;
     use crate::dev::sample::{Sample, generate};
     use crate::device::cpu::CpuDevice;
     use crate::surface::Surface;
-
-    /// Some heavy faces among light ones: areas say little about how many faces there are.
-    fn uneven(sample: Sample, faces: u64) -> Surface {
-        let mut surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
-        for component in 0..surface.components.len() {
-            let range = surface.components[component].range();
-            for face in range.clone() {
-                surface.items.graph.weights[face] = if face % 5 == 0 { 1 << 20 } else { 1 };
-            }
-            let weight = surface.weights[range].iter().map(|&weight| u64::from(weight)).sum();
-            surface.items.graph.components[component].weight = weight;
-        }
-        surface
-    }
 
     #[test]
     fn every_number_of_clusters_is_met_whatever_the_faces_weigh() {

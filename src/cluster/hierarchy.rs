@@ -14,7 +14,7 @@
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops,
 //!   parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then pieces that were
 //!   cut off are given to their neighbours. Parallel rounds are optimised when clusters have 4 faces on average
-//!   ([`Options::optimised_from`]), stops always. Both numbers are those of the default [`super::quality::Quality`].
+//!   ([`Options::optimised_from`]), stops always. Both numbers are those of the default [`Quality`].
 //!   Where moves are connected, an optimisation looks at all items, so sequential rounds are optimised when one cluster
 //!   in [`ONE_MERGED_IN`] has merged since the last one.
 //!
@@ -25,17 +25,16 @@
 //! other, the cheaper half of them one after the other, when there were [`PAIRED_ROUNDS`] since the last stop; and
 //! sequential rounds end at a bound, after which rounds do the same.
 //!
-//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with
-//! sequential rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
+//! Without optimisation the tree is nested: parallel hierarchical clustering, or with sequential rounds exact greedy
+//! Ward clustering on the lattice (Garland et al. 2001).
 //!
 //! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round
 //! that would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat
 //! run, and whole clusters move ([`super::relocation`]), into other components, too. A cluster keeps its number where
 //! it keeps most of its faces ([`numbers`]); all faces that are in another cluster than before count as moved.
 //!
-//! Why the cheaper half: merging all pairs halves the clusters everywhere, also where they are large already. Why a few
-//! iterations: the next round moves what a minimum would fix. Why not from the first round: clusters of two or three
-//! faces leave little to optimise. `benches/results/choices.md` has the measurements.
+//! Merging all pairs would halve the clusters also where they are large already; the next round moves what a few
+//! iterations leave; clusters of two or three faces leave little to optimise (`benches/results/choices.md`).
 
 use std::time::{Duration, Instant};
 
@@ -43,7 +42,8 @@ use super::fast;
 use super::hubs::Hubs;
 use super::merging::{PAIRED_ROUNDS, Pairs, chosen_pairs, half_chosen_pairs};
 use super::numbers;
-use super::relocation::{self, Relocation};
+use super::quality::Quality;
+use super::relocation::Relocation;
 use super::run::{Row, Run};
 use super::seeds::check_number;
 use super::tree_builder::Builder;
@@ -85,8 +85,8 @@ pub struct Options {
     pub levels: Vec<u64>,
     /// Leave clusters in the pieces that the optimisation left.
     pub allow_disconnected: bool,
-    /// Which moves of whole clusters follow at stops, if any.
-    pub relocation: Option<relocation::Effort>,
+    /// The quality whose moves of whole clusters follow at stops, if any.
+    pub relocation: Option<Quality>,
 }
 
 /// What a round did.
@@ -225,8 +225,8 @@ impl<E: Functional> Rounds<'_, E> {
             optimise(&mut run, self.builder.items, self.options, is_level, is_sequential)?;
             self.iteration = run.iteration;
             moves = steps.moves_since_merge()?;
-            if let Some(effort) = self.options.relocation.filter(|_| is_level)
-                && let Some((labels, after)) = self.relocated(steps, effort, round)?
+            if let Some(quality) = self.options.relocation.filter(|_| is_level)
+                && let Some((labels, after)) = self.relocated(steps, quality, round)?
             {
                 moves = moves_to(&labels, steps.labels()?, &moves);
                 (relocated, energy) = (Some(labels), Some(after));
@@ -304,13 +304,13 @@ impl<E: Functional> Rounds<'_, E> {
     fn relocated(
         &mut self,
         steps: &mut dyn MergeSteps<E>,
-        effort: relocation::Effort,
+        quality: Quality,
         round: u32,
     ) -> Result<Option<(Vec<u32>, LatticeEnergy)>> {
         let before = steps.labels()?;
         let mut energy = None;
         let Options { pairs, .. } = *self.options;
-        let relocation = Relocation { graph: self.builder.items, effort, pairs, cancel: self.cancel };
+        let relocation = Relocation { graph: self.builder.items, quality, pairs, cancel: self.cancel };
         let flat = || fast::labels(self.builder.items, self.left, 0, self.cancel);
         let after = relocation.labels_from(numbers::compact(&before), flat, &mut |phase, after, moves, _| {
             energy = Some(after);

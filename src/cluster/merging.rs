@@ -21,7 +21,6 @@ use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
 /// Rounds from single faces, or from a stop of a hierarchy, in which both of two clusters must have chosen each other.
-/// Slivers take up to 88.
 pub(super) const PAIRED_ROUNDS: u32 = 256;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::coarse::Effort;
-use super::relocation;
 use crate::surface::Moves;
 
 /// Meshes with fewer faces than this get the best quality: it takes milliseconds.
@@ -65,15 +64,6 @@ impl Quality {
                 teleport_rounds: 12,
                 clusters_in_starts: 800,
             },
-        }
-    }
-
-    /// Moves of whole clusters after the phases.
-    pub fn relocation(self) -> relocation::Effort {
-        match self {
-            Quality::Fast => relocation::Effort::Swaps,
-            Quality::Default => relocation::Effort::Some,
-            Quality::Best => relocation::Effort::All,
         }
     }
 

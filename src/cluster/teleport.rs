@@ -155,13 +155,22 @@ mod tests {
     use super::*;
     use crate::cluster::seeds;
     use crate::dev::sample::{Sample, generate};
+    use crate::device::cpu::CpuDevice;
     use crate::device::dual_edge::Ties;
-    use crate::device::pieces;
-    use crate::device::{Cancel, Device, cpu::CpuDevice};
+    use crate::device::{Device, pieces, plain};
     use crate::surface::Surface;
 
     fn surface(sample: Sample, faces: u64) -> Surface {
         Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
+    }
+
+    /// Labels after at most so many teleports.
+    fn teleported(surface: &Surface, labels: &[u32], component_of_cluster: &[u32], most: usize) -> Vec<u32> {
+        let mut device = CpuDevice::new();
+        let mut steps = device.open_merging(surface, component_of_cluster).expect("it opens");
+        steps.set_labels(labels).expect("labels");
+        let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
+        Teleports::of(surface, labels, component_of_cluster, &edges).made(labels, most).expect("there is one")
     }
 
     #[test]
@@ -169,13 +178,7 @@ mod tests {
         // a strip in three clusters of which the first has half of the faces
         let surface = surface(Sample::Strip, 64);
         let labels: Vec<u32> = surface.upload_face.iter().map(|&face| [0, 0, 1, 2][face as usize / 16]).collect();
-        let component_of_cluster = [0; 3];
-        let mut device = CpuDevice::new();
-        let mut steps = device.open_merging(&surface, &component_of_cluster).expect("it opens");
-        steps.set_labels(&labels).expect("labels");
-        let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
-        let teleports = Teleports::of(&surface, &labels, &component_of_cluster, &edges);
-        let teleported = teleports.made(&labels, 1).expect("there is one");
+        let teleported = teleported(&surface, &labels, &[0; 3], 1);
         assert_eq!(pieces::disconnected_clusters(&surface, 3, &teleported), 0);
         let mut sizes = [0; 3];
         teleported.iter().for_each(|&label| sizes[label as usize] += 1);
@@ -194,18 +197,11 @@ mod tests {
         let surface = surface(Sample::Parts, 1500);
         let shares = seeds::shares(&surface, 150).expect("that many are possible");
         let start = seeds::stratified(&surface, &shares, 1);
-        let mut device = CpuDevice::new();
-        let mut steps = device.open_merging(&surface, &start.component_of_cluster).expect("it opens");
-        steps.set_labels(&start.labels(surface.faces())).expect("labels");
-        steps.grow(&Cancel::default()).expect("no cancellation");
-        let labels = steps.labels().expect("labels");
-        let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
-        let teleports = Teleports::of(&surface, &labels, &start.component_of_cluster, &edges);
-        let teleported = teleports.made(&labels, 1000).expect("there are some");
+        let labels = plain::grow(&surface, &start.labels(surface.faces()));
+        let teleported = teleported(&surface, &labels, &start.component_of_cluster, 1000);
         assert_ne!(teleported, labels);
-        let component_of_face = surface.component_of_face();
         let mut is_used = vec![false; start.component_of_cluster.len()];
-        for (&label, &component) in teleported.iter().zip(&component_of_face) {
+        for (&label, component) in teleported.iter().zip(surface.component_of_face()) {
             assert_eq!(start.component_of_cluster[label as usize], component);
             is_used[label as usize] = true;
         }

@@ -60,32 +60,26 @@ impl<'a, E: Functional> Builder<'a, E> {
         self.tree.rounds.push(Round { clusters, energy: 0.0, merges_end, moves_end: 0 });
     }
 
-    /// Records merges (from, into), with the sums of both ends before, in either order.
+    /// Records merges (from, into), of which no cluster is in two, with the sums of both ends before, in either order.
     pub fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[E::Sums; 2]]) {
-        pairs.iter().for_each(|&pair| self.unite(pair));
-        let Self { items, tree, moments, component_of_cluster, loose_in, .. } = self;
-        let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
-            let mut made = items.merged(a, b, moments[into as usize], component_of_cluster[into as usize]);
-            made.faces += loose_in.get(into as usize).copied().unwrap_or(0);
-            let [into, from] = [into, from].map(|cluster| items.upload_face[cluster as usize]);
-            Merge { into, from, made }
+        let Self { items, moments, component_of_cluster, .. } = self;
+        let made = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
+            let moment = moments[from as usize] + moments[into as usize];
+            items.merged(a, b, moment, component_of_cluster[into as usize])
         });
-        tree.merges.par_extend(records);
+        let made: Vec<Merged> = made.collect();
+        pairs.iter().zip(made).for_each(|(&pair, made)| self.record(pair, made));
     }
 
     /// Records a merge (from, into), given what it makes but for loose faces.
-    pub fn record(&mut self, (from, into): (u32, u32), made: Merged) {
-        self.unite((from, into));
-        let faces = made.faces + self.loose_in.get(into as usize).copied().unwrap_or(0);
-        let [into, from] = [into, from].map(|cluster| self.items.upload_face[cluster as usize]);
-        self.tree.merges.push(Merge { into, from, made: Merged { faces, ..made } });
-    }
-
-    fn unite(&mut self, (from, into): (u32, u32)) {
+    pub fn record(&mut self, (from, into): (u32, u32), mut made: Merged) {
         self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
         if !self.loose_in.is_empty() {
             self.loose_in[into as usize] += std::mem::take(&mut self.loose_in[from as usize]);
+            made.faces += self.loose_in[into as usize];
         }
+        let [into, from] = [into, from].map(|cluster| self.items.upload_face[cluster as usize]);
+        self.tree.merges.push(Merge { into, from, made });
     }
 
     /// Records moves: (face, from, to).

@@ -233,7 +233,7 @@ pub enum Ending {
     Converged,
     /// The allowed number of iterations was made; there may be moves left.
     IterationLimit,
-    /// The same of a bound on work ([`crate::cluster::relocation::settle`]).
+    /// The same of a bound on work ([`crate::cluster::connected::settle`]).
     WorkLimit,
 }
 

@@ -49,10 +49,10 @@ pub(super) fn run_coarse<E: Functional>(
     let mut clustering = run.phases(device, |steps, keep, record| {
         flat::boundary_based(items, &start.labels, coarse.spec.options(items.moves), steps, cancel, keep, record)
     })?;
-    if let Some(effort) = coarse.relocation_after(items, clustering.ending) {
+    if let Some(quality) = coarse.relocation_after(items, clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
-        let cheaper = &mut labels_of_cheaper(items, coarse.spec, job.prepared.viewer.as_deref(), cancel);
-        let relocation = Relocation { graph: items, effort, pairs: coarse.spec.pairs(), cancel };
+        let cheaper = labels_of_cheaper(items, coarse.spec, job.prepared.viewer.as_deref(), cancel);
+        let relocation = Relocation { graph: items, quality, pairs: coarse.spec.pairs(), cancel };
         let fast = || coarse.fast_labels(items, cancel);
         let (labels, ending) =
             relocation.labels(labels, device, fast, cheaper, &mut |phase, energy, moves, labels| {
@@ -69,7 +69,7 @@ pub(super) fn run_coarse<E: Functional>(
 impl<E: Functional> Coarse<E> {
     /// Which moves of whole clusters follow the phases, if any: none where the caller's limit ended them, and none with
     /// quality fast where moves are connected: there swaps pay on any image, and take five times as long as the rest.
-    fn relocation_after(&self, items: &Items<E>, ending: Ending) -> Option<relocation::Effort> {
+    fn relocation_after(&self, items: &Items<E>, ending: Ending) -> Option<Quality> {
         let is_cut_short = ending == Ending::IterationLimit && self.spec.max_iterations.is_some();
         let is_quick = items.moves == Moves::Connected && self.spec.quality == Quality::Fast;
         self.spec.relocation(items.faces()).filter(|_| !is_cut_short && !is_quick)
@@ -90,9 +90,9 @@ impl<E: Functional> Coarse<E> {
         let run = flat::boundary_based(items, &start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
         drop(steps);
         match self.relocation_after(items, run.ending) {
-            Some(effort) => {
-                let relocation = Relocation { graph: items, effort, pairs: self.spec.pairs(), cancel };
-                let cheaper = &mut labels_of_cheaper(items, self.spec, viewer, cancel);
+            Some(quality) => {
+                let relocation = Relocation { graph: items, quality, pairs: self.spec.pairs(), cancel };
+                let cheaper = labels_of_cheaper(items, self.spec, viewer, cancel);
                 let fast = || self.fast_labels(items, cancel);
                 let on_change = &mut |_, _, _, labels: &[u32]| {
                     show(items, viewer, labels);
@@ -219,7 +219,8 @@ pub(super) fn run_seeded<E: Functional>(
     }
     let items = job.items;
     let started = Instant::now();
-    let start = Start::from_seeds(seeds.clone(), items.faces());
+    let (labels, component_of_cluster) = (seeds.labels(items.faces()), seeds.component_of_cluster.clone());
+    let start = Start { labels, component_of_cluster };
     let mut run = Run::new(job, started, &start, on_row);
     let clustering = run.phases(device, |steps, keep, record| match method {
         Method::BoundaryBased => flat::boundary_based(items, &start.labels, options, steps, cancel, keep, record),

@@ -4,7 +4,7 @@ use super::shapes::ShapesSpec;
 use super::{InputFile, Refusal, seed_list};
 use crate::cluster::merging::Pairs;
 use crate::cluster::quality::Quality;
-use crate::cluster::{flat, hierarchy, relocation};
+use crate::cluster::{flat, hierarchy};
 use crate::energy;
 use crate::error::Error;
 use crate::parameters::{Algorithm, Features, Name, Optimize, Parameters, Refine, Seeds, Snapshots, Subdivide};
@@ -86,8 +86,8 @@ impl CoarseSpec {
         }
     }
 
-    /// Which moves of whole clusters follow the phases, if any: pieces of clusters cannot be moved as a whole.
-    pub fn relocation(&self, faces: usize) -> Option<relocation::Effort> {
+    /// The quality whose moves of whole clusters follow the phases, if any: pieces of clusters cannot be moved as a whole.
+    pub fn relocation(&self, faces: usize) -> Option<Quality> {
         (self.refine && !self.allow_disconnected).then(|| relocation(self.quality, self.energy, faces))
     }
 
@@ -293,12 +293,12 @@ impl Clustering {
 /// By normals, meshes with no more faces than this get all moves of whole clusters.
 const FEW_FACES_OF_NORMALS: usize = 1 << 13;
 
-/// Which moves of whole clusters follow. By normals, starts of large meshes lie so low that the default only makes
+/// The quality whose moves of whole clusters follow. By normals, starts of large meshes lie so low that the default only makes
 /// swaps: other steps lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
-fn relocation(quality: Quality, energy: energy::Kind, faces: usize) -> relocation::Effort {
+fn relocation(quality: Quality, energy: energy::Kind, faces: usize) -> Quality {
     match quality {
-        Quality::Default if energy.is_of_normals() && faces > FEW_FACES_OF_NORMALS => relocation::Effort::Swaps,
-        quality => quality.relocation(),
+        Quality::Default if energy.is_of_normals() && faces > FEW_FACES_OF_NORMALS => Quality::Fast,
+        quality => quality,
     }
 }
 

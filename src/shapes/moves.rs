@@ -27,7 +27,7 @@ use super::fitted::Fitted;
 use super::proxy::Proxy;
 use super::shape::Shape;
 use super::tolerance::Tolerance;
-use crate::cluster::relocation::Connection;
+use crate::cluster::connected::Connection;
 use crate::device::{FREE, ShapeSteps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::Moves;

@@ -3,12 +3,13 @@
 use rayon::prelude::*;
 
 use tesserae_mesh::cluster::coarse::CoarseStart;
+use tesserae_mesh::cluster::connected::Clusters;
+use tesserae_mesh::cluster::connected::settle::settle;
 use tesserae_mesh::cluster::flat::{Options, boundary_based};
 use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::record::Record;
-use tesserae_mesh::cluster::relocation::settle::settle;
-use tesserae_mesh::cluster::relocation::{Clusters, Relocation};
+use tesserae_mesh::cluster::relocation::Relocation;
 use tesserae_mesh::cluster::{fast, numbers, seeds};
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::cpu::CpuDevice;
@@ -80,10 +81,9 @@ fn clustered(surface: &Surface, clusters: u64, quality: Quality) -> (Vec<u32>, u
     let mut rows = 0;
     let run = boundary_based(surface, &start.labels, options, steps.as_mut(), &cancel, &mut |_| rows += 1, record);
     drop(steps);
-    let relocation =
-        Relocation { graph: surface, effort: quality.relocation(), pairs: Pairs::CheaperHalf, cancel: &cancel };
+    let relocation = Relocation { graph: surface, quality, pairs: Pairs::CheaperHalf, cancel: &cancel };
     let flat = || fast::labels(surface, clusters, 0, &cancel);
-    let cheaper = &mut std::iter::empty();
+    let cheaper = std::iter::empty();
     let labels = relocation.labels(run.expect("a run").labels, device, flat, cheaper, &mut |_, _, _, _| {
         rows += 1;
         Ok(())
@@ -99,7 +99,7 @@ fn settling(surface: &Surface, clusters: u64) -> [u64; 2] {
     steps.set_labels(&seeds.labels(surface.faces())).expect("labels");
     steps.grow(&Cancel::default()).expect("no cancellation");
     let mut clusters = Clusters::new(surface, steps.labels().expect("labels"));
-    let all = clusters.take_touched();
+    let all = clusters.numbers().collect();
     settle(&mut clusters, all, u32::MAX, &Cancel::default()).expect("no cancellation");
     clusters.work().map(|work| work / surface.faces() as u64)
 }

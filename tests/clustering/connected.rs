@@ -1,9 +1,9 @@
 //! Connected moves against their definition: meshes, grids, nearest neighbours, hubs.
 
 use crate::common::zoo;
+use tesserae_mesh::cluster::connected::{Clusters, settle};
 use tesserae_mesh::cluster::flat::{self, Options};
 use tesserae_mesh::cluster::record::Record;
-use tesserae_mesh::cluster::relocation::{Clusters, settle};
 use tesserae_mesh::cluster::run::Phase;
 use tesserae_mesh::cluster::seeds;
 use tesserae_mesh::data::{Csr, Graph, Members, PointSet, Values, lay};
@@ -44,7 +44,7 @@ impl<E: Functional> Start<E> {
     /// The labels after each pass, as they are made in use, and how the passes end.
     fn in_use(&self) -> (Vec<Vec<u32>>, Ending) {
         let mut clusters = Clusters::new(&self.graph, self.labels.clone());
-        let mut changed = clusters.take_touched();
+        let mut changed: Vec<u32> = clusters.numbers().collect();
         let mut after = Vec::new();
         while !changed.is_empty() {
             changed = settle::pass(&mut clusters, &changed);

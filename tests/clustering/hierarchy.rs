@@ -3,7 +3,7 @@
 use crate::common::{pml, zoo};
 use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, RoundRow, hierarchical};
 use tesserae_mesh::cluster::merging::Pairs;
-use tesserae_mesh::cluster::relocation::Effort;
+use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::dev::sample::hard::star;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::Cancel;
@@ -235,7 +235,7 @@ fn at_levels_clusters_move_to_other_components_and_cuts_follow() {
     let component_of_face = surface.component_of_face();
     let levels = vec![400, 90];
     let with = |relocation| run(&surface, &Options { levels: levels.clone(), relocation, ..pml() });
-    let (still, moved) = (with(None), with(Some(Effort::Some)));
+    let (still, moved) = (with(None), with(Some(Quality::Default)));
     let mut have_crossed = false;
     for &level in &levels {
         let energy = |outcome: &Outcome| {

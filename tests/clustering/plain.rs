@@ -7,7 +7,6 @@ use tesserae_mesh::cluster::hierarchy::{self, Hierarchy, RoundRow, hierarchical}
 use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::record::Record;
-use tesserae_mesh::cluster::relocation::Effort;
 use tesserae_mesh::cluster::run::{Phase, Row};
 use tesserae_mesh::cluster::seeds::{self, SeedFaces};
 use tesserae_mesh::cluster::snapshots::Snapshots;
@@ -140,7 +139,7 @@ fn hierarchies_take_the_steps_of_the_plain_device() {
             clusters: None,
             levels: vec![surface.components.len().max(surface.faces() / 7) as u64],
             allow_disconnected: false,
-            relocation: Some(Effort::Some),
+            relocation: Some(Quality::Default),
         };
         let nested = hierarchy::Options { optimise: false, ties: Ties::LargestId, ..parallel.clone() };
         let sequential_at = surface.components.len() as u64 + 20;

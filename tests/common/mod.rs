@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use tesserae_mesh::cluster::hierarchy::Options;
 use tesserae_mesh::cluster::merging::Pairs;
-use tesserae_mesh::cluster::relocation::Effort;
+use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::seeds::{self, SeedFaces};
 use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
 use tesserae_mesh::dev::sample::{Sample, generate};
@@ -49,6 +49,6 @@ pub fn pml() -> Options {
         clusters: None,
         levels: Vec::new(),
         allow_disconnected: false,
-        relocation: Some(Effort::Some),
+        relocation: Some(Quality::Default),
     }
 }

@@ -27,7 +27,7 @@
 
 use std::collections::VecDeque;
 
-use super::partition::Partition;
+use crate::cluster::connected::Clusters;
 use crate::cluster::flat::{Clustering, Options, grown};
 use crate::cluster::record::Record;
 use crate::cluster::run::{Phase, Row};
@@ -51,10 +51,10 @@ pub fn acvd<E: Functional>(
     let (mut run, initial) = grown(&seeds.labels(items.faces()), options, steps, cancel, on_row, record)?;
     let ending = run.complete(items, options.allow_disconnected, |run| {
         let labels = run.steps.labels()?;
-        let mut queries = LocalQueries::new(items, Partition::new(items, &seeds.component_of_cluster, labels));
+        let mut queries = LocalQueries::new(items, Clusters::new(items, labels));
         run.phase(Phase::Refine, |steps, left, cancel, on_step| {
             let ending = queries.minimise(left, cancel, on_step)?;
-            steps.set_labels(&queries.partition.labels)?;
+            steps.set_labels(queries.clusters.labels())?;
             Ok(ending)
         })
     })?;
@@ -64,7 +64,7 @@ pub fn acvd<E: Functional>(
 /// The state of a minimisation.
 struct LocalQueries<'a, E: Functional> {
     items: &'a Items<E>,
-    partition: Partition<'a, E>,
+    clusters: Clusters<'a, E>,
     /// The boundary edges, and maybe some that no longer are.
     queue: VecDeque<Edge>,
     /// In a flood, the edges that are taken before those of the queue.
@@ -94,16 +94,16 @@ struct Edge {
 
 impl<'a, E: Functional> LocalQueries<'a, E> {
     /// Queues all boundary edges.
-    fn new(items: &'a Items<E>, partition: Partition<'a, E>) -> Self {
+    fn new(items: &'a Items<E>, clusters: Clusters<'a, E>) -> Self {
         let edges = items.neighbours.len();
         let mut places: Vec<u32> = (0..edges as u32).collect();
         for row in items.neighbour_offsets.windows(2) {
             places[row[0] as usize..row[1] as usize].sort_by_key(|&place| items.neighbours[place as usize]);
         }
-        let changed_at = vec![1; partition.clusters()];
+        let changed_at = vec![1; clusters.numbers().len()];
         let mut queries = Self {
             items,
-            partition,
+            clusters,
             queue: VecDeque::new(),
             ahead: VecDeque::new(),
             passes: 0,
@@ -127,7 +127,7 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
             if moves == 0 {
                 return Ok(Ending::Converged);
             }
-            on_pass(Step { energy: self.partition.energy(), moves });
+            on_pass(Step { energy: self.clusters.energy(), moves });
         }
         Ok(Ending::IterationLimit)
     }
@@ -151,20 +151,20 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
     /// Takes the best of the three configurations of an edge. Returns whether a face moved.
     fn query(&mut self, Edge { low, place }: Edge) -> bool {
         let high = self.items.neighbours[place as usize];
-        let [a, b] = [low, high].map(|face| self.partition.labels[face as usize]);
+        let [a, b] = [low, high].map(|face| self.clusters.label(face));
         let changed_at = self.changed_at[a as usize].max(self.changed_at[b as usize]);
         if a == b || changed_at < self.tested_at[place as usize] {
             return false;
         }
         self.now += 1;
         self.tested_at[place as usize] = self.now;
-        let low_moves = self.partition.gain(low, b).unwrap_or(0);
-        let high_moves = self.partition.gain(high, a).unwrap_or(0);
+        let low_moves = self.clusters.fall(low, b).unwrap_or(0);
+        let high_moves = self.clusters.fall(high, a).unwrap_or(0);
         if low_moves.max(high_moves) <= 0 {
             return false;
         }
         let (face, to) = if low_moves >= high_moves { (low, b) } else { (high, a) };
-        self.partition.move_face(face, to);
+        self.clusters.relabel(std::iter::once((face, to)));
         self.now += 1;
         self.changed_at[a as usize] = self.now;
         self.changed_at[b as usize] = self.now;
@@ -203,9 +203,8 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
     /// not queued.
     fn push_boundary(&mut self, edge: Edge, is_ahead: bool) {
         let [low, high] = [edge.low, self.items.neighbours[edge.place as usize]];
-        let labels = &self.partition.labels;
         let is_queued = &mut self.is_queued[edge.place as usize];
-        if labels[low as usize] != labels[high as usize] && !*is_queued {
+        if self.clusters.label(low) != self.clusters.label(high) && !*is_queued {
             *is_queued = true;
             if is_ahead { self.ahead.push_back(edge) } else { self.queue.push_back(edge) }
         }

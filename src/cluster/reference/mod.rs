@@ -5,10 +5,8 @@
 //! |---|---|
 //! | energy minimisation by local queries (Valette & Chassery 2004), `acvd` | [`acvd`] |
 //! | variational clustering with a priority queue (Cohen-Steiner et al. 2004), `vc` | [`variational`] |
-//! | labels with the sums that belong to them | [`partition`] |
 //!
 //! Both decide by integers, so their labels are as reproducible as all others.
 
 pub mod acvd;
-pub mod partition;
 pub mod variational;

@@ -22,7 +22,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::partition::Partition;
+use crate::cluster::connected::Clusters;
 use crate::cluster::flat::{Clustering, Options};
 use crate::cluster::record::Record;
 use crate::cluster::run::{Phase, Row};
@@ -45,45 +45,45 @@ pub fn variational<E: Functional>(
     on_row: &mut dyn FnMut(Row),
     record: &mut Record,
 ) -> Result<Clustering> {
-    let component_of_cluster = &seeds.component_of_cluster;
-    let fitted = |labels: Vec<u32>| Partition::new(items, component_of_cluster, labels);
-    let row = |iteration: u32, partition: &Partition<'_, E>, moves: u64| {
-        let energy = partition.energy();
+    let row = |iteration: u32, clusters: &Clusters<'_, E>, moves: u64| {
+        let energy = clusters.energy();
         Row { iteration, round: None, phase: Phase::Regrow, energy, moves }
     };
-    let alone = fitted(seeds.labels(items.faces()));
-    let mut best = fitted(flood(items, &alone, &seeds.face_of_cluster, cancel)?);
-    let initial = best.labels.clone();
+    let point = |face: u32| items.points[face as usize];
+    let seed = |cluster: u32| seeds.face_of_cluster[cluster as usize];
+    let from_seed = |face: u32, cluster: u32| E::cost(point(face), E::proxy_at(point(seed(cluster))));
+    let initial = flood(items, from_seed, &seeds.face_of_cluster, cancel)?;
+    let mut best = Clusters::new(items, initial.clone());
     on_row(row(0, &best, 0));
-    record.offer(0, || Ok::<_, Error>(best.labels.clone()))?;
+    record.offer(0, || Ok::<_, Error>(best.labels().to_vec()))?;
     for iteration in 1..=options.max_iterations.unwrap_or(u32::MAX) {
-        let next = fitted(flood(items, &best, &central_faces(&best), cancel)?);
+        let from_proxy = |face: u32, cluster: u32| E::cost(point(face), best.totals(cluster).fit.0);
+        let next = Clusters::new(items, flood(items, from_proxy, &central_faces(&best, from_proxy), cancel)?);
         if next.energy() <= best.energy() {
-            return Ok(Clustering { initial, labels: best.labels, ending: Ending::Converged });
+            return Ok(Clustering { initial, labels: best.labels().to_vec(), ending: Ending::Converged });
         }
-        let moves = next.labels.iter().zip(&best.labels).filter(|(new, old)| new != old).count();
+        let moves = next.labels().iter().zip(best.labels()).filter(|(new, old)| new != old).count();
         best = next;
         on_row(row(iteration, &best, moves as u64));
-        record.offer(iteration, || Ok::<_, Error>(best.labels.clone()))?;
+        record.offer(iteration, || Ok::<_, Error>(best.labels().to_vec()))?;
     }
-    Ok(Clustering { initial, labels: best.labels, ending: Ending::IterationLimit })
+    Ok(Clustering { initial, labels: best.labels().to_vec(), ending: Ending::IterationLimit })
 }
 
 /// The face of each cluster that is nearest to its proxy.
-fn central_faces<E: Functional>(partition: &Partition<'_, E>) -> Vec<u32> {
-    let mut nearest = vec![(u64::MAX, FREE); partition.clusters()];
-    for (face, &cluster) in partition.labels.iter().enumerate() {
-        let face = face as u32;
+fn central_faces<E: Functional>(clusters: &Clusters<'_, E>, cost: impl Fn(u32, u32) -> u64) -> Vec<u32> {
+    let mut nearest = vec![(u64::MAX, FREE); clusters.numbers().len()];
+    for (face, &cluster) in (0..).zip(clusters.labels()) {
         let best = &mut nearest[cluster as usize];
-        *best = (*best).min((partition.cost(face, cluster), face));
+        *best = (*best).min((cost(face, cluster), face));
     }
     nearest.into_iter().map(|(_, face)| face).collect()
 }
 
-/// The labels that flooding from `seeds` with the proxies of `fitted` gives.
+/// The labels that flooding from `seeds` gives, where a face costs so much in a cluster, per weight.
 fn flood<E: Functional>(
     items: &Items<E>,
-    fitted: &Partition<'_, E>,
+    cost: impl Fn(u32, u32) -> u64,
     seeds: &[u32],
     cancel: &Cancel,
 ) -> Result<Vec<u32>> {
@@ -93,7 +93,7 @@ fn flood<E: Functional>(
     let mut best = vec![(u64::MAX, FREE); items.faces()];
     let mut offer = |queue: &mut BinaryHeap<_>, labels: &[u32], face: u32, cluster: u32| {
         for &near in items.neighbours_of(face) {
-            let (cost, best) = (fitted.cost(near, cluster), &mut best[near as usize]);
+            let (cost, best) = (cost(near, cluster), &mut best[near as usize]);
             if labels[near as usize] == FREE && (cost, cluster) < *best {
                 *best = (cost, cluster);
                 let energy = u128::from(items.weights[near as usize]) * u128::from(cost);

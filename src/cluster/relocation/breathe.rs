@@ -12,48 +12,37 @@
 //! A light face between heavy ones must be parted from one and joined to another before either pays; neither swaps nor
 //! trials do both. Splits at f·k places, which settle before the merges choose, do.
 
+use super::offers::Offers;
 use super::resize::resize;
-use super::{Improvable, settle_and_swap};
+use super::settle_and_swap;
 use crate::device::Cancel;
 use crate::energy::Functional;
 use crate::error::Result;
 
-/// f, in units of 2⁻³².
-const FIRST: u64 = (1 << 32) / 5;
+/// f at first, in units of 2⁻³².
+pub const FIRST: u64 = (1 << 32) / 5;
 
-/// How deep the next breath is: f.
-pub struct Breath(u64);
-
-impl Default for Breath {
-    fn default() -> Self {
-        Self(FIRST)
+/// Takes a breath, and keeps the result if that lowers F. Returns whether it does. `depth` is f, of the next breath
+/// then.
+pub fn breathe<E: Functional>(best: &mut Offers<'_, E>, depth: &mut u64, cancel: &Cancel) -> Result<bool> {
+    let (faces, wanted) = (best.clusters.graph.faces(), best.clusters.count());
+    let more = ((u128::from(*depth) * wanted as u128) >> 32) as usize;
+    if more == 0 {
+        return Ok(false);
     }
-}
-
-impl Breath {
-    /// Takes one, and keeps the result if that lowers F. Returns whether it does.
-    pub fn lowers<E: Functional>(&mut self, best: &mut Improvable<'_, E>, cancel: &Cancel) -> Result<bool> {
-        let (faces, wanted) = (best.clusters.graph.faces(), best.clusters.count());
-        let more = ((u128::from(self.0) * wanted as u128) >> 32) as usize;
-        if more == 0 {
-            return Ok(false);
-        }
-        let mut breath = best.clone();
-        let Improvable { clusters, candidates } = &mut breath;
-        let is_done = resize(clusters, (wanted + more).min(faces), candidates, cancel)?
-            && resize(clusters, wanted, candidates, cancel)?;
-        if is_done {
-            settle_and_swap(clusters, candidates, cancel)?;
-        }
-        let fall = clusters.energy().explained - best.clusters.energy().explained;
-        if !is_done || fall <= 0 {
-            self.0 /= 2;
-            return Ok(false);
-        }
-        if fall < clusters.total() / 1000 {
-            self.0 = self.0 * 7 / 10;
-        }
-        *best = breath;
-        Ok(true)
+    let mut breath = best.clone();
+    let is_done = resize(&mut breath, (wanted + more).min(faces), cancel)? && resize(&mut breath, wanted, cancel)?;
+    if is_done {
+        settle_and_swap(&mut breath, cancel)?;
     }
+    let fall = breath.clusters.energy().explained - best.clusters.energy().explained;
+    if !is_done || fall <= 0 {
+        *depth /= 2;
+        return Ok(false);
+    }
+    if fall < breath.clusters.total() / 1000 {
+        *depth = *depth * 7 / 10;
+    }
+    *best = breath;
+    Ok(true)
 }

@@ -5,7 +5,7 @@
 //! which F of its clusters + λ · their number is smaller, the first where both are equal. The number of clusters that
 //! results is not the one that was wanted; [`mod@super::resize`] makes it so.
 
-use super::clusters::Clusters;
+use crate::cluster::connected::Clusters;
 use crate::energy::Functional;
 
 /// The labels of the mix. The first clustering is the one with the lower F, and `cluster_worth` is λ. None where all
@@ -15,29 +15,22 @@ pub fn mixed<E: Functional>(
     second: &Clusters<'_, E>,
     cluster_worth: i128,
 ) -> Option<Vec<u32>> {
-    let of_first = costs(first, cluster_worth);
-    let of_second = costs(second, cluster_worth);
+    let [of_first, of_second] = [first, second].map(|clusters| costs(clusters, cluster_worth));
     let mut labels = first.labels().to_vec();
-    let mut are_mixed = false;
-    for (component, (first_cost, second_cost)) in first.graph.components.iter().zip(of_first.iter().zip(&of_second)) {
-        if second_cost < first_cost {
-            are_mixed = true;
-            for face in component.range() {
-                labels[face] = second.label(face as u32) + first.numbers() as u32;
-            }
-        }
+    let all = first.graph.components.iter().zip(of_first.iter().zip(&of_second));
+    for (component, _) in all.filter(|(_, (of_first, of_second))| of_second < of_first) {
+        component.range().for_each(|face| labels[face] = second.label(face as u32) + first.numbers().end);
     }
-    are_mixed.then_some(labels)
+    (labels != first.labels()).then_some(labels)
 }
 
 /// F + λ · clusters of each component, less what no labels change.
 fn costs<E: Functional>(clusters: &Clusters<'_, E>, cluster_worth: i128) -> Vec<i128> {
+    let component_of_face = clusters.graph.component_of_face();
     let mut costs = vec![0; clusters.graph.components.len()];
-    let starts: Vec<u32> = clusters.graph.components.iter().map(|component| component.first_face).collect();
-    for cluster in 0..clusters.numbers() as u32 {
-        if let Some(face) = clusters.faces(cluster).first() {
-            let component = starts.partition_point(|start| start <= face) - 1;
-            costs[component] += cluster_worth - clusters.explained(cluster);
+    for cluster in clusters.numbers() {
+        if let Some(&face) = clusters.faces(cluster).first() {
+            costs[component_of_face[face as usize] as usize] += cluster_worth - clusters.totals(cluster).explained();
         }
     }
     costs

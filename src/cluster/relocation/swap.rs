@@ -10,7 +10,7 @@
 //! 2. Merges, the cheapest first, meet splits, those that gain most first; ties go by number. A cluster takes part
 //!    once. The round ends at the first merge that costs as much as the best split left gains.
 //! 3. Each swap merges its pair, and the number that becomes free names the new part of the split cluster, in whatever
-//!    component that is. Then the clusters [settle](mod@super::settle).
+//!    component that is. Then the clusters [settle](mod@crate::cluster::connected::settle).
 //!
 //! Rounds go on until no swap pays, [`ROUNDS`] at most.
 //!
@@ -18,50 +18,52 @@
 //!
 //! F is a sum over clusters, and no cluster takes part in two swaps, so the changes of a round add up exactly; each is
 //! negative. Settling lowers F, too. F is an integer that is not negative.
-//!
-//! # Why
-//!
-//! The other phases move single faces, and end where only a merge and a split at once would pay. They also leave each
-//! component the number of clusters that its area gave it, which is far from the best where faces are uneven. On even
-//! meshes bounds rule out every split.
 
-use super::candidates::Candidates;
-use super::clusters::Clusters;
-use super::settle::settle;
+use rayon::prelude::*;
+
+use super::offers::Offers;
+use crate::cluster::connected::Clusters;
+use crate::cluster::connected::settle::settle;
 use crate::device::Cancel;
-use crate::energy::Functional;
+use crate::energy::{Bounds, Functional};
 use crate::error::Result;
+use crate::surface::DualGraph;
 
-/// Rounds at most. Ordinary meshes take under 20.
+/// Rounds at most.
 const ROUNDS: u32 = 32;
+
+/// Faces of a chunk.
+const CHUNK: usize = 1 << 13;
 
 /// Makes rounds; `on_round` is called after each with swaps.
 pub fn swap<E: Functional>(
-    clusters: &mut Clusters<'_, E>,
-    candidates: &mut Candidates,
+    offers: &mut Offers<'_, E>,
     cancel: &Cancel,
     mut on_round: impl FnMut(&mut Clusters<'_, E>) -> Result<()>,
 ) -> Result<()> {
     for _ in 0..ROUNDS {
-        if round(clusters, candidates, cancel)? == 0 {
+        cancel.check()?;
+        let swaps = paying(offers);
+        if swaps.is_empty() {
             return Ok(());
         }
-        on_round(clusters)?;
+        let mut changed = Vec::with_capacity(3 * swaps.len());
+        for (a, b, split) in swaps {
+            changed.extend([offers.clusters.merge(a, b), split, offers.split(split)]);
+        }
+        settle(&mut offers.clusters, changed, u32::MAX, cancel)?;
+        on_round(&mut offers.clusters)?;
     }
-    clusters.faces_left = 0;
+    offers.clusters.faces_left = 0;
     Ok(())
 }
 
-/// Makes one round. Returns the number of swaps.
-fn round<E: Functional>(clusters: &mut Clusters<'_, E>, candidates: &mut Candidates, cancel: &Cancel) -> Result<usize> {
-    cancel.check()?;
-    candidates.refresh(clusters);
-    let merges = candidates.merges();
-    let Some(&(least, ..)) = merges.first() else { return Ok(0) };
-    candidates.split(clusters, |cluster| clusters.may_gain(least, cluster));
-    let splits = candidates.splits();
-
-    let mut is_taken = vec![false; clusters.numbers()];
+/// The swaps of a round: the pair that merges, and the cluster that is split.
+fn paying<E: Functional>(offers: &mut Offers<'_, E>) -> Vec<(u32, u32, u32)> {
+    let merges = offers.merges();
+    let Some(&(least, ..)) = merges.first() else { return Vec::new() };
+    let splits = offers.splits(|clusters, cluster| clusters.may_gain(least, cluster));
+    let mut is_taken = vec![false; offers.clusters.numbers().len()];
     let mut swaps = Vec::new();
     let mut first = 0;
     for (cost, a, b) in merges {
@@ -79,14 +81,33 @@ fn round<E: Functional>(clusters: &mut Clusters<'_, E>, candidates: &mut Candida
             swaps.push((a, b, split));
         }
     }
+    swaps
+}
 
-    let mut changed = Vec::with_capacity(3 * swaps.len());
-    for &(a, b, split) in &swaps {
-        changed.push(clusters.merge(a, b));
-        let leaving = candidates.known_split(split).map_or(&[][..], |split| &split.leaving);
-        changed.extend([split, clusters.split(split, leaving)]);
+/// Whether a swap might pay: whether a split might gain more than the cheapest merge costs. Every cluster has faces,
+/// and every face a cluster.
+///
+/// One pass over the faces shows that none pays on even meshes, where a round would first make lists of faces, merges
+/// and splits (`benches/results/2026-11-23-two-cores/swaps.md`).
+pub fn may_pay<E: Functional>(graph: &DualGraph<E>, labels: &[u32], clusters: usize) -> bool {
+    let mut all = vec![(E::SplitBounds::default(), 1.0); clusters];
+    for component in &graph.components {
+        let unit = f64::from(1 << component.energy_shift);
+        for face in component.range() {
+            let (bounds, of_cluster) = &mut all[labels[face] as usize];
+            bounds.add(graph.face(face));
+            *of_cluster = unit;
+        }
     }
-    let made = swaps.len();
-    settle(clusters, changed, u32::MAX, cancel)?;
-    Ok(made)
+    let most = all.iter().map(|(bounds, unit)| bounds.most_gain() * unit).fold(f64::NEG_INFINITY, f64::max);
+    let is_cheap = |a: u32, b: u32| {
+        let ((a, unit), (b, _)) = (&all[a as usize], &all[b as usize]);
+        a.least_merge_cost(b) * unit < most
+    };
+    labels.par_chunks(CHUNK).enumerate().any(|(chunk, own)| {
+        (chunk as u32 * CHUNK as u32..).zip(own).any(|(face, &own)| {
+            let others = graph.neighbours_of(face).iter().map(|&near| labels[near as usize]);
+            others.filter(|&other| other < own).any(|other| is_cheap(own, other))
+        })
+    })
 }

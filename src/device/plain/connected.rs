@@ -1,4 +1,4 @@
-//! Connected moves as their definition reads ([`mod@crate::cluster::relocation::settle`] has it, `docs/uneven.md` the
+//! Connected moves as their definition reads ([`mod@crate::cluster::connected::settle`] has it, `docs/uneven.md` the
 //! proof): sums, energies and pieces are computed anew for each face that is looked at.
 //!
 //! It shares one thing with what is compared with it: which detours are seen ([`crate::surface::detour`]). No face

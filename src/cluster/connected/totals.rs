@@ -1,7 +1,6 @@
-//! Exact totals of a cluster: what energies, merges and bounds of splits are computed from.
+//! Exact totals of a cluster: what energies and merges are computed from.
 
-use crate::energy::{Bounds, Functional, Sums};
-use crate::surface::DualGraph;
+use crate::energy::{Functional, Sums};
 
 /// The totals of a cluster. `constant` and `fit` are in the component's unit; the methods shift their results left by
 /// `shift`, to that of the finest component.
@@ -30,14 +29,6 @@ impl<E: Functional> Totals<E> {
         self.constant += E::constant(face) * i128::from(sign);
     }
 
-    /// Counts the faces of another cluster in (1) or out (−1), and fits the proxy. Returns what is explained in
-    /// addition.
-    pub fn add(&mut self, other: &Self, sign: i64) -> i128 {
-        self.sums.add(&other.sums, sign);
-        self.constant += other.constant * i128::from(sign);
-        self.refit()
-    }
-
     /// Fits the proxy. Returns what is explained in addition.
     pub fn refit(&mut self) -> i128 {
         let before = std::mem::replace(&mut self.fit, self.sums.fit().unwrap_or((E::NO_PROXY, 0)));
@@ -59,24 +50,5 @@ impl<E: Functional> Totals<E> {
         let mut sums = self.sums;
         sums.add(&other.sums, 1);
         (self.fit.1 + other.fit.1 - sums.explained()) << self.shift
-    }
-
-    /// The totals of two clusters of one component after a face of the first has moved to the second, and what F falls
-    /// by. None when the first would be left empty.
-    pub fn after_move([mut from, mut to]: [Self; 2], face: E::Item) -> Option<([Self; 2], i128)> {
-        from.count(face, -1);
-        to.count(face, 1);
-        let fall = from.refit() + to.refit();
-        (from.sums.faces() > 0).then_some(([from, to], fall))
-    }
-
-    /// Whether a split of the cluster, which has these faces, might gain more than this.
-    pub fn may_gain(&self, more_than: i128, graph: &DualGraph<E>, faces: &[u32]) -> bool {
-        let most = || {
-            let mut bounds = E::SplitBounds::default();
-            faces.iter().for_each(|&face| bounds.add(graph.face(face as usize)));
-            bounds.most_gain() as i128
-        };
-        self.energy() > more_than && most().saturating_mul(1 << self.shift) >= more_than
     }
 }

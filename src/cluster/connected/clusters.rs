@@ -1,16 +1,14 @@
-//! Clusters as lists of their faces, with exact sums: what moves of whole clusters work on.
+//! Clusters as lists of their faces, with exact totals: what moves of whole clusters work on.
 //!
 //! Devices keep labels and sums for moves of single faces, all at once. A merge or a split reads one cluster whole, and
 //! few of them pay, so this state is kept on the host. Every cluster is connected, and every change keeps that.
-//!
-//! Only the explained part of F is kept, because no labels change the rest.
 
 use rayon::prelude::*;
 
 use super::connection::Connection;
 use super::totals::Totals;
-use crate::device::{Ending, FREE};
-use crate::energy::{Functional, LatticeEnergy, Sums};
+use crate::device::Ending;
+use crate::energy::{Bounds, Functional, LatticeEnergy, Sums};
 use crate::surface::DualGraph;
 
 /// Passes at most, those over some of the clusters counted by their faces, and by the neighbours of those at borders.
@@ -20,23 +18,26 @@ const PASSES: usize = 1024;
 const NEIGHBOURS: usize = 4;
 
 /// Clusters of a chunk.
-pub(super) const CHUNK: usize = 64;
+const CHUNK: usize = 64;
 
-/// A clustering of a graph. Numbers of clusters may be free: [`compacted`](Self::compacted) closes the gaps.
+/// A clustering of a graph. Numbers of clusters may be free: [`crate::cluster::numbers::compact`] closes the gaps.
 #[derive(Debug, Clone)]
 pub struct Clusters<'a, E: Functional> {
-    pub(super) graph: &'a DualGraph<E>,
+    /// The faces.
+    pub graph: &'a DualGraph<E>,
     labels: Vec<u32>,
     /// Where each face stands in the list of its cluster.
     place_of_face: Vec<u32>,
     all: Vec<Cluster<E>>,
     free_numbers: Vec<u32>,
+    /// Of F; the rest of it is the same for all labels.
     explained: i128,
     moves: u64,
-    touched: Touched,
+    /// Whether each cluster has gained or lost a face.
+    has_changed: Vec<bool>,
     connection: Connection,
     /// Faces that passes may still look at; 0 where a bound on work has ended a step.
-    pub(super) faces_left: usize,
+    pub faces_left: usize,
 }
 
 /// A cluster.
@@ -46,30 +47,8 @@ struct Cluster<E: Functional> {
     totals: Totals<E>,
 }
 
-/// Clusters that gained or lost a face, each once.
-#[derive(Debug, Clone, Default)]
-struct Touched {
-    list: Vec<u32>,
-    is_listed: Vec<bool>,
-}
-
-impl Touched {
-    fn add(&mut self, cluster: u32) {
-        if !std::mem::replace(&mut self.is_listed[cluster as usize], true) {
-            self.list.push(cluster);
-        }
-    }
-
-    fn take(&mut self) -> Vec<u32> {
-        self.list.iter().for_each(|&cluster| self.is_listed[cluster as usize] = false);
-        let mut list = std::mem::take(&mut self.list);
-        list.sort_unstable();
-        list
-    }
-}
-
 impl<'a, E: Functional> Clusters<'a, E> {
-    /// From labels in which every face has one. All clusters count as touched.
+    /// From labels in which every face has one. All clusters count as changed.
     pub fn new(graph: &'a DualGraph<E>, labels: Vec<u32>) -> Self {
         let numbers = labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0);
         let mut sizes = vec![0; numbers];
@@ -91,15 +70,24 @@ impl<'a, E: Functional> Clusters<'a, E> {
         });
         let explained = all.iter().map(|cluster| cluster.totals.explained()).sum();
         let free_numbers = (0..numbers as u32).rev().filter(|&number| all[number as usize].faces.is_empty()).collect();
-        let touched = Touched { list: (0..numbers as u32).collect(), is_listed: vec![true; numbers] };
         let connection = Connection::new(labels.len(), graph.moves);
-        let faces_left = PASSES * labels.len();
-        Self { graph, labels, place_of_face, all, free_numbers, explained, moves: 0, touched, connection, faces_left }
+        Self {
+            graph,
+            place_of_face,
+            all,
+            free_numbers,
+            explained,
+            moves: 0,
+            has_changed: vec![true; numbers],
+            connection,
+            faces_left: PASSES * labels.len(),
+            labels,
+        }
     }
 
-    /// One past the largest number of a cluster.
-    pub fn numbers(&self) -> usize {
-        self.all.len()
+    /// All numbers of clusters, the free ones among them.
+    pub fn numbers(&self) -> std::ops::Range<u32> {
+        0..self.all.len() as u32
     }
 
     /// How many clusters there are.
@@ -117,25 +105,14 @@ impl<'a, E: Functional> Clusters<'a, E> {
         self.labels[face as usize]
     }
 
-    /// The labels, without gaps between the numbers.
-    pub fn compacted(&self) -> Vec<u32> {
-        let mut next = 0;
-        let number = |cluster: &Cluster<E>| {
-            next += u32::from(!cluster.faces.is_empty());
-            if cluster.faces.is_empty() { FREE } else { next - 1 }
-        };
-        let new: Vec<u32> = self.all.iter().map(number).collect();
-        self.labels.iter().map(|&label| new[label as usize]).collect()
-    }
-
     /// The faces of a cluster, in no particular order; none of a number that is free.
     pub fn faces(&self, cluster: u32) -> &[u32] {
         &self.all[cluster as usize].faces
     }
 
-    /// The `energy_shift` of a cluster's component.
-    pub fn shift(&self, cluster: u32) -> u32 {
-        self.all[cluster as usize].totals.shift
+    /// The totals of a cluster.
+    pub fn totals(&self, cluster: u32) -> &Totals<E> {
+        &self.all[cluster as usize].totals
     }
 
     /// F, of all clusters.
@@ -143,29 +120,20 @@ impl<'a, E: Functional> Clusters<'a, E> {
         LatticeEnergy { explained: self.explained }
     }
 
-    /// What a cluster explains of F.
-    pub fn explained(&self, cluster: u32) -> i128 {
-        self.totals(cluster).explained()
-    }
-
-    /// F of a cluster.
-    pub fn energy_of(&self, cluster: u32) -> i128 {
-        self.totals(cluster).energy()
+    /// F of all clusters, with the part that no labels change.
+    pub fn total(&self) -> i128 {
+        self.all.iter().map(|cluster| cluster.totals.energy()).sum()
     }
 
     /// Whether a split of a cluster might gain more than this.
     pub fn may_gain(&self, more_than: i128, cluster: u32) -> bool {
-        self.totals(cluster).may_gain(more_than, self.graph, self.faces(cluster))
-    }
-
-    /// F of all clusters.
-    pub fn total(&self) -> i128 {
-        (0..self.numbers() as u32).map(|cluster| self.energy_of(cluster)).sum()
-    }
-
-    /// What merging two clusters of one component raises F by.
-    pub fn merge_cost(&self, a: u32, b: u32) -> i128 {
-        self.totals(a).merge_cost(self.totals(b))
+        let totals = self.totals(cluster);
+        let most = || {
+            let mut bounds = E::SplitBounds::default();
+            self.faces(cluster).iter().for_each(|&face| bounds.add(self.graph.face(face as usize)));
+            (bounds.most_gain() as i128).saturating_mul(1 << totals.shift)
+        };
+        totals.energy() > more_than && most() >= more_than
     }
 
     /// The clusters beside a cluster, ascending.
@@ -191,7 +159,7 @@ impl<'a, E: Functional> Clusters<'a, E> {
     pub fn free_number(&mut self) -> u32 {
         self.free_numbers.pop().unwrap_or_else(|| {
             self.all.push(Cluster::default());
-            self.touched.is_listed.push(false);
+            self.has_changed.push(true);
             self.all.len() as u32 - 1
         })
     }
@@ -201,37 +169,30 @@ impl<'a, E: Functional> Clusters<'a, E> {
     pub fn merge(&mut self, a: u32, b: u32) -> u32 {
         let size = |cluster: u32| self.faces(cluster).len();
         let (into, from) = if size(a) > size(b) || (size(a) == size(b) && a < b) { (a, b) } else { (b, a) };
-        let faces = std::mem::take(&mut self.all[from as usize].faces);
-        self.hand_over(&faces, from, into);
-        self.free_numbers.push(from);
+        let faces = self.faces(from).to_vec();
+        self.relabel(faces.into_iter().map(|face| (face, into)));
         into
     }
 
     /// Makes a cluster of some faces of a cluster, but not all, and returns its number.
-    pub fn split(&mut self, cluster: u32, leaving: &[u32]) -> u32 {
+    pub fn split(&mut self, leaving: &[u32]) -> u32 {
         let number = self.free_number();
-        self.all[number as usize].totals.shift = self.shift(cluster);
-        for &face in leaving {
-            self.take_from_list(face, cluster);
-        }
-        self.hand_over(leaving, cluster, number);
+        self.relabel(leaving.iter().map(|&face| (face, number)));
         number
     }
 
-    /// Gives faces other clusters of their component. A cluster that loses all faces gets free; all others must be
-    /// connected afterwards. A number from [`free_number`](Self::free_number) is a new cluster.
-    pub fn relabel(&mut self, faces: &[u32], labels: &[u32]) {
+    /// Gives faces to other clusters of their component: (face, cluster). A cluster that loses all faces gets free; all
+    /// others must be connected afterwards. A number from [`free_number`](Self::free_number) is a new cluster.
+    pub fn relabel(&mut self, moves: impl Iterator<Item = (u32, u32)>) {
         let mut changed = Vec::new();
-        for (&face, &to) in faces.iter().zip(labels) {
+        for (face, to) in moves {
             let from = self.label(face);
             if from != to {
-                self.take_from_list(face, from);
-                self.push_to_list(face, to);
+                self.move_face(face, to);
                 for (cluster, sign) in [(from, -1), (to, 1)] {
                     self.all[cluster as usize].totals.count(self.graph.face(face as usize), sign);
                 }
-                self.all[to as usize].totals.shift = self.shift(from);
-                self.note_change(from, to, 1);
+                self.all[to as usize].totals.shift = self.totals(from).shift;
                 changed.extend([from, to]);
             }
         }
@@ -245,31 +206,54 @@ impl<'a, E: Functional> Clusters<'a, E> {
         }
     }
 
+    /// By how much F falls, exactly, when a face goes to another cluster of its component; none when its own would be
+    /// left empty.
+    pub fn fall(&self, face: u32, to: u32) -> Option<i128> {
+        self.after_move(face, to).map(|(_, fall)| fall)
+    }
+
+    /// The totals of both clusters after a move, and what F falls by.
+    fn after_move(&self, face: u32, to: u32) -> Option<([Totals<E>; 2], i128)> {
+        let [mut from, mut to] = [self.label(face), to].map(|cluster| *self.totals(cluster));
+        from.count(self.graph.face(face as usize), -1);
+        to.count(self.graph.face(face as usize), 1);
+        let fall = from.refit() + to.refit();
+        (from.sums.faces() > 0).then_some(([from, to], fall))
+    }
+
     /// Moves a face to a neighbouring cluster, if that lowers F, leaves a face behind, and does not cut its cluster in
     /// pieces.
     pub fn move_if_lower(&mut self, face: u32, to: u32) -> bool {
         let from = self.label(face);
-        let before = [from, to].map(|cluster| *self.totals(cluster));
-        let Some(([without, with], fall)) = Totals::after_move(before, self.graph.face(face as usize)) else {
+        let Some(([without, with], fall)) = self.after_move(face, to) else {
             return false;
         };
         let Self { graph, labels, connection, .. } = self;
         if fall <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
             return false;
         }
-        self.take_from_list(face, from);
-        self.push_to_list(face, to);
+        self.move_face(face, to);
         self.all[from as usize].totals = without;
         self.all[to as usize].totals = with;
         self.explained += fall;
-        self.note_change(from, to, 1);
         true
     }
 
-    /// The proxy and the weight of a cluster.
-    pub fn proxy_and_weight(&self, cluster: u32) -> (E::Proxy, u64) {
-        let Totals { fit, sums, .. } = self.totals(cluster);
-        (fit.0, sums.weight())
+    /// Moves a face from list to list, where the last face gets its place; totals do not follow.
+    fn move_face(&mut self, face: u32, to: u32) {
+        let from = std::mem::replace(&mut self.labels[face as usize], to);
+        let place = self.place_of_face[face as usize];
+        let left = &mut self.all[from as usize].faces;
+        left.swap_remove(place as usize);
+        if let Some(&last) = left.get(place as usize) {
+            self.place_of_face[last as usize] = place;
+        }
+        let faces = &mut self.all[to as usize].faces;
+        self.place_of_face[face as usize] = faces.len() as u32;
+        faces.push(face);
+        self.connection.moved(self.graph, face);
+        [from, to].into_iter().for_each(|cluster| self.has_changed[cluster as usize] = true);
+        self.moves += 1;
     }
 
     /// Spends work on a pass over the faces of some clusters and at their borders. Returns whether there was enough.
@@ -290,54 +274,14 @@ impl<'a, E: Functional> Clusters<'a, E> {
         if self.faces_left == 0 || self.connection.is_bounded() { Ending::WorkLimit } else { Ending::Converged }
     }
 
-    /// Takes the clusters that gained or lost a face since the last call, ascending.
-    pub fn take_touched(&mut self) -> Vec<u32> {
-        self.touched.take()
+    /// Takes, for each cluster, whether it gained or lost a face since the last call.
+    pub fn take_changes(&mut self) -> Vec<bool> {
+        let none = vec![false; self.has_changed.len()];
+        std::mem::replace(&mut self.has_changed, none)
     }
 
     /// Takes the number of faces that changed their cluster since the last call.
     pub fn take_moves(&mut self) -> u64 {
         std::mem::take(&mut self.moves)
-    }
-
-    /// Takes a face from the list of its cluster; the last one gets its place.
-    fn take_from_list(&mut self, face: u32, cluster: u32) {
-        let place = self.place_of_face[face as usize];
-        let faces = &mut self.all[cluster as usize].faces;
-        faces.swap_remove(place as usize);
-        if let Some(&last) = faces.get(place as usize) {
-            self.place_of_face[last as usize] = place;
-        }
-    }
-
-    fn push_to_list(&mut self, face: u32, cluster: u32) {
-        let faces = &mut self.all[cluster as usize].faces;
-        self.place_of_face[face as usize] = faces.len() as u32;
-        faces.push(face);
-        self.labels[face as usize] = cluster;
-        self.connection.moved(self.graph, face);
-    }
-
-    /// Gives faces of a cluster, which are in no list any more, to another one.
-    fn hand_over(&mut self, faces: &[u32], from: u32, to: u32) {
-        let mut moved = Totals::default();
-        for &face in faces {
-            self.push_to_list(face, to);
-            moved.count(self.graph.face(face as usize), 1);
-        }
-        for (cluster, sign) in [(from, -1), (to, 1)] {
-            self.explained += self.all[cluster as usize].totals.add(&moved, sign);
-        }
-        self.note_change(from, to, faces.len() as u64);
-    }
-
-    fn totals(&self, cluster: u32) -> &Totals<E> {
-        &self.all[cluster as usize].totals
-    }
-
-    fn note_change(&mut self, from: u32, to: u32, moves: u64) {
-        self.touched.add(from);
-        self.touched.add(to);
-        self.moves += moves;
     }
 }

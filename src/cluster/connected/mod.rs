@@ -7,20 +7,26 @@
 //!
 //! Where a piece lowers F in the cluster that it was cut from, phases and repairs would repeat without end. So after
 //! [`REPAIRS`] of them faces move one after the other, each only where F falls and its cluster stays connected
-//! ([`mod@super::relocation::settle`] has the definition and the proof). That includes the moves of the boundary phase:
+//! ([`mod@settle`] has the definition and the proof). That includes the moves of the boundary phase:
 //! a face that is nearer to another proxy has a positive gain.
 //!
 //! Where [`Moves`] are connected, that is all there is, from the start: no free phase. Labels that come in pieces, as
 //! teleports and references make them, are repaired before or after.
 
-use super::relocation::{Clusters, settle};
+mod clusters;
+mod connection;
+pub mod settle;
+mod totals;
+
+pub use self::clusters::Clusters;
+pub use self::connection::Connection;
 use super::run::{Phase, Run};
 use crate::device::{Ending, FLOOD_FROM, Step};
 use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::{DualGraph, Moves};
 
-/// Repairs at most. Scans take one or two.
+/// Repairs at most.
 const REPAIRS: u32 = 3;
 
 impl Run<'_> {
@@ -54,7 +60,7 @@ impl Run<'_> {
     /// Moves faces one after the other, and keeps clusters connected, until none moves.
     pub(super) fn settle<E: Functional>(&mut self, graph: &DualGraph<E>) -> Result<Ending> {
         let mut clusters = Clusters::new(graph, self.steps.labels()?);
-        let mut changed = clusters.take_touched();
+        let mut changed: Vec<u32> = clusters.numbers().collect();
         self.phase(Phase::Refine, |steps, left, cancel, on_step| {
             let mut left = left;
             while left > 0 && !changed.is_empty() {

@@ -18,8 +18,9 @@ use std::cmp::Reverse;
 use rayon::prelude::*;
 
 use super::clusters::Clusters;
+use super::totals::Totals;
 use crate::device::Cancel;
-use crate::energy::{Functional, Side};
+use crate::energy::{Functional, Side, Sums};
 use crate::error::Result;
 
 /// Faces that a thread looks at at least.
@@ -89,7 +90,7 @@ fn along_lists<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32
 /// The same, for clusters that have more than three quarters of the faces: it looks at all in their order, by all
 /// threads, and sorts none.
 fn among_all<E: Functional>(clusters: &Clusters<'_, E>, of: &[u32]) -> Vec<u32> {
-    let mut is_of = vec![false; clusters.numbers()];
+    let mut is_of = vec![false; clusters.numbers().len()];
     of.iter().for_each(|&cluster| is_of[cluster as usize] = true);
     let is_at_boundary = |face: &u32| {
         let label = clusters.label(*face);
@@ -105,8 +106,8 @@ fn best_move<E: Functional>(clusters: &Clusters<'_, E>, face: u32) -> Option<u32
     let graph = clusters.graph;
     let from = clusters.label(face);
     let side = |cluster: u32| {
-        let (proxy, weight) = clusters.proxy_and_weight(cluster);
-        Side { cost: E::cost(graph.points[face as usize], proxy), weight }
+        let Totals { fit, sums, .. } = clusters.totals(cluster);
+        Side { cost: E::cost(graph.points[face as usize], fit.0), weight: sums.weight() }
     };
     let weight = graph.weights[face as usize];
     let own = side(from);
@@ -136,7 +137,7 @@ mod tests {
         let surface = Surface::build(&generate(Sample::Parts, 20_000).expect("a mesh")).expect("a surface");
         let labels = (0..surface.faces() as u32).map(|face| face / 300).collect();
         let clusters = Clusters::new(&surface, labels);
-        let all = 0..clusters.numbers() as u32;
+        let all = clusters.numbers();
         for step in [1, 2, 7, 1000] {
             let of: Vec<u32> = all.clone().step_by(step).collect();
             let faces = along_lists(&clusters, &of);

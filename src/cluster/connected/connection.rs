@@ -134,3 +134,77 @@ impl Connection {
         left <= 1
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::relocation::tests::{start, uneven};
+    use crate::dev::sample::Sample;
+    use crate::device::pieces::cut_off_faces;
+    use crate::surface::Component;
+
+    #[test]
+    fn searches_find_the_faces_that_hold_a_cluster_together() {
+        let mut held = 0;
+        for sample in [Sample::Strip, Sample::Parts, Sample::Plane] {
+            let surface = uneven(sample, 300);
+            let labels = start(&surface, 20);
+            let mut connection = Connection::new(surface.faces(), Moves::Free);
+            for face in 0..surface.faces() as u32 {
+                let label = labels[face as usize];
+                if labels.iter().filter(|&&other| other == label).count() == 1 {
+                    continue;
+                }
+                let mut without = labels.clone();
+                without[face as usize] = 20;
+                let expected = cut_off_faces(&surface, 21, &without).is_empty();
+                let found = connection.stays_without(&surface, face, |near| labels[near as usize] == label);
+                assert_eq!(found, expected, "{} {face}", sample.name());
+                held += u32::from(!expected);
+            }
+        }
+        assert!(held > 0);
+    }
+
+    /// Faces in a ring: without one of them, the way between its neighbours is as long as the ring.
+    fn ring(faces: u32) -> DualGraph {
+        DualGraph {
+            points: vec![[0; 3]; faces as usize],
+            weights: vec![1; faces as usize],
+            neighbour_offsets: (0..=faces).map(|face| 2 * face).collect(),
+            neighbours: (0..faces).flat_map(|face| [(face + 1) % faces, (face + faces - 1) % faces]).collect(),
+            components: vec![Component { first_face: 0, faces, weight: u64::from(faces), energy_shift: 0 }],
+            moves: Moves::Free,
+        }
+    }
+
+    #[test]
+    fn after_many_steps_a_face_that_is_refused_is_held_until_a_face_beside_it_moves() {
+        let ring = ring(100);
+        let mut connection = Connection::new(100, Moves::Free);
+        let has_gap = |near| near != 0;
+        for _ in 0..1000 {
+            assert!(!connection.stays_without(&ring, 50, has_gap), "0 is a gap, so that 50 holds two arcs together");
+        }
+        assert!(connection.is_bounded());
+        assert!(connection.stays_without(&ring, 20, |_| true), "faces that were not refused since then are not held");
+        assert!(!connection.stays_without(&ring, 50, has_gap));
+        assert!(!connection.stays_without(&ring, 50, |_| true), "the gap is closed, far from 50");
+        connection.moved(&ring, 0);
+        assert!(!connection.stays_without(&ring, 50, |_| true));
+        connection.moved(&ring, 49);
+        assert!(connection.stays_without(&ring, 50, |_| true));
+    }
+
+    #[test]
+    fn searches_end_at_a_bound_in_proportion_to_the_faces() {
+        let ring = ring(400);
+        let mut connection = Connection::new(400, Moves::Free);
+        let unite = (0..10_000).take_while(|_| connection.stays_without(&ring, 7, |_| true)).count();
+        // a search looks at two dual edges a face
+        assert!((500..=520).contains(&unite), "{unite}");
+        connection.moved(&ring, 7);
+        assert!(!connection.stays_without(&ring, 7, |_| true), "there are no more searches");
+        assert!(connection.stays_without(&ring, 7, |near| near != 8), "short ways are seen");
+    }
+}
