@@ -68,6 +68,20 @@ use lattice::{COORDINATE_BITS, FaceGeometry, PIECE, Scales};
 use of_faces::OfFaces as _;
 use weld::UNUSED;
 
+/// Largest number of faces.
+pub const MOST_FACES: usize = 1 << 31;
+/// Largest number of corners of all faces: two numbers of 32 bits are of none.
+pub const MOST_CORNERS: usize = u32::MAX as usize - 1;
+/// Largest number of positions that differ.
+pub const MOST_POSITIONS: usize = 1 << 30;
+
+fn check_number(what: &str, number: usize, most: usize) -> Result<()> {
+    match number <= most {
+        true => Ok(()),
+        false => Err(Error::too_large(format_args!("the mesh has more {what} than can be numbered, {most}: {number}"))),
+    }
+}
+
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
 #[derive(Debug)]
 pub struct Surface<E: Functional = Energy> {
@@ -100,7 +114,7 @@ impl Surface {
     /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much;
     /// faces at a feature are no neighbours.
     ///
-    /// Fails for meshes of more than 2³¹ faces or corners, for weights that are not one a face or vertex, finite and
+    /// Fails for meshes of more than [`MOST_FACES`], [`MOST_CORNERS`] or [`MOST_POSITIONS`], for weights that are not one a face or vertex, finite and
     /// above 0, and for groups that are not one a face. Corners must be valid indices of finite positions, as
     /// [`crate::mesh::read`] promises.
     pub fn build_with<'a>(
@@ -111,11 +125,9 @@ impl Surface {
     ) -> Result<Self> {
         let mesh = mesh.into();
         let faces = mesh.faces.len();
-        if faces > 1 << 31 || mesh.faces.all_corners().len() > 1 << 31 {
-            return Err(Error::too_large(format_args!(
-                "the mesh has more faces or corners than {} can be numbered: {faces} faces",
-                1u32 << 31
-            )));
+        let corners = mesh.faces.all_corners().len();
+        for (what, number, most) in [("faces", faces, MOST_FACES), ("corners", corners, MOST_CORNERS)] {
+            check_number(what, number, most)?;
         }
         // from within the pool, parallel steps need not wake it
         rayon::scope(|_| {
@@ -132,6 +144,7 @@ impl Surface {
     ) -> Result<Self> {
         let faces = mesh.faces.len();
         let (weld, positions) = weld::weld(mesh);
+        check_number("positions", weld.vertices as usize, MOST_POSITIONS)?;
         let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
         let frame = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
         let connect = || {

@@ -4,6 +4,8 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::{CHAINED, Edges, NONE};
+#[cfg(doc)]
+use crate::surface::MOST_POSITIONS;
 
 /// The half-edges whose lower end is in a range of positions, a bucket for each.
 ///
@@ -21,7 +23,7 @@ pub struct Buckets<'a> {
 const MOST_UNSORTED: usize = 32;
 
 /// The half-edges of an edge: its lower end, how many there are (at most 3), and their corners, combined by exclusive
-/// or. Lower ends and corners have 31 bits. An entry with another lower end than the current bucket's is stale.
+/// or. Lower ends have 30 bits ([`MOST_POSITIONS`]). An entry with another lower end than the current bucket's is stale.
 #[derive(Clone, Copy, Default)]
 struct Edge(u64);
 
@@ -29,25 +31,25 @@ impl Edge {
     /// Without half-edges, unless it is of the bucket of `low`.
     #[inline]
     fn in_bucket(self, low: u32) -> Self {
-        let is_stale = self.0 >> 33 != u64::from(low);
-        if is_stale { Self(u64::from(low) << 33) } else { self }
+        let is_stale = self.0 >> 34 != u64::from(low);
+        if is_stale { Self(u64::from(low) << 34) } else { self }
     }
 
     #[inline]
     fn uses(self) -> u64 {
-        self.0 >> 31 & 3
+        self.0 >> 32 & 3
     }
 
     /// All corners but `corner`, combined.
     #[inline]
     fn others(self, corner: u32) -> u32 {
-        (self.0 as u32 ^ corner) & (u32::MAX >> 1)
+        self.0 as u32 ^ corner
     }
 
     /// With one more half-edge; no more than three times.
     #[inline]
     fn with(self, corner: u32) -> Self {
-        Self((self.0 + (1 << 31)) ^ u64::from(corner))
+        Self((self.0 + (1 << 32)) ^ u64::from(corner))
     }
 }
 
@@ -185,5 +187,22 @@ impl<'a> Buckets<'a> {
         }
         found.boundary_edges += u64::from(odd_faces == 1);
         found.non_manifold_edges += u64::from(odd_faces > 2);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::{MOST_CORNERS, MOST_POSITIONS};
+
+    #[test]
+    fn an_edge_has_room_for_the_largest_numbers() {
+        let (low, corners) = (MOST_POSITIONS as u32 - 1, [MOST_CORNERS as u32 - 1, 1 << 31, 0]);
+        let one = Edge::default().in_bucket(low).with(corners[0]);
+        assert_eq!((one.uses(), one.others(0)), (1, corners[0]));
+        let two = one.in_bucket(low).with(corners[1]);
+        assert_eq!((two.uses(), two.others(corners[0]), two.others(corners[1])), (2, corners[1], corners[0]));
+        assert_eq!(two.with(corners[2]).uses(), 3);
+        assert_eq!(two.with(corners[2]).in_bucket(low - 1).uses(), 0, "stale");
     }
 }

@@ -282,6 +282,6 @@ mod tests {
     #[test]
     fn a_full_disk_is_said() {
         assert_eq!(cannot(io::ErrorKind::StorageFull.into()).kind, Kind::InsufficientStorage);
-        assert_eq!(cannot(io::ErrorKind::NotADirectory.into()).kind, Kind::Io);
+        assert_eq!(cannot(io::ErrorKind::NotADirectory.into()).kind, Kind::Unavailable);
     }
 }
