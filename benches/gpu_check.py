@@ -45,7 +45,7 @@ VARIANTS = {
     "least_batch": [2, 8],
     "largest_batch": [16, 64],
     "batch_after_repair": [4, 8],
-    "compact_after": [4, 8, 64],
+    "compact_part": [4, 8, 64],
     "sums_along": [0, 4096, 65536],
     "workgroup": [64, 128, 512],
     "run": [1, 4, 16],

@@ -14,6 +14,8 @@ fn boundary_apply(face: u32) {
     let sums = sums_of(faces[face]);
     add_to_cluster(own, sums_minus(NO_SUMS, sums), -1i);
     add_to_cluster(wanted, sums, 1i);
+    atomicStore(&clusters[own].active_in, 2u * iteration.number + 1u);
+    atomicStore(&clusters[wanted].active_in, 2u * iteration.number + 1u);
     atomicStore(&clusters[own].connected, 0u);
     labels[face] = wanted;
     atomicAdd(&counted, 1u);

@@ -41,6 +41,11 @@ fn cost(face: Face, proxy: Proxy) -> u64 {
     return distance_squared(face.point, proxy.position);
 }
 
+// Whether faces cost the same with either proxy.
+fn is_same(a: Proxy, b: Proxy) -> bool {
+    return distance_squared(a.position, b.position) == 0lu;
+}
+
 // sum / weight rounded to nearest, halves up: ⌊(2·sum + weight) / (2·weight)⌋.
 fn mean(sum: i64, weight: i64) -> i32 {
     let dividend = 2li * sum + weight;

@@ -6,6 +6,6 @@
 
 fn moves_list(face: u32) {
     if label_at_merge[face] != labels[face] {
-        moves[atomicAdd(&stats[iteration.slot].listed, 1u)] = Move(face, label_at_merge[face], labels[face]);
+        moves[atomicAdd(&stats[iteration.slot].entries, 1u)] = Move(face, label_at_merge[face], labels[face]);
     }
 }

@@ -1,4 +1,4 @@
-//! uses: boundary_list, bids, cluster_sums, energy_total, count
+//! uses: boundary_list, bids, cluster_sums, energy_total, count, lengths
 //! reads: faces, labels
 //! writes: clusters, proxies, cluster_bids, stats, boundary_list
 // Fourth step, a thread a mover: a winner compares the energy of its two clusters before and after, exactly, with all
@@ -27,7 +27,7 @@ fn take_joining(cluster: u32) -> Change {
 fn store_cluster(cluster: u32, sums: Sums, count: u32, proxy: Proxy) {
     store_sums(cluster, sums, count);
     proxies[cluster] = proxy;
-    cluster_bids[cluster].changed_in = iteration.number;
+    atomicStore(&clusters[cluster].active_in, 2u * iteration.number + 1u);
 }
 
 // Decides about the move out of a cluster. Returns the rise of the explained energy.
@@ -81,7 +81,7 @@ fn evaluate_moves_end(local: u32, group: u32) {
     add_moves(local);
     if local == 0u && group == 0u {
         let bids = movers();
-        atomicStore(&stats[iteration.slot].movers, bids);
+        write_lengths(bids);
         boundary_list.ended = select(iteration.batch, 0u, bids != 0u);
         // of the next iteration
         atomicStore(&boundary_list.lengths[2u + ((iteration.number + 1u) & 1u)], 0u);

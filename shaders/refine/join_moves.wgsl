@@ -20,7 +20,7 @@ fn add_joining(cluster: u32, sums: Sums) {
 }
 
 // Adds a face to the move of its cluster's winner, if it wants the same. Its neighbours inside the cluster are listed
-// before the move is accepted; if it is refused, they are evaluated once more without effect.
+// before the move is accepted.
 fn join_moves(face: u32) {
     let wanted = face_bids[face].wanted;
     let own = labels[face];
@@ -39,7 +39,8 @@ fn join_moves(face: u32) {
     for (var at = neighbours[face]; at < end; at++) {
         let near = neighbours[at];
         if claim(near, own) {
-            face_bids[near].refused_in = 0u;
+            // of an earlier phase
+            face_bids[near].bid = 0u;
             insert(near);
         }
     }

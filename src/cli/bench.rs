@@ -33,8 +33,9 @@ const MOST_FOR_HIERARCHY: u64 = 1_000_000;
 #[command(after_help = "\
 Measures flat clusterings and whole hierarchies of samples of growing size, and of the meshes that are named: the \
 time of reading, topology, transfers and clustering, the gpu's own times of its passes (timestamp queries), the \
-dispatches of each kernel, and a pass over all faces (sums and lists from labels) beside the card's own copies. \
-Labels of a gpu that differ from the cpu's are an error. Sizes that do not fit are reported as such. Needs no \
+dispatches of each kernel and the bytes that it reads and writes, and a pass over all faces (sums and lists from \
+labels) beside the card's own copies. Labels of a gpu that differ from the cpu's are an error. Sizes that do not fit \
+are reported as such. Needs no \
 network and no other file.
 
 Examples:

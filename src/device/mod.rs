@@ -26,7 +26,7 @@ use utoipa::ToSchema;
 
 pub use self::dual_edge::DualEdge;
 use self::dual_edge::{Rank, Ties, from_into, mutual};
-pub use self::profile::{Profile, StageTime};
+pub use self::profile::{KernelWork, Profile, StageTime};
 use crate::energy::{Energy, Functional, LatticeEnergy, Sums as _};
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;

@@ -59,8 +59,8 @@ tuning! {
     batch_ms = 200, (1..=1_000_000);
     /// Passes of the growth after a repair, and iterations of the phases after that, in the first batch.
     batch_after_repair = 2, (1..=64);
-    /// Iterations after which the boundary list is made anew, before the next batch.
-    compact_after = 16, (1..=1_000_000);
+    /// The boundary list is made anew, before the next batch, when one face in so many was added.
+    compact_part = 16, (1..=1_000_000);
     /// Movers and clusters up to which an iteration takes them in one workgroup: one dispatch instead of two or four.
     chain_items = 2048, (0..=1_000_000_000);
     /// Faces of a coarse graph up to which it is clustered on the cpu; four times as many beside a software gpu. On a

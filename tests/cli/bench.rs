@@ -42,7 +42,7 @@ fn a_gpu_is_timed_by_its_own_clock_and_its_labels_are_compared() {
         let is_flat = row["algorithm"].as_str().is_some_and(|algorithm| algorithm.starts_with("bb"));
         assert_eq!(is_flat, row["sweep"]["share_of_copy"].as_f64().is_some_and(|share| share > 0.0), "{row}");
     }
-    let dispatches = |row: usize, kernel: &str| rows[row]["dispatches"][kernel].as_u64().unwrap_or(0);
+    let dispatches = |row: usize, kernel: &str| rows[row]["kernels"][kernel]["dispatches"].as_u64().unwrap_or(0);
     let applied = dispatches(0, "BOUNDARY_APPLY") + dispatches(0, "BOUNDARY_CHAIN");
     assert!(applied > 0 && dispatches(0, "BOUNDARY_PROPOSE") == applied, "{bench}");
     assert!(dispatches(1, "MERGE_APPLY") > 0 && dispatches(1, "BOUNDARY_PROPOSE") == 0, "{bench}");

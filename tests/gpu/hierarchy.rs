@@ -305,7 +305,7 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
         assert!(error.message.contains("one by one") && error.message.contains("16777216"), "{error}");
     }
     // the clusters are the largest buffer
-    let needed = 48 * large.faces() as u64;
+    let needed = 52 * large.faces() as u64;
     let mut small = device_with(Overrides { binding_size: Some(needed - 1), ..Overrides::default() });
     let error = run(&mut small, &large, &pml()).expect_err("one byte too many");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);

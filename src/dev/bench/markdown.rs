@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::{BenchRow, Measurements};
 use crate::dev::markdown::{line, table_head};
+use crate::device::{KernelWork, StageTime};
 use crate::report::DeviceKind;
 
 /// Writes everything.
@@ -42,7 +43,7 @@ pub(super) fn report(measurements: &Measurements) -> String {
             let _ = writeln!(out, "\nNot run: {}, {} faces, {}: {why}", row.mesh, row.faces, row.algorithm);
         }
     }
-    if rows.iter().any(|row| !row.stages.is_empty()) {
+    if rows.iter().any(|row| !row.profile.stages.is_empty()) {
         stages(&mut out, rows);
     }
     out
@@ -67,25 +68,36 @@ fn figures(row: &BenchRow, is_gpu: bool) -> Vec<String> {
     cells
 }
 
-/// Where the device's time went, and how often it was waited for.
+/// Where the device's time went, how often it was waited for, and what its kernels read and wrote.
 fn stages(out: &mut String, rows: &[BenchRow]) {
     out.push_str("\n## On the device\n\n");
-    out.push_str("Milliseconds and passes of each stage; waits of the host; dispatches of all kernels, also those ");
-    out.push_str("without work.\n\n");
-    table_head(out, &["mesh, faces, algorithm", "stages", "waits", "dispatches"]);
-    for row in rows.iter().filter(|row| !row.stages.is_empty()) {
-        let stage = |stage: &super::StageTime| format!("{} {:.2} ({})", stage.stage, stage.milliseconds, stage.passes);
-        let stages: Vec<String> = row.stages.iter().map(stage).collect();
-        let dispatches: u64 = row.dispatches.values().sum();
-        let each: Vec<String> = row.dispatches.iter().map(|(kernel, count)| format!("{kernel} {count}")).collect();
-        let untimed = match row.untimed_passes {
+    out.push_str(
+        "Milliseconds and passes of each stage; submissions; waits of the host; dispatches of all kernels, also ",
+    );
+    out.push_str("those without work; megabytes that they read and write, by the table of kernels.\n\n");
+    table_head(out, &["mesh, faces, algorithm", "stages", "submits", "waits", "dispatches", "MB"]);
+    for BenchRow { mesh, faces, algorithm, profile, .. } in rows.iter().filter(|row| !row.profile.stages.is_empty()) {
+        let stage = |stage: &StageTime| format!("{} {:.2} ({})", stage.stage, stage.milliseconds, stage.passes);
+        let stages: Vec<String> = profile.stages.iter().map(stage).collect();
+        let untimed = match profile.untimed_passes {
             0 => String::new(),
             passes => format!(" and {passes} passes that were not timed"),
         };
-        let what = format!("{}, {}, {}", row.mesh, row.faces, row.algorithm);
-        line(
-            out,
-            &[what, stages.join(", ") + &untimed, row.waits.to_string(), format!("{dispatches}: {}", each.join(", "))],
-        );
+        let megabytes = |bytes: u64| format!("{:.1}", bytes as f64 / 1e6);
+        let of_each = |number: fn(&KernelWork) -> u64, text: &dyn Fn(u64) -> String| {
+            let numbers = profile.kernels.iter().map(|(kernel, work)| (kernel, number(work)));
+            let each: Vec<String> =
+                numbers.filter(|&(_, of)| of > 0).map(|(kernel, of)| format!("{kernel} {}", text(of))).collect();
+            format!("{}: {}", text(number(&profile.total())), each.join(", "))
+        };
+        let cells = [
+            format!("{mesh}, {faces}, {algorithm}"),
+            stages.join(", ") + &untimed,
+            profile.submits.to_string(),
+            profile.waits.to_string(),
+            of_each(|work| work.dispatches, &|dispatches| dispatches.to_string()),
+            of_each(|work| work.bytes, &megabytes),
+        ];
+        line(out, &cells);
     }
 }

@@ -13,15 +13,13 @@ mod calibration;
 mod markdown;
 mod work;
 
-use std::collections::BTreeMap;
-
 use serde::Serialize;
 
 pub use calibration::{PATIENCE, calibrated};
 pub use work::{Mesh, Work};
 
 use crate::device::cpu::CpuDevice;
-use crate::device::{Cancel, Device, DeviceKind, StageTime};
+use crate::device::{Cancel, Device, DeviceKind, Profile};
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared};
 use crate::report::DeviceInfo;
@@ -83,16 +81,11 @@ pub struct BenchRow {
     pub cluster: f64,
     /// Bringing the labels back, and checking them.
     pub download: f64,
-    /// Clustering, as the device sees it: the sum of `stages`.
+    /// Clustering, as the device sees it: the sum of its stages.
     pub device: Option<f64>,
-    /// Passes on the device, by what they did.
-    pub stages: Vec<StageTime>,
-    /// Passes beyond those that can be timed; `device` is none then.
-    pub untimed_passes: u64,
-    /// Dispatches of each kernel.
-    pub dispatches: BTreeMap<&'static str, u64>,
-    /// How often the host waited for the device.
-    pub waits: u64,
+    /// What the device did; where passes were not timed, `device` is none.
+    #[serde(flatten)]
+    pub profile: Profile,
     /// Iterations in which something moved.
     pub iterations: u64,
     /// In the end, source units.
@@ -231,8 +224,7 @@ fn measure(
         if let Some(profile) = profile {
             let sum = profile.stages.iter().map(|stage| stage.milliseconds).sum();
             row.device = (profile.untimed_passes == 0).then_some(sum);
-            row.untimed_passes = profile.untimed_passes;
-            (row.stages, row.dispatches, row.waits) = (profile.stages, profile.dispatches, profile.waits);
+            row.profile = profile;
         }
         best = Some(outcome);
     }
@@ -298,10 +290,7 @@ impl BenchRow {
             cluster: 0.0,
             download: 0.0,
             device: None,
-            stages: Vec::new(),
-            untimed_passes: 0,
-            dispatches: BTreeMap::new(),
-            waits: 0,
+            profile: Profile::default(),
             iterations: 0,
             energy: None,
             hexagon_ratio: None,

@@ -80,7 +80,9 @@ impl<E: Words> GpuSteps<'_, E> {
         let tuning = self.connection.tuning;
         // iterations that may still move something
         let mut left = limit;
-        self.next = std::mem::replace(&mut self.first, 1);
+        if !take(&mut self.is_resumed) {
+            self.phase_from = self.next;
+        }
         // moves of a flood that goes on
         let mut flooded = 0;
         let is_repaired = self.known.is_repaired;
@@ -96,8 +98,8 @@ impl<E: Words> GpuSteps<'_, E> {
             }
             let started = Instant::now();
             for stats in self.run_batch(phase, iterations, movers)? {
-                let is_flood = self.next >= phase.flood_from;
-                self.next = self.next.wrapping_add(1);
+                let is_flood = self.next - self.phase_from >= phase.flood_from - 1;
+                self.next += 1;
                 all_moves.push(stats.moves);
                 movers = stats.movers;
                 if all_moves.len() == 1 {
@@ -131,9 +133,12 @@ impl<E: Words> GpuSteps<'_, E> {
         self.connection.reach(phase.fault_point);
         // after a merge the list is made anew before searches
         let is_listed_anew = self.known.history == History::Unmerged
-            && self.known.iterations_listed >= self.connection.tuning.compact_after;
-        let is_fitted = self.next == 1 && !self.known.is_fitted;
-        let numbers = Numbers { first: self.next, iterations, ..Numbers::NONE };
+            && self.known.listed.is_some_and(|listed| {
+                self.memory.listed.saturating_sub(listed) > listed / self.connection.tuning.compact_part
+            });
+        let is_fitted = self.next == self.phase_from && !self.known.is_fitted;
+        let (first, phase_from) = (self.next, self.phase_from);
+        let numbers = Numbers { first, phase_from, iterations, ..Numbers::NONE };
         let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
         let clusters = self.living.len() as u32;
         let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
@@ -141,9 +146,18 @@ impl<E: Words> GpuSteps<'_, E> {
         let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
         let kernels = if is_few { phase.of_few } else { phase.kernels };
         self.encode_slots(&mut encoder, phase.name, kernels, 0..iterations);
-        self.known.iterations_listed = self.known.iterations_listed.saturating_add(iterations);
         self.known.is_fitted = phase.leaves_fitted;
-        Ok(self.fetch(encoder, Along { iterations, ..Along::default() })?.batch)
+        let batch = self.fetch(encoder, Along { iterations, ..Along::default() })?.batch;
+        self.known.listed.get_or_insert(batch[0].listed);
+        // the phase has ended where no face was listed
+        batch.iter().filter(|stats| stats.listed > 0).for_each(|stats| self.count(kernels, stats));
+        Ok(batch)
+    }
+
+    /// Counts what kernels did in an iteration.
+    fn count(&self, kernels: &[&Kernel], stats: &IterationStats) {
+        let lengths = self.memory.lengths(stats);
+        kernels.iter().for_each(|kernel| self.connection.count(kernel.name, kernel.work(&lengths)));
     }
 
     /// Grows the clusters over the free faces, all of which are listed. With each batch of passes comes the energy that
@@ -162,6 +176,7 @@ impl<E: Words> GpuSteps<'_, E> {
             self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT], BETWEEN);
             let read = self.fetch(encoder, Along { iterations, moves: true, ..Along::default() })?;
             self.known.energy = Some(read.between.energy());
+            read.batch.iter().for_each(|stats| self.count(&pass, stats));
             is_growing = read.batch.iter().all(|pass| pass.moves > 0);
             iterations = (2 * iterations).min(BATCH);
         }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 
 use super::lock;
-use crate::device::{Profile, StageTime};
+use crate::device::{KernelWork, Profile, StageTime};
 
 /// Passes that can be timed between two reads: a pass takes two queries of the set.
 const PASSES: u32 = wgpu::QUERY_SET_MAX_QUERIES / 2;
@@ -29,7 +29,8 @@ pub(super) struct Done {
     /// The stage of each timed pass.
     stages: Vec<&'static str>,
     untimed: u64,
-    dispatches: BTreeMap<&'static str, u64>,
+    kernels: BTreeMap<&'static str, KernelWork>,
+    submits: u64,
     waits: u64,
 }
 
@@ -64,9 +65,14 @@ impl Clock {
         Some(2 * number)
     }
 
-    /// Counts a dispatch.
-    pub fn count(&self, kernel: &'static str) {
-        *lock(&self.done).dispatches.entry(kernel).or_default() += 1;
+    /// Counts what a kernel does.
+    pub fn count(&self, kernel: &'static str, work: KernelWork) {
+        *lock(&self.done).kernels.entry(kernel).or_default() += work;
+    }
+
+    /// Counts a submission.
+    pub fn count_submit(&self) {
+        lock(&self.done).submits += 1;
     }
 
     /// Counts a wait of the host.
@@ -126,6 +132,7 @@ impl Clock {
             stages[at].passes += 1;
             stages[at].milliseconds += end.saturating_sub(*begin) as f64 * self.nanoseconds_a_tick / 1e6;
         }
-        Profile { stages, untimed_passes: done.untimed, dispatches: done.dispatches, waits: done.waits }
+        let Done { untimed: untimed_passes, kernels, submits, waits, .. } = done;
+        Profile { stages, untimed_passes, kernels, submits, waits }
     }
 }

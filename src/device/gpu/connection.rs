@@ -18,8 +18,8 @@ use super::clock::{self, Clock};
 use super::kernels::{KERNELS, Kernel};
 use super::pipeline::{Compiled, compile};
 use super::{Fault, FaultPoint, Overrides, Tuning, lock};
-use crate::device::Profile;
 use crate::device::adapter::AdapterKind;
+use crate::device::{KernelWork, Profile};
 use crate::error::{Error, Kind, Result};
 
 /// How long a batch may take before the device counts as lost.
@@ -163,11 +163,19 @@ impl Connection {
         encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes })
     }
 
-    /// Counts a dispatch, if there is a clock.
-    pub(super) fn count(&self, kernel: &'static str) {
+    /// Counts what a kernel does, if there is a clock.
+    pub(super) fn count(&self, kernel: &'static str, work: KernelWork) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel);
+            clock.count(kernel, work);
         }
+    }
+
+    /// Submits commands, and what was written to buffers before.
+    pub(super) fn submit(&self, encoder: Option<wgpu::CommandEncoder>) -> wgpu::SubmissionIndex {
+        if let Some(clock) = &self.clock {
+            clock.count_submit();
+        }
+        self.queue.submit(encoder.map(wgpu::CommandEncoder::finish))
     }
 
     /// Takes the profile since the last call; none without a clock. Nothing may be running.

@@ -24,6 +24,7 @@ use super::Tuning;
 use super::axes::written_out;
 use super::buffers::{Buffer, Spec};
 use super::layout::{self, Iteration};
+use crate::device::KernelWork;
 use crate::energy::words;
 
 /// A compute shader with one entry point.
@@ -48,6 +49,28 @@ pub struct Part {
     pub wgsl: &'static str,
     /// What it is called for.
     pub items: Items,
+    /// Bytes that it reads and writes for each item; further ones for each face that is due, wants to move, and moves.
+    /// Of a closed triangle mesh, a face seeing one other cluster, each access counted on its own.
+    pub bytes: &'static [u64],
+}
+
+/// How many of each there are for a dispatch.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Lengths {
+    /// Faces.
+    pub faces: u32,
+    /// Clusters that are left.
+    pub clusters: u32,
+    /// Entries of a list of the host.
+    pub entries: u32,
+    /// Listed faces.
+    pub listed: u32,
+    /// Of these, those that are due.
+    pub due: u32,
+    /// Movers.
+    pub movers: u32,
+    /// Faces whose label changes.
+    pub moves: u32,
 }
 
 /// A storage buffer that a kernel sees.
@@ -88,6 +111,17 @@ impl Items {
             Self::Entries | Self::EntriesAtOnce => ("iteration.entries", "at"),
             Self::Listed => ("listed()", "listed_face(at)"),
             Self::Movers => ("movers()", "mover(at)"),
+        }
+    }
+
+    /// How many there are; of runs, their faces.
+    fn count(self, lengths: &Lengths) -> u32 {
+        match self {
+            Self::Faces | Self::FaceRuns => lengths.faces,
+            Self::Clusters => lengths.clusters,
+            Self::Entries | Self::EntriesAtOnce => lengths.entries,
+            Self::Listed => lengths.listed,
+            Self::Movers => lengths.movers,
         }
     }
 }
@@ -140,6 +174,21 @@ impl Kernel {
             tuning.workgroup, calls,
         ));
         written_out(&source, axes, words::sums(axes))
+    }
+
+    /// What it does for so many items; of a chain, the items are those of the first part.
+    pub fn work(&self, lengths: &Lengths) -> KernelWork {
+        let bytes = |part: &Part| -> u64 {
+            let counts = [part.items.count(lengths), lengths.due, lengths.movers, lengths.moves];
+            part.bytes.iter().zip(counts).map(|(bytes, count)| bytes * u64::from(count)).sum()
+        };
+        let items = self.parts[0].items;
+        KernelWork {
+            dispatches: 0,
+            items: items.count(lengths).into(),
+            due: if items == Items::Listed { lengths.due.into() } else { 0 },
+            bytes: self.parts.iter().map(bytes).sum(),
+        }
     }
 
     /// Whether only hierarchies need it.
@@ -225,16 +274,18 @@ pieces! {
     "cluster_sums",
     "copied_sums",
     "count",
+    "due_faces",
     "energy_total",
     "float",
+    "lengths",
     "ties",
     "wide",
 }
 
-/// Rows: name, file, a constant, items; then chains: name, rounds, kernels.
+/// Rows: name, file, a constant, items, bytes; then chains: name, rounds, kernels.
 macro_rules! kernels {
     (
-        $($name:ident = $path:literal $(($constant:literal = $value:literal))?, $items:ident;)*
+        $($name:ident = $path:literal $(($constant:literal = $value:literal))?, $items:ident $bytes:expr;)*
         { $($chain:ident = $rounds:literal * $($part:ident $(for $of:ident)?),+;)* }
     ) => {
         $(
@@ -245,6 +296,7 @@ macro_rules! kernels {
                     path: $path,
                     wgsl: include_str!(concat!("../../../shaders/", $path, ".wgsl")),
                     items: Items::$items,
+                    bytes: &$bytes,
                 }],
                 rounds: 1,
                 constant: [$(Some(($constant, $value)),)? None][0],
@@ -266,40 +318,40 @@ macro_rules! kernels {
 }
 
 kernels! {
-    SUMS_GATHER = "sums/sums_gather", FaceRuns;
-    PROXIES_FIT = "sums/proxies_fit", Clusters;
+    SUMS_GATHER = "sums/sums_gather", FaceRuns [25];
+    PROXIES_FIT = "sums/proxies_fit", Clusters [80];
 
-    LABELS_FREE = "growth/labels_free", Faces;
-    GROWTH_PROPOSE = "growth/growth_propose", Listed;
-    GROWTH_APPLY = "growth/growth_apply", Listed;
+    LABELS_FREE = "growth/labels_free", Faces [8];
+    GROWTH_PROPOSE = "growth/growth_propose", Listed [8, 0, 0, 88];
+    GROWTH_APPLY = "growth/growth_apply", Listed [8, 0, 0, 8];
 
-    BOUNDARY_BUILD = "boundary/boundary_keep", Faces;
-    BOUNDARY_COMPACT = "boundary/boundary_keep", Listed;
-    BOUNDARY_PROPOSE = "boundary/boundary_propose", Listed;
-    BOUNDARY_APPLY = "boundary/boundary_apply", Movers;
+    BOUNDARY_BUILD = "boundary/boundary_keep", Faces [40];
+    BOUNDARY_COMPACT = "boundary/boundary_keep", Listed [44];
+    BOUNDARY_PROPOSE = "boundary/boundary_propose", Listed [12, 100, 16];
+    BOUNDARY_APPLY = "boundary/boundary_apply", Movers [20, 0, 0, 140];
 
-    FACE_BID = "refine/face_bid", Listed;
-    SELECT_BIDS = "refine/select_bids", Movers;
-    JOIN_MOVES = "refine/join_moves", Movers;
-    EVALUATE_MOVES = "refine/evaluate_moves", Movers;
-    COMMIT_MOVES = "refine/commit_moves", Movers;
+    FACE_BID = "refine/face_bid", Listed [12, 124, 56];
+    SELECT_BIDS = "refine/select_bids", Movers [32];
+    JOIN_MOVES = "refine/join_moves", Movers [20, 0, 0, 84];
+    EVALUATE_MOVES = "refine/evaluate_moves", Movers [12, 0, 0, 240];
+    COMMIT_MOVES = "refine/commit_moves", Movers [36, 0, 0, 16];
 
-    PIECE_LINK = "pieces/piece_link", Faces;
-    PIECE_UNION = "pieces/piece_union", Faces;
-    PIECE_SIZE = "pieces/piece_size", FaceRuns;
-    PIECE_SELECT_LARGEST = "pieces/piece_select_largest", Faces;
-    PIECE_DETACH = "pieces/piece_detach", Faces;
+    PIECE_LINK = "pieces/piece_link", Faces [48];
+    PIECE_UNION = "pieces/piece_union", Faces [50];
+    PIECE_SIZE = "pieces/piece_size", FaceRuns [16];
+    PIECE_SELECT_LARGEST = "pieces/piece_select_largest", Faces [4];
+    PIECE_DETACH = "pieces/piece_detach", Faces [12];
 
-    MIN_DUAL_EDGE_COST = "merge/min_dual_edge" ("PASS" = 0), Listed;
-    MIN_DUAL_EDGE_TIE = "merge/min_dual_edge" ("PASS" = 1), Listed;
-    MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed;
-    DUAL_EDGES_PUBLISH = "merge/dual_edges_publish", Clusters;
-    CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed;
-    CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", EntriesAtOnce;
-    MERGE_APPLY = "merge/merge_apply", Entries;
-    MERGE_RELABEL = "merge/merge_relabel", Faces;
-    MOVES_LIST = "merge/moves_list", Listed;
-    SUMS_COPY = "merge/sums_copy", Entries;
+    MIN_DUAL_EDGE_COST = "merge/min_dual_edge" ("PASS" = 0), Listed [92];
+    MIN_DUAL_EDGE_TIE = "merge/min_dual_edge" ("PASS" = 1), Listed [96];
+    MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed [100];
+    DUAL_EDGES_PUBLISH = "merge/dual_edges_publish", Clusters [24];
+    CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed [92];
+    CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", EntriesAtOnce [32];
+    MERGE_APPLY = "merge/merge_apply", Entries [188];
+    MERGE_RELABEL = "merge/merge_relabel", Faces [12];
+    MOVES_LIST = "merge/moves_list", Listed [12];
+    SUMS_COPY = "merge/sums_copy", Entries [76];
 
     {
         BOUNDARY_CHAIN = 1 * BOUNDARY_APPLY, PROXIES_FIT;

@@ -40,7 +40,7 @@ pub fn wgsl(tuning: &Tuning, axes: usize) -> String {
 
 wide! {
     /// Sums over the faces of a cluster, and its leavers of this iteration. The host only clears it.
-    CLUSTER = Cluster(|axes| sum_words(axes) + 4) {
+    CLUSTER = Cluster(|axes| sum_words(axes) + 5) {
         /// The sums of the energy, 64 bits each, low word first, two's complement.
         sums: [Atomic; SUM_WORDS],
         /// Number of faces.
@@ -51,10 +51,13 @@ wide! {
         first_leaver: Atomic,
         /// 1: known to be connected, and it has lost no face since.
         connected: Atomic,
+        /// Twice the last iteration in which it changed or a face of it bid; one more if it changed: gained or lost a
+        /// face, or got another proxy as a flood ended.
+        active_in: Atomic,
     }
 
     /// The bids at a cluster, and the move that leaves it. Its joining faces are counted from zero in each iteration.
-    CLUSTER_BIDS = ClusterBids(|axes| 8 + sum_words(axes)) {
+    CLUSTER_BIDS = ClusterBids(|axes| 7 + sum_words(axes)) {
         /// The largest packed gain of the faces that want to leave or enter, 0 without any.
         best_bid: Atomic,
         /// The smallest face with that gain.
@@ -67,8 +70,6 @@ wide! {
         target_cluster: u32,
         /// What was decided: a constant of `shaders/shared/bids.wgsl`.
         accepted: u32,
-        /// The iteration in which the cluster last gained or lost a face.
-        changed_in: u32,
         /// Number of the faces that join the move.
         joining: Atomic,
         /// Their sums, as in `Cluster`.
@@ -95,7 +96,7 @@ shared! {
         faces: u32,
         /// Number of clusters that are left.
         clusters: u32,
-        /// Number of the iteration in its phase, from 1; of the boundary phase, that of the pass.
+        /// Number of the iteration on this surface, from 1; of the boundary phase, that of the pass.
         number: u32,
         /// Number of entries of a list: of `host_list`, of the candidates, or of clusters whose sums the host wants.
         entries: u32,
@@ -107,10 +108,10 @@ shared! {
         batch: u32,
         /// 1: faces that moved since the last merge stay listed.
         keeps_moved: u32,
+        /// The number of the iteration in its phase.
+        in_phase: u32,
         /// Padding.
-        unused_1: u32,
-        /// Padding.
-        unused_2: u32,
+        unused: u32,
     }
 
     /// What an iteration reports to the host.
@@ -122,18 +123,20 @@ shared! {
         moves: Atomic,
         /// Faces that wanted to move; of a repair, faces that it freed.
         movers: Atomic,
-        /// Entries of `moves`.
+        /// Listed faces at the end of the iteration.
         listed: Atomic,
+        /// Those that were due.
+        due: Atomic,
+        /// Entries of `moves`.
+        entries: Atomic,
     }
 
-    /// The best move of a mover, in refinement.
+    /// The best move of a listed face, in refinement.
     FaceBid {
         /// The cluster that it wants to enter.
         wanted: u32,
-        /// The packed gain.
+        /// The packed gain; 0 without a bid.
         bid: u32,
-        /// The iteration in which the face was last refused, or 0.
-        refused_in: u32,
     }
 
     /// The piece that a cluster keeps; cleared memory is no piece.
@@ -152,6 +155,8 @@ shared! {
         ended: u32,
         /// The last pass of the boundary phase in which a face moved.
         moved_in: Atomic,
+        /// Faces that were due in this iteration.
+        due: Atomic,
         /// Two halves of one entry a face: the listed faces, and the movers.
         entries: List,
     }
@@ -219,6 +224,8 @@ impl IterationStats {
 
 #[cfg(test)]
 mod tests {
+    use bytemuck::Zeroable;
+
     use super::*;
 
     /// The statistics of a device that adds the limbs of `values` one by one.
@@ -235,7 +242,7 @@ mod tests {
             explained[2 * at] = limb as u32;
             explained[2 * at + 1] = (limb >> 32) as u32;
         }
-        IterationStats { explained, moves: 0, movers: 0, listed: 0 }
+        IterationStats { explained, ..Zeroable::zeroed() }
     }
 
     #[test]

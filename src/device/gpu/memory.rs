@@ -9,10 +9,11 @@ use bytemuck::Zeroable;
 use super::adapter::MOST_FACES;
 use super::buffers::{BATCH, Buffer, Sizes};
 use super::connection::Connection;
-use super::kernels::{self, Items, Kernel};
-use super::layout::Iteration;
+use super::kernels::{self, Items, Kernel, Lengths};
+use super::layout::{Iteration, IterationStats};
 use super::upload::{upload, upload_graph};
 use super::{FaultPoint, Tuning};
+use crate::device::KernelWork;
 use crate::device::dual_edge::Ties;
 use crate::energy::Words;
 use crate::error::{Error, Kind, Result};
@@ -35,6 +36,8 @@ const MOVERS_OF: u32 = 4;
 pub(super) struct Numbers {
     /// The number of its first iteration.
     pub first: u32,
+    /// That of the first one of the phase.
+    pub phase_from: u32,
     /// Its iterations.
     pub iterations: u32,
     /// Entries of a list.
@@ -47,7 +50,8 @@ pub(super) struct Numbers {
 
 impl Numbers {
     /// Of a submission with neither iterations nor a list.
-    pub(super) const NONE: Self = Self { first: 1, iterations: 0, entries: 0, ties: Ties::Hash, keeps_moved: false };
+    pub(super) const NONE: Self =
+        Self { first: 1, phase_from: 1, iterations: 0, entries: 0, ties: Ties::Hash, keeps_moved: false };
 }
 
 /// A surface on the device.
@@ -108,9 +112,9 @@ impl SurfaceMemory {
         let mut memory =
             Self { storage, iterations, stride, tuning, most_groups, common, axes: E::AXES, listed, bound };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
-        upload(&connection.queue, memory.get(Buffer::Proxies), 0, &proxies);
+        upload(connection, memory.get(Buffer::Proxies), 0, &proxies);
         let all: Vec<u32> = (0..sizes.clusters as u32).collect();
-        memory.list_clusters(&connection.queue, &all);
+        memory.list_clusters(connection, &all);
         connection.check()?;
         Ok(memory)
     }
@@ -131,8 +135,8 @@ impl SurfaceMemory {
     }
 
     /// Lets kernels with a thread a cluster go over these only.
-    pub(super) fn list_clusters(&mut self, queue: &wgpu::Queue, living: &[u32]) {
-        upload(queue, self.get(Buffer::LivingClusters), 0, living);
+    pub(super) fn list_clusters(&mut self, connection: &Connection, living: &[u32]) {
+        upload(connection, self.get(Buffer::LivingClusters), 0, living);
         self.common.clusters = living.len() as u32;
     }
 
@@ -146,7 +150,10 @@ impl SurfaceMemory {
         let before = Iteration { slot: BEFORE, between: 1, ..self.common };
         self.common.half ^= u32::from(is_listed_anew);
         let between = Iteration { slot: BETWEEN, between: 1, ..self.common };
-        let iteration = |slot| Iteration { slot, number: numbers.first.wrapping_add(slot), ..self.common };
+        let iteration = |slot| {
+            let number = numbers.first + slot;
+            Iteration { slot, number, in_phase: number - numbers.phase_from + 1, ..self.common }
+        };
         let all = [before, between].into_iter().chain((0..numbers.iterations).map(iteration));
         let stride = self.stride as usize;
         let mut bytes = vec![0u8; stride * (2 + numbers.iterations as usize)];
@@ -169,7 +176,10 @@ impl SurfaceMemory {
         kernel: &Kernel,
         slot: u32,
     ) {
-        connection.count(kernel.name);
+        // the statistics of a batch have the lengths of its lists
+        let work =
+            if slot < BATCH { KernelWork::default() } else { kernel.work(&self.lengths(&IterationStats::zeroed())) };
+        connection.count(kernel.name, KernelWork { dispatches: 1, ..work });
         let mut bound = self.bound.borrow_mut();
         let (pipeline, bind_group) = bound.entry(kernel.name).or_insert_with(|| self.bind(connection, kernel));
         let place = match slot {
@@ -180,6 +190,14 @@ impl SurfaceMemory {
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &*bind_group, &[place * self.stride]);
         pass.dispatch_workgroups(self.groups(kernel), 1, 1);
+    }
+
+    /// The lengths of the lists that the kernels of an iteration go over; of no statistics, those between batches.
+    pub(super) fn lengths(&self, stats: &IterationStats) -> Lengths {
+        let Iteration { faces, clusters, entries, .. } = self.common;
+        let IterationStats { listed, due, movers, moves, .. } = *stats;
+        let listed = if listed > 0 { listed } else { self.listed };
+        Lengths { faces, clusters, entries, listed, due, movers, moves }
     }
 
     /// Workgroups of a dispatch. Threads go over all items, however many workgroups there are.

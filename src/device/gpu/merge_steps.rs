@@ -149,17 +149,17 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         self.connection.reach(FaultPoint::Merge);
         let entries: Vec<u32> = pairs.iter().flat_map(|&(from, into)| [from, into]).collect();
-        upload(&self.connection.queue, self.memory.get(Buffer::HostList), 0, &entries);
+        upload(&self.connection, self.memory.get(Buffer::HostList), 0, &entries);
         let mut encoder = self.begin(Numbers { entries: pairs.len() as u32, ..Numbers::NONE }, false, false);
         if self.known.history == History::Unmerged {
             encoder.clear_buffer(self.memory.get(Buffer::MergedInto), 0, None);
         }
         self.encode(&mut encoder, "merge", &[kernels::MERGE_APPLY, kernels::MERGE_RELABEL], BETWEEN);
-        self.connection.queue.submit([encoder.finish()]);
+        self.connection.submit(Some(encoder));
         self.known.invalidate(Change::Merge);
         pairs.iter().for_each(|&(from, _)| self.is_living[from as usize] = false);
         self.living.retain(|&cluster| self.is_living[cluster as usize]);
-        self.memory.list_clusters(&self.connection.queue, &self.living);
+        self.memory.list_clusters(&self.connection, &self.living);
         self.connection.check()
     }
 
@@ -174,7 +174,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         let mut sums = Vec::with_capacity(clusters.len());
         for chunk in clusters.chunks(self.memory.capacity(Buffer::CopiedSums)) {
-            upload(&self.connection.queue, self.memory.get(Buffer::HostList), 0, chunk);
+            upload(&self.connection, self.memory.get(Buffer::HostList), 0, chunk);
             let mut encoder = self.begin(Numbers { entries: chunk.len() as u32, ..Numbers::NONE }, false, false);
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY], BETWEEN);
             let copied: Vec<u32> = self.read(encoder, &[Self::copied(chunk.len())], |mut parts| parts.next())?;

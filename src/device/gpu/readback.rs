@@ -100,7 +100,7 @@ pub(super) fn read<T>(
         encoder.copy_buffer_to_buffer(from, first, &buffer, end, bytes);
         end += bytes;
     }
-    let submission = connection.queue.submit([encoder.finish()]);
+    let submission = connection.submit(Some(encoder));
     connection.check()?;
     let (sender, mapped) = channel();
     buffer.slice(..bytes).map_async(wgpu::MapMode::Read, move |outcome| {
@@ -179,8 +179,8 @@ impl<E: Words> GpuSteps<'_, E> {
         self.memory.listed = listed[0];
         let (between, before) = (between[0], between[1]);
         if few_moves > 0 {
-            moves.truncate(between.listed as usize);
-            self.known.moves = Some((moves, between.listed as usize));
+            moves.truncate(between.entries as usize);
+            self.known.moves = Some((moves, between.entries as usize));
         }
         if along.labels {
             self.known.labels = Some(labels);

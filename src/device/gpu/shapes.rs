@@ -15,7 +15,7 @@ use super::pipeline::{Compiled, with_own_layout};
 use super::readback::read;
 use super::upload::{upload, upload_rows};
 use super::{FaultPoint, lock};
-use crate::device::{ShapeSteps, ShapeWords};
+use crate::device::{KernelWork, ShapeSteps, ShapeWords};
 use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::DualGraph;
@@ -84,9 +84,9 @@ impl ShapeSteps for GpuShapes {
         if self.shapes.size() < size_of_val(shapes) as u64 {
             self.shapes = storage(connection, "shapes", size_of_val(shapes) as u64)?;
         }
-        upload(&connection.queue, &self.labels, 0, labels);
-        upload(&connection.queue, &self.shapes, 0, shapes);
-        upload(&connection.queue, &self.listed, 0, listed);
+        upload(connection, &self.labels, 0, labels);
+        upload(connection, &self.shapes, 0, shapes);
+        upload(connection, &self.listed, 0, listed);
         let bytes = size_of_val(listed) as u64;
         let buffers = [&self.neighbours, &self.samples, &self.labels, &self.shapes, &self.listed, &self.proposals];
         let mut entries = Vec::with_capacity(buffers.len());
@@ -105,7 +105,7 @@ impl ShapeSteps for GpuShapes {
         let mut encoder = connection.encoder();
         {
             let mut pass = connection.pass(&mut encoder, NAME);
-            connection.count(NAME);
+            connection.count(NAME, KernelWork { dispatches: 1, items: listed.len() as u64, ..KernelWork::default() });
             let groups = (listed.len() as u32).div_ceil(WORKGROUP);
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &bind_group, &[]);

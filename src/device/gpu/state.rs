@@ -72,8 +72,9 @@ pub(super) struct Known<E: Words> {
     pub is_fitted: bool,
     /// Movers of the first iteration of the last phase.
     pub movers: u32,
-    /// Iterations since the boundary list was made of boundary faces only.
-    pub iterations_listed: u32,
+    /// Listed faces when the boundary list was last made, of boundary faces only: 0 if of others too, none before a
+    /// batch has told.
+    pub listed: Option<u32>,
     pub energy: Option<LatticeEnergy>,
     pub labels: Option<Vec<u32>>,
     /// The faces that moved since the last merge, or some, and their number.
@@ -94,7 +95,7 @@ impl<E: Words> Known<E> {
         has_sums: false,
         is_fitted: false,
         movers: u32::MAX,
-        iterations_listed: u32::MAX,
+        listed: Some(0),
         energy: None,
         labels: None,
         moves: None,
@@ -104,13 +105,13 @@ impl<E: Words> Known<E> {
 
     /// Forgets what a change makes untrue.
     pub fn invalidate(&mut self, change: Change) {
-        let Self { has_free, has_sums, is_fitted, movers, iterations_listed, .. } = *self;
+        let Self { has_free, has_sums, is_fitted, movers, listed, .. } = *self;
         let history = match (change, self.history) {
             (Change::Merge, _) => History::Merged,
             (_, History::Merged) => History::MovedSinceMerge,
             (_, history) => history,
         };
-        let kept = Self { history, has_free, has_sums, is_fitted, movers, iterations_listed, ..Self::NEW };
+        let kept = Self { history, has_free, has_sums, is_fitted, movers, listed, ..Self::NEW };
         *self = match change {
             Change::Labels => Self { history, ..Self::NEW },
             Change::Moves => Self { is_repaired: self.is_repaired, ..kept },
@@ -134,11 +135,12 @@ pub(super) struct GpuSteps<'a, E: Words> {
     pub(super) known: Known<E>,
     /// The last search for dual edges.
     pub(super) last_search: Option<Search>,
-    /// The number of the first iteration of the next phase: not 1 if that goes on with the last one. Of refinement,
-    /// `face_bids` has the iteration of each refusal.
-    pub(super) first: u32,
-    /// The number of the iteration after those of the last phase.
+    /// The number of the first iteration of the last phase.
+    pub(super) phase_from: u32,
+    /// The number of the iteration after those of the last phase: clusters keep numbers, so none is used twice.
     pub(super) next: u32,
+    /// Whether the next phase goes on with the last one.
+    pub(super) is_resumed: bool,
     /// A buffer that the host reads results through.
     pub(super) host_buffer: Cell<Option<wgpu::Buffer>>,
 }
@@ -164,13 +166,14 @@ impl<'a, E: Words> GpuSteps<'a, E> {
             chosen: Vec::new(),
             known: Known::NEW,
             last_search: None,
-            first: 1,
+            phase_from: 1,
             next: 1,
+            is_resumed: false,
             host_buffer: Cell::default(),
         };
         let mut encoder = steps.connection.encoder();
         steps.encode(&mut encoder, "upload", &[kernels::LABELS_FREE], BEFORE);
-        steps.connection.queue.submit([encoder.finish()]);
+        steps.connection.submit(Some(encoder));
         Ok(steps)
     }
 
@@ -200,7 +203,7 @@ impl<'a, E: Words> GpuSteps<'a, E> {
         if is_listed_anew {
             let length = offset_of!(BoundaryList, lengths) + 4 * self.memory.half();
             encoder.clear_buffer(self.memory.get(Buffer::BoundaryList), length as u64, Some(4));
-            self.known.iterations_listed = if self.known.has_free { u32::MAX } else { 0 };
+            self.known.listed = self.known.has_free.then_some(0);
         }
         if gathers {
             encoder.clear_buffer(self.memory.get(Buffer::Clusters), 0, None);

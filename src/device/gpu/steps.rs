@@ -23,14 +23,14 @@ impl<E: Words> GpuSteps<'_, E> {
         }
         self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
         let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
-        upload(&self.connection.queue, from, 0, labels);
+        upload(&self.connection, from, 0, labels);
         let mut encoder = self.connection.encoder();
         encoder.copy_buffer_to_buffer(from, 0, to, 0, None);
-        self.connection.queue.submit([encoder.finish()]);
+        self.connection.submit(Some(encoder));
         self.known.invalidate(Change::Labels);
         self.known.has_free = labels.contains(&FREE);
         self.memory.listed = faces as u32;
-        (self.first, self.next) = (1, 1);
+        self.is_resumed = false;
         self.connection.check()
     }
 }
@@ -41,7 +41,7 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
             self.known.history = History::Unmerged;
             self.living = (0..self.clusters()).collect();
             self.is_living.fill(true);
-            self.memory.list_clusters(&self.connection.queue, &self.living);
+            self.memory.list_clusters(&self.connection, &self.living);
         }
         self.replace_labels(labels)
     }
@@ -53,7 +53,7 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
             at_merge = self.labels_at_merge(&before)?;
         }
         self.replace_labels(labels)?;
-        upload(&self.connection.queue, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
+        upload(&self.connection, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
         self.known.labels = Some(labels.to_vec());
         Ok(())
     }
@@ -92,7 +92,7 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
     }
 
     fn resume(&mut self) {
-        self.first = self.next;
+        self.is_resumed = true;
     }
 
     fn repair(&mut self, cancel: &Cancel) -> Result<u64> {

@@ -124,6 +124,7 @@ static LABELS_ADD: Kernel = Kernel {
     parts: &[Part {
         path: "test/labels_add",
         items: Items::Faces,
+        bytes: &[16],
         wgsl: "//! reads: neighbours
 //! writes: labels
 
@@ -151,7 +152,7 @@ fn a_kernel_is_its_text_a_row_and_a_dispatch() {
     steps.set_labels(&labels).expect("set");
     let mut encoder = steps.connection.encoder();
     steps.encode(&mut encoder, "test", &[&LABELS_ADD], BEFORE);
-    steps.connection.queue.submit([encoder.finish()]);
+    steps.connection.submit(Some(encoder));
     let expected: Vec<u32> = labels.iter().map(|label| label + 3).collect();
     assert_eq!(steps.labels().expect("labels"), expected);
 }

@@ -15,13 +15,13 @@ use crate::surface::DualGraph;
 const CHUNK: usize = 1 << 20;
 
 /// Writes items to a buffer, from item `first` on.
-pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: usize, items: &[T]) {
+pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, first: usize, items: &[T]) {
     let mut at = first * size_of::<T>();
     for chunk in items.chunks(CHUNK) {
         let bytes: &[u8] = cast_slice(chunk);
-        queue.write_buffer(buffer, at as u64, bytes);
+        connection.queue.write_buffer(buffer, at as u64, bytes);
         // wgpu keeps its copy until a submission takes it along
-        queue.submit([]);
+        connection.submit(None);
         at += bytes.len();
     }
 }
@@ -105,7 +105,7 @@ impl Staging {
         buffer.unmap();
         let mut encoder = connection.encoder();
         encoder.copy_buffer_to_buffer(&buffer, 0, target, at, bytes);
-        let submission = connection.queue.submit([encoder.finish()]);
+        let submission = connection.submit(Some(encoder));
         let (sender, mapped) = channel();
         // the receiver is gone with the connection
         buffer.map_async(wgpu::MapMode::Write, .., move |outcome| drop(sender.send(outcome)));
