@@ -29,7 +29,7 @@ pub fn bridges<const D: usize>(
         let geometry = (0..).zip(points).map(|(member, point)| {
             let mut place = [0.0; 3];
             place.iter_mut().zip(point).for_each(|(to, &x)| *to = f64::from(x));
-            FaceGeometry { centroid: DVec3::from(place), area: weight(member) }
+            FaceGeometry::new(DVec3::from(place), weight(member))
         });
         return bridge::bridges(&geometry.collect::<Vec<_>>(), components);
     }

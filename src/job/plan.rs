@@ -1,6 +1,6 @@
 //! How a job goes about what it clusters: a [`Clustering`] and what the items decide.
 
-use super::{Clustering, CoarseSpec, Method};
+use super::{Clustering, CoarseSpec, InputFile, Method, Refusal};
 use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{flat, hierarchy};
@@ -80,4 +80,10 @@ impl<E: Functional> Plan<E> {
             Clustering::Shapes(_) => return Err(Error::new(Kind::Internal, "shapes have no plan")),
         })
     }
+}
+
+/// Plans a job, from within the pool, as in [`where_it_works`](super::where_it_works).
+pub(super) fn plan<E: Functional>(items: &Items<E>, clustering: &Clustering) -> Result<Plan<E>, Refusal> {
+    let file = if clustering.has_listed_seeds() { InputFile::Seeds } else { InputFile::Mesh };
+    rayon::scope(|_| Plan::new(items, clustering)).map_err(Refusal::of(file))
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::prepare::plan;
+use super::plan::plan;
 use super::subject::with_planned;
 use super::{InputFile, JobSpec, Planned, Points, Prepared, Refusal, Subject, Width, milliseconds};
 use crate::artifacts::Artifact;

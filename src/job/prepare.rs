@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use super::subject::Seen;
-use super::{Clustering, InputFile, JobSpec, Plan, Prepared, Refusal, milliseconds, weight_list};
-use crate::energy::{self, Functional};
+use super::{InputFile, JobSpec, Prepared, Refusal, milliseconds, weight_list};
+use crate::energy;
 use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
 use crate::parameters::{Features, Name, Parameters};
 use crate::report::{Input, MeshInput, Timings, WeightedBy};
-use crate::surface::{Items, Surface, Wanted, WantedFeatures};
+use crate::surface::{Surface, Wanted, WantedFeatures};
 
 /// A job on a mesh that this program has in memory; a [`Request`](super::Request) has the bytes of a file.
 #[derive(Debug, Clone, Copy)]
@@ -222,12 +222,6 @@ impl Prepared {
     pub fn wants_cpu(&self) -> bool {
         self.spec.clustering.is_sequential() || self.spec.energy.is_of_shapes() || self.subject.is_for_cpu()
     }
-}
-
-/// Plans a job, from within the pool, as in [`where_it_works`](super::where_it_works).
-pub(super) fn plan<E: Functional>(items: &Items<E>, clustering: &Clustering) -> Result<Plan<E>, Refusal> {
-    let file = if clustering.has_listed_seeds() { InputFile::Seeds } else { InputFile::Mesh };
-    rayon::scope(|_| Plan::new(items, clustering)).map_err(Refusal::of(file))
 }
 
 /// What was read, for the report.

@@ -86,7 +86,8 @@ impl CoarseSpec {
         }
     }
 
-    /// The quality whose moves of whole clusters follow the phases, if any: pieces of clusters cannot be moved as a whole.
+    /// The quality whose moves of whole clusters follow the phases, if any: clusters in pieces cannot be moved as a
+    /// whole.
     pub fn relocation(&self, faces: usize) -> Option<Quality> {
         (self.refine && !self.allow_disconnected).then(|| relocation(self.quality, self.energy, faces))
     }
@@ -293,8 +294,8 @@ impl Clustering {
 /// By normals, meshes with no more faces than this get all moves of whole clusters.
 const FEW_FACES_OF_NORMALS: usize = 1 << 13;
 
-/// The quality whose moves of whole clusters follow. By normals, starts of large meshes lie so low that the default only makes
-/// swaps: other steps lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
+/// The quality whose moves of whole clusters follow. By normals, starts of large meshes lie so low that the default
+/// only makes swaps: other steps lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
 fn relocation(quality: Quality, energy: energy::Kind, faces: usize) -> Quality {
     match quality {
         Quality::Default if energy.is_of_normals() && faces > FEW_FACES_OF_NORMALS => Quality::Fast,

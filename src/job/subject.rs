@@ -1,7 +1,7 @@
 //! What a job clusters: the faces of a mesh, or points of any number of coordinates.
 
 use super::flat::Job;
-use super::prepare::plan;
+use super::plan::plan;
 use super::watched::Watched;
 use super::{Clustered, Clustering, InputFile, JobSpec, Plan, Prepared, Refusal, Shaped, flat, hierarchical};
 use crate::data::{Members, PointSet};

@@ -43,6 +43,12 @@ const NONE: u32 = u32::MAX;
 /// Two faces, which [`Links::chained`] names.
 const CHAINED: u32 = u32::MAX - 1;
 
+/// Largest number of corners of all faces: the two numbers above are none's.
+pub const MOST_CORNERS: usize = u32::MAX as usize - 1;
+
+/// Largest number of positions that differ.
+pub const MOST_POSITIONS: usize = 1 << 30;
+
 /// Ranges of vertices whose half-edges are linked at the same time: each looks at all half-edges.
 const MOST_RANGES: usize = 16;
 

@@ -34,6 +34,13 @@ pub struct FaceGeometry {
     pub area: f64,
 }
 
+impl FaceGeometry {
+    /// A point of this area.
+    pub fn new(centroid: DVec3, area: f64) -> Self {
+        Self { centroid, area }
+    }
+}
+
 impl Frame {
     /// Centroid and area of a face, and the second moment inside it: Σ over the fan's triangles of
     /// `area·((|ab|²+|bc|²+|ca|²)/36 + |triangle centroid − face centroid|²)`.

@@ -39,6 +39,7 @@ pub mod samples;
 mod seen;
 pub(crate) mod weld;
 
+pub use adjacency::{MOST_CORNERS, MOST_POSITIONS};
 pub use coarse::{Coarse, Grouping};
 pub use components::Component;
 pub use counts::Counts;
@@ -70,10 +71,6 @@ use weld::UNUSED;
 
 /// Largest number of faces.
 pub const MOST_FACES: usize = 1 << 31;
-/// Largest number of corners of all faces: two numbers of 32 bits are of none.
-pub const MOST_CORNERS: usize = u32::MAX as usize - 1;
-/// Largest number of positions that differ.
-pub const MOST_POSITIONS: usize = 1 << 30;
 
 fn check_number(what: &str, number: usize, most: usize) -> Result<()> {
     match number <= most {
@@ -114,9 +111,9 @@ impl Surface {
     /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much;
     /// faces at a feature are no neighbours.
     ///
-    /// Fails for meshes of more than [`MOST_FACES`], [`MOST_CORNERS`] or [`MOST_POSITIONS`], for weights that are not one a face or vertex, finite and
-    /// above 0, and for groups that are not one a face. Corners must be valid indices of finite positions, as
-    /// [`crate::mesh::read`] promises.
+    /// Fails for meshes of more than [`MOST_FACES`], [`MOST_CORNERS`] or [`MOST_POSITIONS`], for weights that are not
+    /// one a face or vertex, finite and above 0, and for groups that are not one a face. Corners must be valid indices
+    /// of finite positions, as [`crate::mesh::read`] promises.
     pub fn build_with<'a>(
         mesh: impl Into<MeshView<'a>>,
         bridge: bool,

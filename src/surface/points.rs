@@ -127,7 +127,7 @@ fn places(mesh: MeshView<'_>, weld: &Weld) -> (Frame, Vec<FaceGeometry>) {
         }
     }
     let frame = Frame::of(source.iter().copied(), COORDINATE_BITS);
-    let items = source.into_iter().map(|at| FaceGeometry { centroid: frame.position(at), area: 0.0 });
+    let items = source.into_iter().map(|at| FaceGeometry::new(frame.position(at), 0.0));
     (frame, items.collect())
 }
 

@@ -74,10 +74,7 @@ pub(crate) async fn results(request: Request, next: Next) -> Response {
         let whole = [(header::CONTENT_RANGE, format!("bytes */{length}"))];
         return (whole, Failure::from(Error::new(Kind::RangeNotSatisfiable, message))).into_response();
     }
-    match is_get {
-        true => with_body(response, range).await.unwrap_or_else(Failure::into_response),
-        false => response,
-    }
+    if is_get { with_body(response, range).await.unwrap_or_else(Failure::into_response) } else { response }
 }
 
 /// Makes the tag of a response weak that was compressed since it got the tag: its bytes are others. A response without

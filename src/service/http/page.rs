@@ -11,11 +11,11 @@
 use std::sync::LazyLock;
 use std::thread;
 
-use axum::Router;
 use axum::body::Bytes;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use axum::{Extension, Router};
 use sha2::{Digest, Sha256};
 use tesserae_mesh::dev::sample::{Sample, generate, write_glb};
 use tesserae_mesh::device::Cancel;
@@ -33,23 +33,16 @@ use crate::ops::blocking::blocking;
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \
                       connect-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-#[cfg(feature = "page")]
-macro_rules! bundled {
-    ($name:literal) => {
-        include_bytes!(concat!(env!("PAGE_BUNDLE"), "/", $name))
-    };
-}
-
 /// Path, media type and bytes of each file.
 #[cfg(feature = "page")]
 const FILES: [(&str, &str, &[u8]); 7] = [
-    ("/", "text/html; charset=utf-8", bundled!("index.html")),
-    ("/page.js", "text/javascript; charset=utf-8", bundled!("page.js")),
-    ("/scene.js", "text/javascript; charset=utf-8", bundled!("scene.js")),
-    ("/page.css", "text/css; charset=utf-8", bundled!("page.css")),
-    ("/mark.svg", "image/svg+xml", bundled!("mark.svg")),
-    ("/share.jpg", "image/jpeg", bundled!("share.jpg")),
-    ("/licences.txt", "text/plain; charset=utf-8", bundled!("licences.txt")),
+    ("/", "text/html; charset=utf-8", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/index.html"))),
+    ("/page.js", "text/javascript; charset=utf-8", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/page.js"))),
+    ("/scene.js", "text/javascript; charset=utf-8", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/scene.js"))),
+    ("/page.css", "text/css; charset=utf-8", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/page.css"))),
+    ("/mark.svg", "image/svg+xml", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/mark.svg"))),
+    ("/share.jpg", "image/jpeg", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/share.jpg"))),
+    ("/licences.txt", "text/plain; charset=utf-8", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/licences.txt"))),
 ];
 
 /// None: the page was not compiled in.
@@ -87,9 +80,7 @@ fn serve(media_type: &'static str, bytes: impl IntoResponse, content: Content) -
         (header::CONTENT_SECURITY_POLICY.as_str(), POLICY),
         ("cross-origin-opener-policy", "same-origin"),
     ];
-    let mut response = (headers, bytes).into_response();
-    response.extensions_mut().insert(content);
-    response
+    (headers, Extension(content), bytes).into_response()
 }
 
 /// SHA-256 of a file, in hexadecimal.

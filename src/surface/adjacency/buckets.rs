@@ -4,8 +4,6 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::{CHAINED, Edges, NONE};
-#[cfg(doc)]
-use crate::surface::MOST_POSITIONS;
 
 /// The half-edges whose lower end is in a range of positions, a bucket for each.
 ///
@@ -23,7 +21,8 @@ pub struct Buckets<'a> {
 const MOST_UNSORTED: usize = 32;
 
 /// The half-edges of an edge: its lower end, how many there are (at most 3), and their corners, combined by exclusive
-/// or. Lower ends have 30 bits ([`MOST_POSITIONS`]). An entry with another lower end than the current bucket's is stale.
+/// or. Lower ends have 30 bits ([`super::MOST_POSITIONS`]). An entry with another lower end than the current bucket's
+/// is stale.
 #[derive(Clone, Copy, Default)]
 struct Edge(u64);
 
@@ -192,8 +191,8 @@ impl<'a> Buckets<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{MOST_CORNERS, MOST_POSITIONS};
     use super::*;
-    use crate::surface::{MOST_CORNERS, MOST_POSITIONS};
 
     #[test]
     fn an_edge_has_room_for_the_largest_numbers() {

@@ -87,8 +87,8 @@ struct JobParameters;
         (UploadForm = "multipart/form-data"),
     )),
     responses(
-        (status = 200, description = "The job has succeeded, or was cancelled: while the request waited for it, or before, \
-         where its Idempotency-Key was sent again",
+        (status = 200, description = "The job has succeeded, or was cancelled: while the request waited for it, or \
+         before, where its Idempotency-Key was sent again",
          body = JobView, headers(
             ("Location" = String, description = "Path of the job"),
             ("Preference-Applied" = String, description = "`wait`"),

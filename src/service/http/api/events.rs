@@ -181,28 +181,23 @@ impl Reader {
             }
             // seen before reading, so that what happens while reading is noticed
             self.pulses.borrow_and_update();
-            match self.shared.store.events(self.id, self.after, 256).await {
-                Ok(Some(page)) if !page.is_empty() => self.page = page.into(),
-                Ok(Some(_)) => {
-                    tokio::select! {
-                        biased;
-                        changed = self.pulses.changed() => changed.ok()?,
-                        Some(labels) = OptionFuture::from(self.watcher.as_mut().map(Watcher::next)) => {
-                            return labels_sent(&labels);
-                        }
-                        // looked at above
-                        _ = self.tokens.changed() => {}
-                        () = self.shared.stop.cancelled() => {
-                            self.closing = true;
-                            let retry = Duration::from_secs(2);
-                            return Some(Sent::default().retry(retry).comment("the service is stopping"));
-                        }
-                    }
+            let page = self.shared.store.events(self.id, self.after, 256).await;
+            let unread = |error: &_| tracing::error!(%error, job = %self.id, "events cannot be read");
+            self.page = page.inspect_err(unread).ok()??.into();
+            if !self.page.is_empty() {
+                continue;
+            }
+            tokio::select! {
+                biased;
+                changed = self.pulses.changed() => changed.ok()?,
+                Some(labels) = OptionFuture::from(self.watcher.as_mut().map(Watcher::next)) => {
+                    return labels_sent(&labels);
                 }
-                Ok(None) => return None,
-                Err(error) => {
-                    tracing::error!(%error, job = %self.id, "events cannot be read");
-                    return None;
+                // looked at above
+                _ = self.tokens.changed() => {}
+                () = self.shared.stop.cancelled() => {
+                    self.closing = true;
+                    return Some(Sent::default().retry(Duration::from_secs(2)).comment("the service is stopping"));
                 }
             }
         }

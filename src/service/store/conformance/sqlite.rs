@@ -115,16 +115,11 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
 #[tokio::test]
 async fn a_row_whose_text_is_damaged_stops_no_other() {
     let (_folder, _, store) = new_store(RULES, Faults::default()).await;
-    let [damaged, other] =
-        [store.create(new_job()).await, store.create(new_job()).await].map(|created| match created {
-            Ok(Created::New(job)) => job.id,
-            other => panic!("{other:?}"),
-        });
+    let [damaged, other] = [create(&store).await.id, create(&store).await.id];
     let sql = "UPDATE jobs SET spec = CAST(x'ff' AS TEXT), request_digest = CAST(x'ff' AS TEXT) WHERE number = 1";
     store.change("test", |change| change.rows.write(sql, Vec::new())).await.expect("written");
     assert_eq!(store.get(damaged).await.expect_err("no spec").kind, Kind::Internal);
-    let claimed = store.claim(9, LEASE).await.expect("the other");
-    assert_eq!(claimed.iter().map(|(ticket, _)| ticket.job).collect::<Vec<_>>(), [other]);
+    assert_eq!(jobs_of(&store.claim(9, LEASE).await.expect("the other")), [other]);
 }
 
 #[tokio::test]

@@ -119,8 +119,8 @@ impl DatabasePlace {
             (Ok(opened), Ok(named)) if opened == named => Ok(()),
             _ => Err(Error::new(
                 Kind::Unavailable,
-                "jobs.sqlite3 was removed or replaced while the service works with it: what it accepts now is lost when \
-                 it stops; stop it and put a backup in the place of jobs.sqlite3",
+                "jobs.sqlite3 was removed or replaced while the service works with it: what it accepts now is lost \
+                 when it stops; stop it and put a backup in the place of jobs.sqlite3",
             )),
         }
     }
