@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A type of shape that stands for a cluster, in the order of their [prices](Self::prices).
+/// A type of shape that stands for a cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 #[schema(as = ShapeType)]
@@ -35,7 +35,7 @@ impl Kind {
         }
     }
 
-    /// How many prices it costs: how many numbers it has beyond those of a plane.
+    /// How many prices it costs: how many numbers it has beyond those of a plane. Types are in this order.
     pub fn prices(self) -> u32 {
         self as u32
     }

@@ -174,20 +174,15 @@ impl Surface {
         let upload_face = order::by_component(sorted, &components);
         let runs = components.runs(&upload_face);
         drop(components);
-        let gather = || {
-            let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
-            let scales = lattice::scales(|face| gathered.geometry[face].area, &runs);
-            (gathered, scales)
-        };
-        let compress = || {
-            let internal = order::inverse(&upload_face, faces);
-            let features = links.features.iter().map(|pair| pair.map(|face| internal[face as usize])).collect();
-            (links.compressed(&upload_face, &internal), features)
-        };
-        let ((rows, features), (gathered, scales)): ((_, Vec<_>), _) = rayon::join(compress, gather);
-        counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
+        let internal = order::inverse(&upload_face, faces);
+        let rows = links.compressed(&upload_face, &internal);
+        let features: Vec<_> = links.features.iter().map(|pair| pair.map(|face| internal[face as usize])).collect();
         counts.duplicate_faces = links.duplicates(&rows.repeating);
-        drop(links);
+        // their memory is for the geometry
+        drop((internal, links));
+        let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
+        let scales = lattice::scales(|face| gathered.geometry[face].area, &runs);
+        counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
         let neighbours = (rows.offsets, rows.neighbours);
         let density_unit = density.map(|density| density.unit);
         let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
