@@ -154,18 +154,26 @@ def test_an_import_imports_nothing_but_the_package_and_the_standard_library() ->
     assert done.stdout.split() == ["tesserae_mesh"]
 
 
-def test_a_call_costs_less_than_a_millisecond_more_than_the_library(sample: Sample) -> None:
-    """The library works on threads of its own: the processor time of the calling thread is what the call adds."""
+def test_a_call_costs_little_more_than_the_library(sample: Sample) -> None:
+    """
+    The library works on threads of its own: the processor time of the calling thread is what the call adds. It is held
+    against that of numpy for reading and converting the same arrays, since machines differ by factors.
+    """
     points, rows = read_obj(sample("knot", 70000))
     faces = np.array(rows)
-    costs: list[float] = []
-    # other work on this machine only adds
-    while not costs or (min(costs) >= 1 and len(costs) < 100):
+
+    def cost(call: Callable[[], object]) -> float:
         start = time.thread_time()
-        clustering = tesserae_mesh.cluster(points, faces, 1000, quality="fast")
-        clustering.labels  # noqa: B018
-        costs.append(1e3 * (time.thread_time() - start))
-    assert min(costs) < 1, costs
+        call()
+        return time.thread_time() - start
+
+    ours: list[float] = []
+    numpy: list[float] = []
+    # other work on this machine only adds
+    while not ours or (min(ours) >= 2 * min(numpy) and len(ours) < 100):
+        ours.append(cost(lambda: tesserae_mesh.cluster(points, faces, 1000, quality="fast").labels))
+        numpy.append(cost(lambda: (points.astype("f4").max(), faces.astype("u4").max())))
+    assert min(ours) < 2 * min(numpy), (ours, numpy)
 
 
 def test_the_command_line_comes_with_the_package(tmp_path: Path) -> None:
