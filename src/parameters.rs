@@ -96,9 +96,9 @@ pub struct Parameters {
     pub quality: Quality,
 
     /// Where flat clusters start: coarse (begins with 33 percent more clusters on a coarser mesh, 20 with quality fast
-    /// and 50 with best, and merges the cheapest pairs), merged (merges from single faces), morton (stratified by area
-    /// along a Morton curve), random (as in the paper) or file:PATH with a list of face numbers; acvd and vc take
-    /// morton for coarse, energies other than cvd merged
+    /// and 50 with best, and merges the cheapest pairs), merged (merges single faces, or by l21 groups of them), morton
+    /// (stratified by area along a Morton curve), random (as in the paper) or file:PATH with a list of face numbers;
+    /// acvd and vc take morton for coarse, energies other than cvd merged
     #[arg(
         long,
         default_value_t,

@@ -137,10 +137,15 @@ impl Start {
         cancel: &Cancel,
     ) -> Result<Self> {
         let labels = numbers::compact(&merged(graph, clusters as usize, pairs, device, cancel)?);
-        let mut component_of_cluster = vec![0; clusters as usize];
+        Ok(Self::of(graph, labels, clusters as usize))
+    }
+
+    /// From labels.
+    pub fn of<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, clusters: usize) -> Self {
+        let mut component_of_cluster = vec![0; clusters];
         for (number, component) in (0..).zip(&graph.components) {
             component.range().for_each(|face| component_of_cluster[labels[face] as usize] = number);
         }
-        Ok(Self { labels, component_of_cluster })
+        Self { labels, component_of_cluster }
     }
 }

@@ -24,7 +24,7 @@ pub enum Seeds {
     /// Merged from more clusters, coarse to fine ([`super::coarse`]).
     #[default]
     Coarse,
-    /// Merged from single faces ([`super::merging`]).
+    /// Merged from single faces ([`super::merging`]), by normals from groups of them ([`super::grouping`]).
     Merged,
     /// One random face in each of k strata of equal area along a Morton curve.
     Morton,

@@ -2,6 +2,7 @@
 
 use super::{Clustering, CoarseSpec, InputFile, Method, Refusal};
 use crate::cluster::coarse::{CoarseStart, Start};
+use crate::cluster::quality::Quality;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{flat, hierarchy};
 use crate::device::{Cancel, Device};
@@ -28,7 +29,7 @@ pub enum Plan<E: Functional = Energy> {
 /// A boundary-based clustering from many clusters that merge.
 #[derive(Debug)]
 pub struct Coarse<E: Functional = Energy> {
-    /// The coarse start; none where single faces merge.
+    /// The coarse start; none where single faces or groups of them merge.
     start: Option<CoarseStart<E>>,
     /// What follows.
     pub spec: CoarseSpec,
@@ -48,6 +49,10 @@ impl<E: Functional> Coarse<E> {
     pub(super) fn start(&self, items: &Items<E>, device: &mut dyn Device<E>, cancel: &Cancel) -> Result<Start> {
         match &self.start {
             Some(start) => start.labels(items, device, cancel),
+            None if self.spec.merges_groups(items.faces()) => {
+                let improve = self.spec.quality == Quality::Default && self.spec.relocation(items.faces()).is_some();
+                Start::from_groups(items, self.spec.clusters, self.spec.pairs(), improve, device, cancel)
+            }
             None => Start::merged(items, self.spec.clusters, self.spec.pairs(), device, cancel),
         }
     }

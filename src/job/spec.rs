@@ -70,7 +70,8 @@ pub struct CoarseSpec {
     pub refine: bool,
     /// Leave clusters in the pieces that the optimisation left.
     pub allow_disconnected: bool,
-    /// Start from clusters that were merged from single faces, in place of the coarse start.
+    /// Start from clusters that were merged from single faces, by normals from groups of them, in place of the coarse
+    /// start.
     pub is_merged: bool,
     /// What is minimised.
     pub energy: energy::Kind,
@@ -90,6 +91,11 @@ impl CoarseSpec {
     /// whole.
     pub fn relocation(&self, faces: usize) -> Option<Quality> {
         (self.refine && !self.allow_disconnected).then(|| relocation(self.quality, self.energy, faces))
+    }
+
+    /// Whether a merged start is of groups of faces, not of single ones.
+    pub fn merges_groups(&self, faces: usize) -> bool {
+        self.energy.is_of_normals() && faces > FEW_FACES_OF_NORMALS && self.quality != Quality::Best
     }
 
     /// Which pairs merge in a round.
@@ -291,11 +297,11 @@ impl Clustering {
     }
 }
 
-/// By normals, meshes with no more faces than this get all moves of whole clusters.
+/// By normals, meshes with no more faces than this get all moves of whole clusters, and starts from single faces.
 const FEW_FACES_OF_NORMALS: usize = 1 << 13;
 
-/// The quality whose moves of whole clusters follow. By normals, starts of large meshes lie so low that the default
-/// only makes swaps: other steps lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
+/// The quality whose moves of whole clusters follow. By normals, starts of large meshes have made swaps, and the
+/// default makes those of `fast`: others lower L2,1 by some 2 % in 5 times the time (`docs/constants.md`).
 fn relocation(quality: Quality, energy: energy::Kind, faces: usize) -> Quality {
     match quality {
         Quality::Default if energy.is_of_normals() && faces > FEW_FACES_OF_NORMALS => Quality::Fast,

@@ -83,7 +83,12 @@ impl<E: Functional> DualGraph<E> {
             groups.form(self, component, heaviest);
             groups.merge_single_faces(self, component, heaviest);
         }
-        let group_of_face = groups.numbered();
+        self.grouping(groups.group_of_face, groups.faces.len())
+    }
+
+    /// Connected groups, fewer than a number and each inside of a component, which are numbered anew.
+    pub fn grouping(&self, mut group_of_face: Vec<u32>, groups: usize) -> Grouping {
+        number(&mut group_of_face, groups);
         // a component's faces follow those of the ones before it, and so do its groups
         let mut ends = Vec::with_capacity(self.components.len());
         for component in &self.components {
@@ -244,20 +249,18 @@ impl Groups {
             }
         }
     }
+}
 
-    /// The group of each face, groups numbered in the order of their first faces.
-    fn numbered(self) -> Vec<u32> {
-        let Self { mut group_of_face, faces: mut number_of_group, .. } = self;
-        number_of_group.fill(NONE);
-        let mut groups = 0;
-        for group in &mut group_of_face {
-            let number = &mut number_of_group[*group as usize];
-            let is_first = *number == NONE;
-            *number = select_unpredictable(is_first, groups, *number);
-            groups += u32::from(is_first);
-            *group = *number;
-        }
-        group_of_face
+/// Numbers groups in the order of their first faces.
+fn number(group_of_face: &mut [u32], groups: usize) {
+    let mut number_of_group = vec![NONE; groups];
+    let mut groups = 0;
+    for group in group_of_face {
+        let number = &mut number_of_group[*group as usize];
+        let is_first = *number == NONE;
+        *number = select_unpredictable(is_first, groups, *number);
+        groups += u32::from(is_first);
+        *group = *number;
     }
 }
 

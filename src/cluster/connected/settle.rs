@@ -22,9 +22,18 @@ use super::totals::Totals;
 use crate::device::Cancel;
 use crate::energy::{Functional, Side, Sums};
 use crate::error::Result;
+use crate::surface::DualGraph;
 
 /// Faces that a thread looks at at least.
 const FACES_A_THREAD: usize = 1 << 12;
+
+/// Labels after all clusters have settled.
+pub fn settled<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, cancel: &Cancel) -> Result<Vec<u32>> {
+    let mut clusters = Clusters::new(graph, labels);
+    let all = clusters.numbers().collect();
+    settle(&mut clusters, all, u32::MAX, cancel)?;
+    Ok(clusters.labels().to_vec())
+}
 
 /// Settles the borders of some clusters, and of those that change with them.
 pub fn settle<E: Functional>(

@@ -55,7 +55,10 @@ const FEW_FACES: usize = 20;
 const MANY_FACES: usize = 45;
 
 /// Meshes with no more faces than this are small.
-const SMALL: usize = 1 << 15;
+pub const SMALL: usize = 1 << 15;
+
+/// Up to this number of faces, all moves together take little time.
+const FEW_IN_ALL: usize = 1 << 12;
 
 /// Up to this number of clusters, the default mixes in the result of `acvd` on small meshes.
 pub const FEW_CLUSTERS: usize = 32;
@@ -274,6 +277,19 @@ fn effective_faces<E: Functional>(graph: &DualGraph<E>) -> usize {
         squares += weights.map(|weight| weight * weight).sum::<u128>() >> (2 * finer);
     }
     usize::try_from(sum.saturating_mul(sum) / squares.max(1)).unwrap_or(usize::MAX)
+}
+
+/// Labels after all clusters have settled and made swaps until none pays; on few faces, after trials and breaths, too.
+pub fn improved<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, cancel: &Cancel) -> Result<Vec<u32>> {
+    let mut best = Offers::new(graph, labels);
+    settle_and_swap(&mut best, cancel)?;
+    if graph.faces() <= FEW_IN_ALL {
+        let of = &Relocation { graph, quality: Quality::Default, pairs: Pairs::default(), cancel };
+        let mut run = Improvement { of, best, on_change: &mut |_, _, _, _| Ok(()) };
+        run.relax_and_breathe()?;
+        best = run.best;
+    }
+    Ok(numbers::compact(best.clusters.labels()))
 }
 
 /// Settles all clusters, and makes swaps until none pays.
