@@ -56,8 +56,11 @@ export class Browser {
     return this;
   }
 
-  /** A new session: an own store of tokens, an own size. `prepare` gets the page before it is loaded. */
-  async open(origin, options = {}, prepare = async () => {}, path = "/") {
+  /**
+   * A new session: an own store of tokens, an own size. `prepare` gets the page before it is loaded. Without `knot`, the
+   * first visit has words and nothing to draw, as that of a service that is still making its knot.
+   */
+  async open(origin, { knot = false, ...options } = {}, prepare = async () => {}, path = "/") {
     const context = await this.chromium.newContext({ viewport: { width: 1000, height: 720 }, ...options });
     context.setDefaultTimeout(CALL_MS);
     const page = await context.newPage();
@@ -77,6 +80,7 @@ export class Browser {
       if (/Content Security Policy/i.test(message.text())) complain(`violation: ${message.text()}`);
     });
     if (this.files) await page.route(origin + "/**", (route) => this.fromFolder(route));
+    if (!knot) await page.addInitScript(withoutKnot);
     await prepare(page);
     await page.goto(origin + path);
     return page;
@@ -109,6 +113,14 @@ export class Browser {
       process.kill(this.pid, "SIGKILL");
     }
   }
+}
+
+/** Runs in a page: the knot is not there, whose pictures take 1.5 s of processors. */
+function withoutKnot() {
+  const { fetch } = window;
+  const isKnot = (address) => /^knot\.(glb|tsr)$/.test(address);
+  window.fetch = (address, ...rest) =>
+    isKnot(address) ? Promise.resolve(new Response(null, { status: 404 })) : fetch(address, ...rest);
 }
 
 /** Runs in a page: notes when the first frame of a view, a selector, is there, as a pixel of it can be read. */

@@ -7,7 +7,7 @@ const isThere = async (service, id) => (await fetch(`${service.url}/v1/jobs/${id
 
 export const deletions = {
   async "each of several deletions can be undone, also after a reload, and covers no slider"({ service, browser }) {
-    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } }, hold);
+    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 }, knot: true }, hold);
     const made = [];
     const names = ["stays.obj", "goes.obj"];
     for (const name of names) {
@@ -40,7 +40,7 @@ export const deletions = {
     service,
     browser,
   }) {
-    const page = await browser.open(service.url, {}, hold);
+    const page = await browser.open(service.url, { knot: true }, hold);
     await submit(page, sample(service, "sphere", 500), { name: "back.obj", clusters: 5 });
     await succeeded(page);
     const id = idOf(page);

@@ -29,7 +29,7 @@ const middle = async (page, selector) => {
 
 export const design = {
   async "the first visit shows a knot in clusters that turns, and the slider cuts it"({ service, browser }) {
-    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } });
+    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 }, knot: true });
     await page.waitForSelector("#knot canvas[data-frames]");
     assert.ok((await look(page, "#knot")).hues > 6, "it has the hues of clusters");
     const frames = async () => Number(await page.getAttribute("#knot canvas", "data-frames"));
@@ -59,7 +59,7 @@ export const design = {
     await page.waitForTimeout(1000);
     await picture(page, "share.jpg");
     await page.close();
-    const still = await browser.open(service.url, { reducedMotion: "reduce" });
+    const still = await browser.open(service.url, { reducedMotion: "reduce", knot: true });
     await still.waitForSelector("#knot canvas[data-settled=true]");
     const framesThere = () => still.getAttribute("#knot canvas", "data-frames");
     const at = await framesThere();

@@ -130,7 +130,7 @@ export const ends = {
   },
 
   async "what is dropped is seen at once, and the whole window takes it"({ service, browser }) {
-    const page = await browser.open(service.url);
+    const page = await browser.open(service.url, { knot: true });
     assert.ok(await page.isHidden("#submit"), "there is nothing to cluster");
     const drag = async (add) => {
       const dataTransfer = await page.evaluateHandle(add);
@@ -197,7 +197,7 @@ export const ends = {
   },
 
   async "the first visit shows the number of its address"({ service, browser }) {
-    const page = await browser.open(service.url);
+    const page = await browser.open(service.url, { knot: true });
     await page.waitForSelector("#knot canvas[data-frames]");
     await page.fill("#level-number", "77");
     await page.keyboard.press("Enter");

@@ -47,7 +47,7 @@ const { id } = await answer.json();
 const ended = async () => (await (await fetch(`${service.url}/v1/jobs/${id}`)).json()).state === "succeeded";
 await until("the job succeeds", ended, PATIENCE_MS);
 for (let run = 0; run < Number(values.runs); run++) {
-  const page = await browser.open(service.url, {}, (page) => page.addInitScript(noteFirstFrame, "#view"));
+  const page = await browser.open(service.url, { knot: true }, (page) => page.addInitScript(noteFirstFrame, "#view"));
   await page.waitForSelector("#jobs a");
   await until("what draws is loaded", () => page.evaluate(() => performance.getEntriesByName(`${origin}/scene.js`)[0]));
   const before = await spent();

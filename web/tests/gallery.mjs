@@ -54,7 +54,7 @@ const ended = (id) =>
 async function take(name, address, reach) {
   if (!new RegExp(values.only).test(name)) return;
   for (const [width, height] of SIZES) {
-    const options = { viewport: { width, height }, reducedMotion: "reduce" };
+    const options = { viewport: { width, height }, reducedMotion: "reduce", knot: true };
     const page = await browser.open(service.url, options, undefined, `/#${address}`);
     await reach(page);
     for (const colorScheme of ["light", "dark"]) {

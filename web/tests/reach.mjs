@@ -22,7 +22,7 @@ async function tabTo(page, selector, key = "Tab") {
 
 export const reach = {
   async "the keyboard alone does everything"({ service, browser }) {
-    const page = await browser.open(service.url);
+    const page = await browser.open(service.url, { knot: true });
     const { keyboard } = page;
     await tabTo(page, "#algorithm");
     await keyboard.type("A given");

@@ -26,7 +26,7 @@ export const results = {
     const painted = async (path) => {
       const page = await browser.open(
         service.url,
-        { viewport: { width: 1280, height: 720 } },
+        { viewport: { width: 1280, height: 720 }, knot: true },
         async (page) => {
           await page.goto("about:blank");
           await page.screenshot();

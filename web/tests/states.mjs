@@ -261,7 +261,7 @@ export const states = {
 
   async "a script that could not be loaded is loaded at the next use"({ service, browser }) {
     let refused = 0;
-    const page = await browser.open(service.url, {}, (page) =>
+    const page = await browser.open(service.url, { knot: true }, (page) =>
       page.route(`${service.url}/scene.js`, (route) => (++refused, route.abort())),
     );
     await until("it could not be loaded", () => refused > 0);

@@ -42,7 +42,7 @@ export async function picture(page, name) {
 export async function alone(browser, options, test) {
   const service = await new Service(binary).start();
   try {
-    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 }, ...options });
+    const page = await browser.open(service.url, { viewport: { width: 1280, height: 720 }, knot: true, ...options });
     await test(page, service);
     await page.close();
   } finally {

@@ -64,7 +64,7 @@ export const times = {
     for (let load = 0; load < 3; load++) {
       await page?.close();
       let spent = 0;
-      page = await browser.open(service.url, { viewport: { width: 1280, height: 720 } }, async (page) => {
+      page = await browser.open(service.url, { viewport: { width: 1280, height: 720 }, knot: true }, async (page) => {
         await page.addInitScript(noteFirstFrame, "#knot");
         // the window is there before
         await page.goto("about:blank");
