@@ -14,6 +14,7 @@ const FLAGS = [
   "--disable-sync",
   "--use-angle=swiftshader",
   "--enable-unsafe-swiftshader",
+  "--disable-gpu-rasterization",
   `--disable-features=${[
     // Playwright's, whose list this one replaces
     "AvoidCorsURLLoaderRestartOnRedirect",
@@ -29,7 +30,7 @@ const FLAGS = [
     "PaintHolding",
     "PreconnectToSearch",
     "ThirdPartyStoragePartitioning",
-    // documents of the address bar, loaded for every window, and processes in advance: a second of processors each
+    // documents of the address bar, loaded for every window, and processes in advance
     "PreloadTopChromeWebUI",
     "SpareRendererForSitePerProcess",
     "WebUIOmniboxAimPopup",
