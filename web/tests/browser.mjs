@@ -14,7 +14,6 @@ const FLAGS = [
   "--disable-sync",
   "--use-angle=swiftshader",
   "--enable-unsafe-swiftshader",
-  "--disable-gpu-rasterization",
   `--disable-features=${[
     // Playwright's, whose list this one replaces
     "AvoidCorsURLLoaderRestartOnRedirect",
