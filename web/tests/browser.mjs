@@ -115,7 +115,7 @@ export class Browser {
   }
 }
 
-/** Runs in a page: the knot is not there, whose pictures take 1.5 s of processors. */
+/** Runs in a page: the knot is not there, whose pictures take more than a second of processors. */
 function withoutKnot() {
   const { fetch } = window;
   const isKnot = (address) => /^knot\.(glb|tsr)$/.test(address);
