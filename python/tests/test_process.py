@@ -157,7 +157,7 @@ def test_an_import_imports_nothing_but_the_package_and_the_standard_library() ->
 def test_a_call_costs_little_more_than_the_library(sample: Sample) -> None:
     """
     The library works on threads of its own: the processor time of the calling thread is what the call adds. It is held
-    against that of numpy for reading and converting the same arrays, since machines differ by factors.
+    against that of numpy for reading and converting the same arrays right after it, as machines differ by factors.
     """
     points, rows = read_obj(sample("knot", 70000))
     faces = np.array(rows)
@@ -167,13 +167,12 @@ def test_a_call_costs_little_more_than_the_library(sample: Sample) -> None:
         call()
         return time.thread_time() - start
 
-    ours: list[float] = []
-    numpy: list[float] = []
-    # other work on this machine only adds
-    while not ours or (min(ours) >= 2 * min(numpy) and len(ours) < 100):
-        ours.append(cost(lambda: tesserae_mesh.cluster(points, faces, 1000, quality="fast").labels))
-        numpy.append(cost(lambda: (points.astype("f4").max(), faces.astype("u4").max())))
-    assert min(ours) < 2 * min(numpy), (ours, numpy)
+    ratios: list[float] = []
+    # 1 to 2, with one loop over the faces 13; other work on this machine disturbs either
+    while not ratios or (min(ratios) >= 3 and len(ratios) < 100):
+        ours = cost(lambda: tesserae_mesh.cluster(points, faces, 1000, quality="fast").labels)
+        ratios.append(ours / cost(lambda: (points.astype("f4").max(), faces.astype("u4").max())))
+    assert min(ratios) < 3, ratios
 
 
 def test_the_command_line_comes_with_the_package(tmp_path: Path) -> None:
