@@ -95,6 +95,8 @@ pub struct Start {
     pub labels: Vec<u32>,
     /// The component that each cluster lies in.
     pub component_of_cluster: Vec<u32>,
+    /// Whether a bound on work cut steps short that led to it.
+    pub is_bounded: bool,
 }
 
 impl<E: Functional> CoarseStart<E> {
@@ -240,7 +242,7 @@ impl<E: Functional> CoarseStart<E> {
             }
             *label = *number;
         }
-        Ok((energy, Start { labels, component_of_cluster: components }))
+        Ok((energy, Start { labels, component_of_cluster: components, is_bounded: false }))
     }
 
     /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the

@@ -7,7 +7,7 @@
 //!    [`MOST_FACES`] faces, or stay alone. Groups are grouped as well, while there are [`FACES_A_CLUSTER`] of them a
 //!    cluster and [`LEAST_FACES`] in all, and while that leaves at most two thirds.
 //! 2. *Merges.* The last groups merge ([`super::merging`]).
-//! 3. *Improvement*, where it is wanted. Clusters of groups settle, and [move](relocation::improved) as a whole. Then
+//! 3. *Improvement*, where it is wanted. Clusters of groups settle, and [move](Relocation::improved) as a whole. Then
 //!    labels go to the finer groups, where clusters [settle](settle::settled) again, and so on.
 //!
 //! The clustering goes on from there with the faces.
@@ -23,9 +23,11 @@ use rayon::prelude::*;
 use super::coarse::Start;
 use super::connected::settle;
 use super::merging::{self, Pairs};
-use super::{numbers, relocation};
+use super::numbers;
+use super::quality::Quality;
+use super::relocation::Relocation;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::device::{Cancel, Device};
+use crate::device::{Cancel, Device, Ending};
 use crate::energy::{Functional, RoughEnd};
 use crate::error::Result;
 use crate::surface::{Coarse, DualGraph, Grouping};
@@ -62,16 +64,20 @@ impl Start {
         let levels = levels(graph, clusters as usize);
         let coarsest = levels.last().map_or(graph, |level| &level.graph);
         let mut labels = numbers::compact(&merging::merged(coarsest, clusters as usize, pairs, device, cancel)?);
+        let mut ending = Ending::Converged;
         if improve {
-            labels = relocation::improved(coarsest, labels, cancel)?;
+            let relocation = Relocation { graph: coarsest, quality: Quality::Default, pairs, cancel };
+            (labels, ending) = relocation.improved(labels)?;
         }
+        let mut is_bounded = ending == Ending::WorkLimit;
         for (at, level) in levels.iter().enumerate().rev() {
             labels = level.refined(&labels);
             if improve && at > 0 {
-                labels = settle::settled(&levels[at - 1].graph, labels, cancel)?;
+                (labels, ending) = settle::settled(&levels[at - 1].graph, labels, cancel)?;
+                is_bounded |= ending == Ending::WorkLimit;
             }
         }
-        Ok(Self::of(graph, labels, clusters as usize))
+        Ok(Self { is_bounded, ..Self::of(graph, labels, clusters as usize) })
     }
 }
 
@@ -199,7 +205,7 @@ mod tests {
             let start = |device: &mut dyn Device| {
                 Start::from_groups(&surface, clusters, Pairs::Eighth, improve, device, &Cancel::default())
             };
-            let Start { labels, component_of_cluster } = start(&mut CpuDevice::new()).expect("a start");
+            let Start { labels, component_of_cluster, .. } = start(&mut CpuDevice::new()).expect("a start");
             assert_eq!(start(&mut PlainDevice::default()).expect("a start").labels, labels);
             assert_eq!(component_of_cluster.len(), clusters as usize);
             let mut sizes = vec![0; clusters as usize];

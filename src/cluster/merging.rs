@@ -146,6 +146,6 @@ impl Start {
         for (number, component) in (0..).zip(&graph.components) {
             component.range().for_each(|face| component_of_cluster[labels[face] as usize] = number);
         }
-        Self { labels, component_of_cluster }
+        Self { labels, component_of_cluster, is_bounded: false }
     }
 }

@@ -63,6 +63,9 @@ pub(super) fn run_coarse<E: Functional>(
             clustering.ending = ending;
         }
     }
+    if start.is_bounded && clustering.ending == Ending::Converged {
+        clustering.ending = Ending::WorkLimit;
+    }
     Ok(run.ended(device, clustering))
 }
 
@@ -223,7 +226,7 @@ pub(super) fn run_seeded<E: Functional>(
     let items = job.items;
     let started = Instant::now();
     let (labels, component_of_cluster) = (seeds.labels(items.faces()), seeds.component_of_cluster.clone());
-    let start = Start { labels, component_of_cluster };
+    let start = Start { labels, component_of_cluster, is_bounded: false };
     let mut run = Run::new(job, started, &start, on_row);
     let clustering = run.phases(device, |steps, keep, record| match method {
         Method::BoundaryBased => flat::boundary_based(items, &start.labels, options, steps, cancel, keep, record),

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use super::clusters::Clusters;
 use super::totals::Totals;
-use crate::device::Cancel;
+use crate::device::{Cancel, Ending};
 use crate::energy::{Functional, Side, Sums};
 use crate::error::Result;
 use crate::surface::DualGraph;
@@ -27,12 +27,12 @@ use crate::surface::DualGraph;
 /// Faces that a thread looks at at least.
 const FACES_A_THREAD: usize = 1 << 12;
 
-/// Labels after all clusters have settled.
-pub fn settled<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, cancel: &Cancel) -> Result<Vec<u32>> {
+/// Labels after all clusters have settled, and whether a bound on work ended that.
+pub fn settled<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, cancel: &Cancel) -> Result<(Vec<u32>, Ending)> {
     let mut clusters = Clusters::new(graph, labels);
     let all = clusters.numbers().collect();
     settle(&mut clusters, all, u32::MAX, cancel)?;
-    Ok(clusters.labels().to_vec())
+    Ok((clusters.labels().to_vec(), clusters.ending()))
 }
 
 /// Settles the borders of some clusters, and of those that change with them.

@@ -159,6 +159,18 @@ impl<'a, E: Functional> Relocation<'a, E> {
         Ok(numbers::compact(run.best.clusters.labels()))
     }
 
+    /// Labels after all clusters have settled and made swaps until none pays; on few faces, after trials and breaths,
+    /// too. Also returns whether a bound on work ended that.
+    pub fn improved(&self, labels: Vec<u32>) -> Result<(Vec<u32>, Ending)> {
+        let mut run =
+            Improvement { of: self, best: Offers::new(self.graph, labels), on_change: &mut |_, _, _, _| Ok(()) };
+        settle_and_swap(&mut run.best, self.cancel)?;
+        if self.graph.faces() <= FEW_IN_ALL {
+            run.relax_and_breathe()?;
+        }
+        Ok((numbers::compact(run.best.clusters.labels()), run.best.clusters.ending()))
+    }
+
     /// Whether bounds show that no swap pays, and nothing else is worth it.
     fn no_swap_can_pay(&self, labels: &[u32]) -> bool {
         let clusters = labels.iter().max().map_or(0, |&last| last as usize + 1);
@@ -277,19 +289,6 @@ fn effective_faces<E: Functional>(graph: &DualGraph<E>) -> usize {
         squares += weights.map(|weight| weight * weight).sum::<u128>() >> (2 * finer);
     }
     usize::try_from(sum.saturating_mul(sum) / squares.max(1)).unwrap_or(usize::MAX)
-}
-
-/// Labels after all clusters have settled and made swaps until none pays; on few faces, after trials and breaths, too.
-pub fn improved<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, cancel: &Cancel) -> Result<Vec<u32>> {
-    let mut best = Offers::new(graph, labels);
-    settle_and_swap(&mut best, cancel)?;
-    if graph.faces() <= FEW_IN_ALL {
-        let of = &Relocation { graph, quality: Quality::Default, pairs: Pairs::default(), cancel };
-        let mut run = Improvement { of, best, on_change: &mut |_, _, _, _| Ok(()) };
-        run.relax_and_breathe()?;
-        best = run.best;
-    }
-    Ok(numbers::compact(best.clusters.labels()))
 }
 
 /// Settles all clusters, and makes swaps until none pays.
