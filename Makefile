@@ -34,12 +34,13 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
-# What the suites need is built first; then three of them run at a time, since most of them wait for much of their time.
-# Those that measure run alone. One that hangs fails when its time has passed, with what it printed.
-SUITES := unit farm python end-to-end fuzz bucket outputs memory crash deploy
-ALONE := page page-times costs
+# What the suites need is built first; then three of them run at a time, since most of them wait for much of their time:
+# the longest first, and the checks that compile with one thread beside them. Those that measure run alone. One that hangs
+# fails when its time has passed, with what it printed.
+SUITES := lint page unit python end-to-end farm fuzz bucket memory crash outputs deploy
+ALONE := page-times costs
 .PHONY: test
-test: lint debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
+test: debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
 	cargo test --locked $(FEATURES) --no-run
 	@failed=0; \
 		$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target $(SUITES:%=bounded-%) || failed=1; \
@@ -64,6 +65,13 @@ lint: install-test bundle  ## formatting, clippy, documentation and choices of c
 .PHONY: unit
 unit: install-test bundle  ## the tests of the three crates
 	cargo test --locked $(FEATURES) --no-fail-fast
+
+.PHONY: test-long
+test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, kills of services and farms
+	TESSERAE_TEST_LONG=1 cargo test --locked $(FEATURES) --no-fail-fast --test clustering --test gpu -- bounds:: real_meshes
+	$(MAKE) --no-print-directory --old-file debug-binary crash KILLS=1000 CRASH_SECONDS=600
+	$(MAKE) --no-print-directory --old-file debug-binary farm FARM_JOBS=1000 FARM_KILLS=40 FARM_STOPS=5
+	$(MAKE) --no-print-directory --old-file debug-binary memory MEMORY_JOBS=10000
 
 .PHONY: costs
 costs: debug-binary  ## processor time of hostile inputs, with the engine optimised as in the debug binary

@@ -18,6 +18,8 @@ use tesserae_mesh::mesh::PolygonMesh;
 use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::surface::Surface;
 
+use crate::common::zoo;
+
 /// Numbers below a bound, at random from a seed.
 struct Random(u64);
 
@@ -106,7 +108,8 @@ fn settling(surface: &Surface, clusters: u64) -> [u64; 2] {
 
 #[test]
 fn damaged_meshes_take_work_in_proportion_to_their_faces() {
-    let most = (0..200).into_par_iter().map(|number| {
+    let meshes = if zoo::is_long() { 5_000 } else { 200 };
+    let most = (0..meshes).into_par_iter().map(|number| {
         let (name, mesh) = damaged(number);
         let surface = Surface::build(&mesh).expect("a surface");
         let clusters = (surface.components.len() + 10).min(surface.faces()) as u64;

@@ -6,6 +6,11 @@ use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 
+/// Whether sweeps are as long as `make test-long` makes them, in place of shorter ones.
+pub fn is_long() -> bool {
+    std::env::var_os("TESSERAE_TEST_LONG").is_some()
+}
+
 /// A mesh from positions and faces.
 pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     let mut all = Faces::default();

@@ -99,15 +99,14 @@ fn larger_meshes_are_clustered_alike() {
     assert_eq!(Vec::from_iter(phases), ["Boundary", "Refine", "Repair"]);
 }
 
-/// All meshes of the folder that TESSERAE_TEST_MESHES names, the smallest first, until the time is up (90 seconds, or
-/// TESSERAE_TEST_SECONDS): every mesh for several k and seeds.
+/// All meshes of the folder that TESSERAE_TEST_MESHES names, the smallest first, until the time is up: every
+/// mesh for several k and seeds.
 #[test]
 fn real_meshes_are_clustered_alike() {
     let Some(folder) = zoo::shared_meshes() else {
         return;
     };
-    let seconds = std::env::var("TESSERAE_TEST_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(90);
-    let end = Instant::now() + Duration::from_secs(seconds);
+    let end = Instant::now() + Duration::from_secs(if zoo::is_long() { 1200 } else { 15 });
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .expect("a folder")
         .map(|entry| entry.expect("an entry").path())
@@ -142,7 +141,7 @@ fn real_meshes_are_clustered_alike() {
             for (kind, seed) in [(Seeds::Morton, 0), (Seeds::Random, 1)] {
                 if Instant::now() > end {
                     let left = files.len() - at;
-                    eprintln!("notice: {left} meshes left when the time was up (set TESSERAE_TEST_SECONDS)");
+                    eprintln!("notice: {left} meshes left when the time was up (make test-long has more)");
                     return;
                 }
                 let what = (clusters, &kind, seed);
