@@ -9,12 +9,13 @@ use std::time::{Duration, SystemTime};
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::change::{Live, Transaction, job, standing};
-use super::database::{Abort, Query, Row, read, values};
+use super::database::{Abort, Query, Row, read, time, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
 use crate::queue::{self, Change, Claiming, Picks, Standing, Suspect, Tenant, Turn, View, Waiting, crashed};
 
-/// Tenants with waiting jobs. Each step of the recursion goes to the next one.
+/// Tenants with waiting jobs, each with the first of these and its first suspect, as JSON, since a subquery gives one
+/// value: a join may read all jobs. Each step of the recursion goes to the next tenant.
 const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
         SELECT min(tenant) FROM jobs WHERE state = 'queued' \
         UNION ALL SELECT (SELECT min(tenant) FROM jobs WHERE state = 'queued' AND tenant > names.tenant) \
@@ -22,14 +23,15 @@ const TENANTS: &str = "WITH RECURSIVE names(tenant) AS (\
     ) SELECT names.tenant AS name, \
         (SELECT count(*) FROM jobs WHERE state = 'running' AND tenant = names.tenant) AS running, \
         coalesce((SELECT next FROM tenants WHERE name = names.tenant), 0.0) AS next, \
-        coalesce((SELECT max(served) FROM tenants), 0.0) AS clock \
+        coalesce((SELECT max(served) FROM tenants), 0.0) AS clock, \
+        (SELECT '[' || string_agg('[' || CAST(urgency AS text) || ',' || CAST(number AS text) || ']', ',') || ']' \
+            FROM (SELECT urgency, number FROM jobs WHERE state = 'queued' AND suspicion = 0 AND tenant = names.tenant \
+            ORDER BY urgency, number LIMIT $1) AS first) AS waiting, \
+        (SELECT '[' || CAST(number AS text) || ',' || CAST(suspicion AS text) || ',' \
+                || CAST(coalesce(not_before, 0) AS text) || ']' \
+            FROM jobs WHERE state = 'queued' AND suspicion > 0 AND tenant = names.tenant \
+            ORDER BY not_before, number LIMIT 1) AS suspect \
     FROM names WHERE names.tenant IS NOT NULL";
-
-const WAITING: &str = "SELECT number, urgency FROM jobs WHERE state = 'queued' AND suspicion = 0 AND tenant = $1 \
-    ORDER BY urgency, number LIMIT $2";
-
-const SUSPECT: &str = "SELECT number, suspicion, not_before FROM jobs WHERE state = 'queued' AND suspicion > 0 \
-    AND tenant = $1 ORDER BY not_before, number LIMIT 1";
 
 /// A claimed job with its ticket, and the number of its last event.
 type Taken = (Ticket, u64, Job);
@@ -43,14 +45,15 @@ impl Store {
         if self.is_idle.load(Relaxed) && self.query("look", waits, Vec::new()).await?.is_empty() {
             return Ok((Vec::new(), None));
         }
-        let (is_alone, lease) = (!self.is_shared(), claiming.lease);
+        let is_alone = !self.is_shared();
         let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
         self.is_idle.store(taken.is_empty(), Relaxed);
         self.held.lock().extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
         if !is_alone && !taken.is_empty() {
             // the claim did not wait for the disk; once this is there, so is the claim
             // the worker has the jobs anyway: if a crash undid the claim, what it writes is refused
-            if let Err(error) = self.heartbeat(&[], lease).await {
+            let sql = "UPDATE workers SET seen_at = seen_at WHERE id = $1";
+            if let Err(error) = self.query("heartbeat", sql, values![self.me]).await {
                 tracing::warn!(%error, jobs = taken.len(), "jobs begin before their claim is known to be stored");
             }
         }
@@ -136,28 +139,10 @@ fn claim(
 fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Result<View, Abort> {
     let (me, most) = (change.me, claiming.limit + claiming.newcomers);
     let mine = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
-    let found = change.rows.all(&[(TENANTS, Vec::new()), (mine, values![me])])?;
+    let found = change.rows.all(&[(TENANTS, values![most]), (mine, values![me])])?;
     let [names, mine] = &found[..] else { return Err(Abort::Broken(Error::new(Kind::Internal, "a query is lost"))) };
     let clock = names.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
-    let mut queries = Vec::<Query>::new();
-    for row in names {
-        queries.push((WAITING, values![row.get::<String>("name")?, most]));
-        queries.push((SUSPECT, values![row.get::<String>("name")?]));
-    }
-    let heads = change.rows.all(&queries)?;
-    let mut tenants = Vec::new();
-    for (row, heads) in names.iter().zip(heads.chunks(2)) {
-        let waiting = |row: &Row| -> Result<_> { Ok(read!(row, Waiting { urgency, number; })) };
-        let suspect = |row: &Row| -> Result<_> {
-            let not_before = row.get::<Option<_>>("not_before")?.unwrap_or(SystemTime::UNIX_EPOCH);
-            Ok(Suspect { number: row.get("number")?, crashes: row.get("suspicion")?, not_before })
-        };
-        tenants.push(read!(row, Tenant {
-            name, running, next;
-            waiting: heads[0].iter().map(waiting).collect::<Result<_>>()?,
-            suspect: heads[1].first().map(suspect).transpose()?,
-        }));
-    }
+    let tenants = names.iter().map(tenant).collect::<Result<Vec<_>>>()?;
     let is_least_busy = is_alone || tenants.iter().all(|tenant| tenant.suspect.is_none()) || {
         let load = (mine.len() as u64, me.to_string());
         // workers that run jobs, and no suspect
@@ -168,6 +153,15 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
         loads.collect::<Result<Vec<(u64, String)>>>()?.iter().all(|other| load <= *other)
     };
     Ok(View { tenants, clock, mine: mine.iter().map(standing).collect::<Result<_>>()?, is_least_busy })
+}
+
+fn tenant(row: &Row) -> Result<Tenant> {
+    let waiting = row.json::<Option<Vec<(i16, i64)>>>("waiting")?.unwrap_or_default();
+    let mut waiting: Vec<_> = waiting.into_iter().map(|(urgency, number)| Waiting { urgency, number }).collect();
+    waiting.sort_unstable();
+    let suspect = row.json::<Option<(i64, u32, i64)>>("suspect")?;
+    let suspect = suspect.map(|(number, crashes, micros)| Suspect { number, crashes, not_before: time(micros) });
+    Ok(read!(row, Tenant { name, running, next; waiting: waiting, suspect: suspect }))
 }
 
 /// Gives back jobs whose lease is over; the tickets that held them.

@@ -247,7 +247,6 @@ fn heartbeat(change: &mut Transaction<'_>, tickets: &[Ticket], lease: Duration) 
         }
     }
     let now = change.now()?;
-    // written in any case: a claim waits for the disk by it
     let sql = "UPDATE workers SET seen_at = $2, \
         alive_until = CASE WHEN alive_until < $3 THEN $3 ELSE alive_until END WHERE id = $1";
     change.rows.write(sql, values![change.me, now, now + lease])?;

@@ -149,7 +149,7 @@ async fn claimed_jobs_have_their_worker_though_the_wait_for_the_disk_failed() {
     }
     let (ticket, _) = claim(&store).await;
     assert_eq!(ticket.job, id);
-    assert!(store.heartbeat(&[], LEASE).await.is_err(), "it is what the claim waited by");
+    assert!(store.heartbeat(&[], LEASE).await.is_err(), "changes of workers fail");
     store.end(ticket, End::Cancelled).await.expect("finished");
 }
 

@@ -27,7 +27,7 @@ pub struct Session<'c> {
     is_begun: bool,
     /// Changes that are not sent yet.
     changes: Vec<Query>,
-    /// Whether the clock is to be read with the next query, which is the first behind the lock of the queue.
+    /// Whether the clock is to be read with the next query, the first of a change: behind the locks that it waits for.
     wants_clock: bool,
     clock: Option<Row>,
 }
@@ -45,7 +45,7 @@ impl<'c> Session<'c> {
     pub fn new(connections: &'c Connections, client: Object, deadline: Instant, is_change: bool) -> Self {
         let changes = if is_change { vec![("BEGIN", Vec::new())] } else { Vec::new() };
         let client = Some(client);
-        Self { connections, client, deadline, is_begun: false, changes, wants_clock: false, clock: None }
+        Self { connections, client, deadline, is_begun: false, changes, wants_clock: is_change, clock: None }
     }
 
     /// Ends the transaction, if there is one; a rollback sends no changes that are not sent yet.
@@ -54,6 +54,7 @@ impl<'c> Session<'c> {
         if !is_commit {
             self.changes.clear();
         }
+        self.wants_clock = false;
         if self.is_begun || !self.changes.is_empty() {
             self.all(&[(sql, Vec::new())])?;
             self.is_begun = false;
@@ -148,11 +149,8 @@ impl Rows for Session<'_> {
     }
 
     fn lock_queue(&mut self, is_brief: bool) -> Result<(), Abort> {
-        if is_brief {
-            self.write("SET LOCAL synchronous_commit = off", Vec::new())?;
-        }
-        self.wants_clock = true;
-        self.write("SELECT pg_advisory_xact_lock(1953723250, 1)", Vec::new())
+        let brief = "SELECT set_config('synchronous_commit', 'off', true), pg_advisory_xact_lock(1953723250, 1)";
+        self.write(if is_brief { brief } else { "SELECT pg_advisory_xact_lock(1953723250, 1)" }, Vec::new())
     }
 
     fn up_since(&mut self) -> Result<SystemTime, Abort> {
