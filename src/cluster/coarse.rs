@@ -148,13 +148,9 @@ impl<E: Functional> CoarseStart<E> {
         Ok(Self { levels, seeds, shares, teleport_rounds, effort })
     }
 
-    /// Makes the start on a device.
-    pub fn labels(&self, items: &Items<E>, device: &mut dyn Device<E>, cancel: &Cancel) -> Result<Start> {
-        let graph_of = |level: usize| match level.checked_sub(1) {
-            Some(level) => &self.levels[level].graph,
-            None => &items.graph,
-        };
-        let coarsest = graph_of(self.levels.len());
+    /// Makes the start on a device. Each coarse graph is freed as soon as its labels are on the next finer one.
+    pub fn labels(mut self, items: &Items<E>, device: &mut dyn Device<E>, cancel: &Cancel) -> Result<Start> {
+        let coarsest = self.levels.last().map_or(&items.graph, |level| &level.graph);
         // each start has a device of its own, where another one costs nothing
         let others: Option<Vec<Box<dyn Device<E>>>> =
             self.seeds.iter().map(|_| device.for_start(coarsest.faces())).collect();
@@ -170,10 +166,10 @@ impl<E: Functional> CoarseStart<E> {
         // in reverse, so that the first of equal ones is taken
         let best = started?.into_iter().rev().max_by_key(|&(energy, _)| energy);
         let (_, mut start) = best.ok_or_else(|| Error::new(Kind::Internal, "there is no start"))?;
-        for (level, coarse) in self.levels.iter().enumerate().rev() {
+        while let Some(coarse) = self.levels.pop() {
             start.labels = coarse.refined(&start.labels);
-            if level > 0 {
-                let graph = graph_of(level);
+            drop(coarse);
+            if let Some(Coarse { graph, .. }) = self.levels.last() {
                 let mut other = device.for_start(graph.faces());
                 let device = other.as_deref_mut().unwrap_or(device);
                 let mut steps = device.open(graph, &start.component_of_cluster)?;

@@ -1,5 +1,7 @@
 //! How a job goes about what it clusters: a [`Clustering`] and what the items decide.
 
+use std::sync::{Mutex, PoisonError};
+
 use super::{Clustering, CoarseSpec, InputFile, Method, Refusal};
 use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::quality::Quality;
@@ -29,8 +31,8 @@ pub enum Plan<E: Functional = Energy> {
 /// A boundary-based clustering from many clusters that merge.
 #[derive(Debug)]
 pub struct Coarse<E: Functional = Energy> {
-    /// The coarse start; none where single faces or groups of them merge.
-    start: Option<CoarseStart<E>>,
+    /// The coarse start, until a run has taken it; none where single faces or groups of them merge.
+    start: Mutex<Option<CoarseStart<E>>>,
     /// What follows.
     pub spec: CoarseSpec,
 }
@@ -40,15 +42,22 @@ impl<E: Functional> Coarse<E> {
     pub(super) fn new(items: &Items<E>, spec: CoarseSpec) -> Result<Self> {
         let start = match spec.is_merged {
             true => seeds::shares(items, spec.clusters).map(|_| None)?,
-            false => Some(CoarseStart::new(items, spec.clusters, spec.seed, spec.quality.start(items.moves))?),
+            false => Some(Self::coarse_start(items, &spec)?),
         };
-        Ok(Self { start, spec })
+        Ok(Self { start: Mutex::new(start), spec })
     }
 
-    /// Makes the start on a device.
+    fn coarse_start(items: &Items<E>, spec: &CoarseSpec) -> Result<CoarseStart<E>> {
+        CoarseStart::new(items, spec.clusters, spec.seed, spec.quality.start(items.moves))
+    }
+
+    /// Makes the start on a device. The first run takes the coarse start and so frees its graphs; another run, as on
+    /// the cpu after an error of the gpu, builds it again.
     pub(super) fn start(&self, items: &Items<E>, device: &mut dyn Device<E>, cancel: &Cancel) -> Result<Start> {
-        match &self.start {
+        let prepared = self.start.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match prepared {
             Some(start) => start.labels(items, device, cancel),
+            None if !self.spec.is_merged => Self::coarse_start(items, &self.spec)?.labels(items, device, cancel),
             None if self.spec.merges_groups(items.faces()) => {
                 let improve = self.spec.quality == Quality::Default && self.spec.relocation(items.faces()).is_some();
                 Start::from_groups(items, self.spec.clusters, self.spec.pairs(), improve, device, cancel)
