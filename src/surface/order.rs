@@ -10,22 +10,34 @@ use super::lattice::round_centroid;
 /// Bits of a Morton key an axis: cells of 2¹² lattice units, ~65,000 along the longest side.
 const BITS: u32 = 16;
 
-/// Upper bits of a key that faces are sorted by first: three digits.
-const PREFIX_BITS: u32 = 33;
 /// Bits of a digit: a counter for each value fits the first cache.
 const DIGIT_BITS: u32 = 11;
-/// Bits of a face's number.
-const FACE_BITS: u32 = 31;
+/// Bits of a record for the number of a face or vertex. The rest are three digits.
+pub const NUMBER_BITS: u32 = 31;
+
+/// With more faces than this, records have no more bits for their numbers than they need, and a fourth digit: by three,
+/// half of 4 million faces share their cell with others and are sorted twice
+/// (`benches/results/2026-11-28-two-cores/curve.md`).
+const MANY_FACES: usize = 1 << 21;
 
 /// Upload faces in the order of the Morton keys of their centroids, those with equal keys by number. There are at most
 /// 2³¹.
 ///
-/// A record is 8 bytes, the first 33 bits of the key and the face: a radix sort in three passes takes them along the
-/// curve to 1/2048 of the longest side. Few faces of a surface share such a cell, and those few are sorted by their
-/// whole keys.
+/// A record is 8 bytes, the first bits of the key and the face: with 33 bits of the key, a radix sort in three passes
+/// takes them along the curve to 1/2048 of the longest side. Few faces of a surface share such a cell, and those few
+/// are sorted by their whole keys.
 ///
 /// `centroids(faces, visit)` calls `visit` with each place in `faces` and the centroid of the face there.
 pub fn along_curve<C>(faces: usize, centroids: C) -> Vec<u32>
+where
+    C: Fn(&[u32], &mut dyn FnMut(usize, DVec3)) + Sync,
+{
+    let number_bits = if faces > MANY_FACES { usize::BITS - faces.leading_zeros() } else { NUMBER_BITS };
+    along_curve_by(faces, number_bits, centroids)
+}
+
+/// The same with so many bits of a record for the face; the rest are no more than a key has.
+fn along_curve_by<C>(faces: usize, number_bits: u32, centroids: C) -> Vec<u32>
 where
     C: Fn(&[u32], &mut dyn FnMut(usize, DVec3)) + Sync,
 {
@@ -35,13 +47,13 @@ where
         let first = (piece * PIECE) as u32;
         let faces: [u32; PIECE] = std::array::from_fn(|at| first + at as u32);
         centroids(&faces[..records.len()], &mut |at, centroid| {
-            let prefix = key(round_centroid(centroid)) >> (3 * BITS - PREFIX_BITS);
-            records[at] = prefix << FACE_BITS | u64::from(faces[at]);
+            let prefix = key(round_centroid(centroid)) >> (3 * BITS + number_bits - u64::BITS);
+            records[at] = prefix << number_bits | u64::from(faces[at]);
         });
     });
-    sort_by_prefix(&mut records);
-    let face = |record: u64| record as u32 & ((1 << FACE_BITS) - 1);
-    let is_same = |a: &u64, b: &u64| a >> FACE_BITS == b >> FACE_BITS;
+    sort_by_prefix(&mut records, number_bits);
+    let face = |record: u64| record as u32 & ((1 << number_bits) - 1);
+    let is_same = |a: &u64, b: &u64| a >> number_bits == b >> number_bits;
     records.par_chunk_by_mut(is_same).filter(|run| run.len() > 1).for_each_init(
         || (Vec::new(), Vec::new()),
         |(faces, keyed), run| {
@@ -56,22 +68,22 @@ where
     records.into_par_iter().map(face).collect()
 }
 
-/// Sorts records, which are all different and come in the order of their faces, by what is above the number of the
-/// face, the upper 33 bits.
+/// Sorts records, which are all different and come in the order of their numbers, by what is above the number, which has
+/// so many bits.
 ///
 /// Up to two threads do best with a stable radix sort by one; more sort the whole numbers, in the same order.
-pub fn sort_by_prefix(records: &mut Vec<u64>) {
+pub fn sort_by_prefix(records: &mut Vec<u64>, number_bits: u32) {
     if rayon::current_num_threads() > 2 {
         return records.par_sort_unstable();
     }
-    const DIGITS: usize = (PREFIX_BITS / DIGIT_BITS) as usize;
+    let digits = (u64::BITS - number_bits).div_ceil(DIGIT_BITS);
     let digit = |record: u64, place: usize| {
-        (record >> (FACE_BITS + DIGIT_BITS * place as u32)) as usize & ((1 << DIGIT_BITS) - 1)
+        (record >> (number_bits + DIGIT_BITS * place as u32)) as usize & ((1 << DIGIT_BITS) - 1)
     };
-    let mut next = vec![[0u32; 1 << DIGIT_BITS]; DIGITS];
+    let mut next = vec![[0u32; 1 << DIGIT_BITS]; digits as usize];
     for &record in records.iter() {
-        for place in 0..DIGITS {
-            next[place][digit(record, place)] += 1;
+        for (place, next) in next.iter_mut().enumerate() {
+            next[digit(record, place)] += 1;
         }
     }
     let mut other = vec![0u64; records.len()];
@@ -158,9 +170,10 @@ mod tests {
                 faces.iter().enumerate().for_each(|(at, &face)| visit(at, centroids[face as usize]));
             };
             // there is a sort for few threads and one for many
-            for threads in [1, 4] {
+            for (threads, bits) in [(1, NUMBER_BITS), (1, 22), (1, 16), (4, NUMBER_BITS), (4, 22)] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-                assert_eq!(pool.install(|| along_curve(5000, each)), expected, "{threads} threads");
+                let sorted = pool.install(|| along_curve_by(5000, bits, each));
+                assert_eq!(sorted, expected, "{threads} threads, {bits} bits");
             }
         }
     }

@@ -3,7 +3,7 @@
 //!
 //! Only vertices that faces use are looked at. Sorting them takes 16 bytes each, numbering 8 for any vertex.
 
-use super::order::sort_by_prefix;
+use super::order::{NUMBER_BITS, sort_by_prefix};
 use crate::mesh::{MeshView, Positions};
 
 /// For each vertex of the mesh the number of its position, counted in the order in which faces first use them.
@@ -48,7 +48,7 @@ pub fn first_vertices(mesh: MeshView<'_>) -> Vec<u32> {
     mesh.faces.all_corners().iter().for_each(|&vertex| first[vertex as usize] = vertex);
     let used = first.iter().filter(|&&vertex| vertex != UNUSED);
     let mut sorted: Vec<u64> = used.map(|&vertex| hash(positions, vertex) << 32 | u64::from(vertex)).collect();
-    sort_by_prefix(&mut sorted);
+    sort_by_prefix(&mut sorted, NUMBER_BITS);
     let mut by_position = Vec::new();
     for same_hash in sorted.chunk_by(|a, b| a >> 32 == b >> 32).filter(|vertices| vertices.len() > 1) {
         let vertices = same_hash.iter().map(|&entry| entry as u32);
