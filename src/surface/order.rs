@@ -68,8 +68,8 @@ where
     records.into_par_iter().map(face).collect()
 }
 
-/// Sorts records, which are all different and come in the order of their numbers, by what is above the number, which has
-/// so many bits.
+/// Sorts records, which are all different and come in the order of their numbers, by what is above the lower
+/// `number_bits`, which hold the number.
 ///
 /// Up to two threads do best with a stable radix sort by one; more sort the whole numbers, in the same order.
 pub fn sort_by_prefix(records: &mut Vec<u64>, number_bits: u32) {
