@@ -1,17 +1,30 @@
 //! Connections to the database: a pool, and how they fail.
+//!
+//! A thread that waits for an answer drives the connection itself, in a runtime of that connection. A task of the
+//! service's runtime would do so on another thread, so that every answer would wake two threads, one after the other:
+//! that takes longer than most statements.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::iter::successors;
+use std::pin::pin;
+use std::sync::Arc;
+use std::task::Poll;
 use std::time::Duration;
 
-use deadpool_postgres::{Manager, ManagerConfig, Object, Pool, PoolError, RecyclingMethod};
+use futures_util::future::{BoxFuture, Fuse, FutureExt as _, poll_fn};
+use parking_lot::Mutex;
 use rustls::ClientConfig;
 use rustls_platform_verifier::BuilderVerifierExt as _;
 use tesserae_mesh::error::{Error, Kind, Result};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::task::yield_now;
 use tokio::time::{Instant, timeout_at};
-use tokio_postgres::Config;
 use tokio_postgres::config::SslMode;
 use tokio_postgres::error::SqlState;
+use tokio_postgres::{Client, Config, NoTls, Socket, Statement};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 use super::super::Abort;
@@ -56,39 +69,137 @@ pub fn cannot_reach(error: Error) -> Error {
     }
 }
 
-#[derive(Debug, Clone)]
-pub struct Connections(pub Pool);
+/// A connection with the statements that are prepared on it. It sends and receives while a thread [waits](Self::wait).
+pub struct Connection {
+    client: Client,
+    statements: HashMap<&'static str, Statement>,
+    /// Ends when the connection is closed.
+    driver: Fuse<BoxFuture<'static, ()>>,
+    /// Present until the end.
+    runtime: Option<Runtime>,
+}
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        // tasks may drop it, which must not block
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl Connection {
+    /// Waits on this thread for the end of work with the connection; none when the deadline has passed.
+    pub fn wait<T>(
+        &mut self,
+        deadline: Instant,
+        work: impl AsyncFnOnce(&mut Client, &mut HashMap<&'static str, Statement>) -> T,
+    ) -> Option<T> {
+        let Self { client, statements, driver, runtime } = self;
+        let mut work = pin!(work(client, statements));
+        let driven = poll_fn(|context| {
+            // work that waits for a connection that is closed fails
+            let _: Poll<()> = driver.poll_unpin(context);
+            work.as_mut().poll(context)
+        });
+        runtime.as_ref()?.block_on(async { timeout_at(deadline, driven).await.ok() })
+    }
+
+    /// Whether the server has left it open since it was used last.
+    fn is_open(&mut self, deadline: Instant) -> bool {
+        self.wait(deadline, async |_, _| yield_now().await).is_some() && !self.client.is_closed()
+    }
+}
+
+#[derive(Clone)]
+pub struct Connections {
+    config: Arc<Config>,
+    /// None where connections are not encrypted.
+    tls: Option<MakeRustlsConnect>,
+    /// Open, and not in use.
+    idle: Arc<Mutex<Vec<Connection>>>,
+    permits: Arc<Semaphore>,
+}
 
 impl Connections {
     /// A pool of so many connections, none of which is made yet. The system's certificates verify servers (TLS).
     pub fn new(config: Config, most: usize) -> Result<Self> {
-        let manager = ManagerConfig { recycling_method: RecyclingMethod::Fast };
-        let manager = match config.get_ssl_mode() {
-            SslMode::Disable => Manager::from_config(config, tokio_postgres::NoTls, manager),
+        let tls = match config.get_ssl_mode() {
+            SslMode::Disable => None,
             _ => {
                 let verified = ClientConfig::builder().with_platform_verifier().map_err(|error| {
                     Error::new(Kind::Io, format_args!("certificates for --store cannot be read: {error}"))
                 })?;
-                Manager::from_config(config, MakeRustlsConnect::new(verified.with_no_client_auth()), manager)
+                Some(MakeRustlsConnect::new(verified.with_no_client_auth()))
             }
         };
-        let pool = Pool::builder(manager).max_size(most).build();
-        pool.map(Self).map_err(|error| Error::new(Kind::Internal, format_args!("no pool of connections: {error}")))
+        let permits = Arc::new(Semaphore::new(most));
+        Ok(Self { config: Arc::new(config), tls, idle: Arc::default(), permits })
     }
 
-    pub async fn get(&self, deadline: Instant) -> Result<Object, Abort> {
-        match timeout_at(deadline, self.0.get()).await {
-            Ok(Ok(client)) => Ok(client),
-            Ok(Err(PoolError::Backend(error))) => Err(failure(error)),
-            Ok(Err(error)) => Err(Abort::Broken(away(&error))),
-            Err(_) => Err(self.too_late()),
+    /// Waits until a connection may be used.
+    pub async fn permit(&self, deadline: Instant) -> Result<OwnedSemaphorePermit> {
+        match timeout_at(deadline, Arc::clone(&self.permits).acquire_owned()).await {
+            Ok(Ok(permit)) => Ok(permit),
+            Ok(Err(closed)) => Err(away(&closed)),
+            Err(_) => Err(away(&"all connections are in use")),
+        }
+    }
+
+    /// A connection, for the holder of a permit. To be called where blocking is allowed.
+    pub fn get(&self, deadline: Instant) -> Result<Connection, Abort> {
+        loop {
+            let Some(mut idle) = self.idle.lock().pop() else { return self.connect(deadline) };
+            if idle.is_open(deadline) {
+                return Ok(idle);
+            }
+        }
+    }
+
+    fn connect(&self, deadline: Instant) -> Result<Connection, Abort> {
+        let runtime = Builder::new_current_thread().enable_all().build();
+        let runtime = runtime.map_err(|error| Abort::Broken(away(&error)))?;
+        let connected = runtime.block_on(async {
+            let connecting = async {
+                Ok(match &self.tls {
+                    None => driven(self.config.connect(NoTls).await?),
+                    Some(tls) => driven(self.config.connect(tls.clone()).await?),
+                })
+            };
+            timeout_at(deadline, connecting).await
+        });
+        let (client, driver) = connected.map_err(|_| self.too_late())?.map_err(failure)?;
+        let runtime = Some(runtime);
+        Ok(Connection { client, statements: HashMap::new(), driver: driver.fuse(), runtime })
+    }
+
+    /// Keeps a connection for the next work.
+    pub fn put(&self, connection: Connection) {
+        if !self.permits.is_closed() {
+            self.idle.lock().push(connection);
         }
     }
 
     /// The database did not answer in time. A connection whose server does not answer would hold up the next work, too:
     /// none is used again.
     pub fn too_late(&self) -> Abort {
-        self.0.retain(|_, _| false);
+        self.idle.lock().clear();
         Abort::Broken(away(&"no answer in time"))
     }
+
+    /// No connection is made or kept from now on.
+    pub fn close(&self) {
+        self.permits.close();
+        self.idle.lock().clear();
+    }
+}
+
+/// A client, and what sends and receives for it.
+fn driven<S>((client, connection): (Client, tokio_postgres::Connection<Socket, S>)) -> (Client, BoxFuture<'static, ()>)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let driver =
+        connection.map(|end| end.unwrap_or_else(|why| tracing::debug!(%why, "a connection to the store ended")));
+    (client, driver.boxed())
 }

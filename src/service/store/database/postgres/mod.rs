@@ -45,7 +45,7 @@ impl Postgres {
     /// Opens the database with at most so many connections, and makes its tables if need be.
     pub async fn open(url: &StoreUrl, most: usize, listeners: Arc<Listeners>) -> Result<Self> {
         let connections = Connections::new(address::parse(url)?, most)?;
-        opening::open(&connections).await.map_err(cannot_reach)?;
+        opening::open(connections.clone()).await.map_err(cannot_reach)?;
         let looking = AbortOnDropHandle::new(tokio::spawn(look(connections.clone(), Arc::clone(&listeners))));
         Ok(Self { connections, listeners, looking })
     }
@@ -72,7 +72,7 @@ impl Postgres {
 
     pub fn close(&self) {
         self.looking.abort();
-        self.connections.0.close();
+        self.connections.close();
     }
 }
 
@@ -86,16 +86,19 @@ async fn run<T: Send + 'static>(
     // times that work is done again that the database broke off, though nothing is wrong with it
     let mut left = 5;
     loop {
-        let client = connections.get(deadline).await.map_err(Abort::into_error)?;
+        let permit = connections.permit(deadline).await?;
         let pool = connections.clone();
         let attempt = blocking(move || {
-            let mut session = Session::new(&pool, client, deadline, is_change);
-            let mut effects = Effects::default();
-            let outcome = match work(&mut session, &mut effects) {
-                Ok(done) => session.end(true).map(|()| (done, effects)),
-                Err(Abort::Refused(error)) => session.end(false).and(Err(Abort::Refused(error))),
-                Err(abort) => Err(abort),
-            };
+            let outcome = pool.get(deadline).and_then(|connection| {
+                let mut session = Session::new(&pool, connection, deadline, is_change);
+                let mut effects = Effects::default();
+                match work(&mut session, &mut effects) {
+                    Ok(done) => session.end(true).map(|()| (done, effects)),
+                    Err(Abort::Refused(error)) => session.end(false).and(Err(Abort::Refused(error))),
+                    Err(abort) => Err(abort),
+                }
+            });
+            drop(permit);
             (work, outcome)
         });
         let outcome;

@@ -1,11 +1,12 @@
 //! Opening the database: with the tables as they are to be.
 
 use tesserae_mesh::error::{Error, Kind, Result};
-use tokio::time::{Instant, timeout_at};
+use tokio::time::Instant;
 use tokio_postgres::Client;
 
 use super::super::{Abort, MIGRATIONS, steps};
 use super::connections::{Connections, PATIENCE, failure};
+use crate::ops::blocking::blocking;
 
 /// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes without compression,
 /// which for meshes and labels costs more time than it saves.
@@ -14,11 +15,13 @@ const STORAGE: &str = "\
     ALTER TABLE workers SET (fillfactor = 50); ALTER TABLE tenants SET (fillfactor = 50); \
     ALTER TABLE blobs ALTER COLUMN bytes SET STORAGE EXTERNAL";
 
-pub async fn open(connections: &Connections) -> Result<()> {
+pub async fn open(connections: Connections) -> Result<()> {
     let deadline = Instant::now() + PATIENCE;
-    let mut client = connections.get(deadline).await.map_err(Abort::into_error)?;
-    let migrated = timeout_at(deadline, migrate(&mut client)).await;
-    migrated.unwrap_or_else(|_| Err(connections.too_late())).map_err(Abort::into_error)
+    let migrated = blocking(move || {
+        let mut connection = connections.get(deadline)?;
+        connection.wait(deadline, async |client, _| migrate(client).await).ok_or_else(|| connections.too_late())?
+    });
+    migrated.await?.map_err(Abort::into_error)
 }
 
 /// One service migrates at a time, under an advisory lock.

@@ -1,27 +1,29 @@
 //! Statements on a connection. A round trip takes longer than most statements, so changes, the begin of the transaction
 //! among them, are sent with the next query or the commit.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use deadpool_postgres::Object;
 use futures_util::TryStreamExt as _;
 use futures_util::future::join_all;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tokio::runtime::Handle;
-use tokio::time::{Instant, timeout_at};
+use tokio::time::Instant;
 use tokio_postgres::types::{IsNull, ToSql, Type, to_sql_checked};
+use tokio_postgres::{Client, Statement};
 use tokio_util::bytes::{Bytes, BytesMut};
 
 use super::super::{Abort, Query, Row, Rows, ToValue as _, Value};
-use super::connections::{Connections, failure};
+use super::connections::{Connection, Connections, failure};
 
 const CLOCK: &str = "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint) AS now";
 
 /// A connection, which is closed rather than used again if its transaction was broken off.
 pub struct Session<'c> {
     connections: &'c Connections,
-    client: Option<Object>,
+    /// None after a failure.
+    connection: Option<Connection>,
     deadline: Instant,
     /// Whether a transaction began that has not ended.
     is_begun: bool,
@@ -34,18 +36,18 @@ pub struct Session<'c> {
 
 impl Drop for Session<'_> {
     fn drop(&mut self) {
-        if self.is_begun {
-            self.client.take().map(Object::take);
+        if let Some(connection) = self.connection.take().filter(|_| !self.is_begun) {
+            self.connections.put(connection);
         }
     }
 }
 
 impl<'c> Session<'c> {
     /// A session that reads: every statement is a transaction. Or one for a change.
-    pub fn new(connections: &'c Connections, client: Object, deadline: Instant, is_change: bool) -> Self {
+    pub fn new(connections: &'c Connections, connection: Connection, deadline: Instant, is_change: bool) -> Self {
         let changes = if is_change { vec![("BEGIN", Vec::new())] } else { Vec::new() };
-        let client = Some(client);
-        Self { connections, client, deadline, is_begun: false, changes, wants_clock: is_change, clock: None }
+        let connection = Some(connection);
+        Self { connections, connection, deadline, is_begun: false, changes, wants_clock: is_change, clock: None }
     }
 
     /// Ends the transaction, if there is one; a rollback sends no changes that are not sent yet.
@@ -64,10 +66,17 @@ impl<'c> Session<'c> {
 }
 
 /// Sends statements without waiting for the answer to each.
-async fn send(client: &Object, queries: &[&Query]) -> Result<Vec<Vec<Row>>, tokio_postgres::Error> {
+async fn send(
+    client: &Client,
+    prepared: &mut HashMap<&'static str, Statement>,
+    queries: &[&Query],
+) -> Result<Vec<Vec<Row>>, tokio_postgres::Error> {
     let mut requests = Vec::new();
     for (sql, values) in queries {
-        let statement = client.prepare_cached(sql).await?;
+        let statement = match prepared.entry(sql) {
+            Entry::Occupied(known) => known.get().clone(),
+            Entry::Vacant(new) => new.insert(client.prepare(sql).await?).clone(),
+        };
         requests.push(async move {
             let rows = client.query_raw(&statement, values.iter().map(Bound)).await?;
             rows.try_collect::<Vec<_>>().await
@@ -122,14 +131,15 @@ impl ToSql for Bound<'_> {
 impl Rows for Session<'_> {
     fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort> {
         let changes = std::mem::take(&mut self.changes);
-        let Some(client) = &self.client else {
+        let Some(connection) = &mut self.connection else {
             return Err(Abort::Broken(Error::new(Kind::Internal, "a transaction has no connection")));
         };
         self.is_begun |= !changes.is_empty();
         let clock = std::mem::take(&mut self.wants_clock).then(|| (CLOCK, Vec::new()));
         let sent: Vec<&Query> = changes.iter().chain(queries).chain(&clock).collect();
-        let answer = Handle::current().block_on(timeout_at(self.deadline, send(client, &sent)));
-        let mut answer = answer.map_err(|_| self.connections.too_late())?.map_err(failure)?.split_off(changes.len());
+        let answer = connection.wait(self.deadline, async |client, prepared| send(client, prepared, &sent).await);
+        let answer = answer.ok_or_else(|| self.connections.too_late()).and_then(|answer| answer.map_err(failure));
+        let mut answer = answer.inspect_err(|_| drop(self.connection.take()))?.split_off(changes.len());
         if clock.is_some() {
             self.clock = answer.pop().and_then(|mut rows| rows.pop());
         }
