@@ -1,4 +1,5 @@
-//! Eigenvectors of small symmetric matrices, by Jacobi's method.
+//! Eigenvectors of small symmetric matrices, by Jacobi's method; the smallest eigenvalue alone by Newton's, in a seventh
+//! of the time.
 //!
 //! It needs + − × ÷ √ alone, in a fixed order, so that every machine computes the same bits. That of
 //! `remesh/quadric.rs` rounds otherwise, and the bytes of remeshes hang on it.
@@ -24,10 +25,33 @@ pub fn smallest<const N: usize>(of: [[f64; N]; N]) -> (f64, [f64; N]) {
     (values[least].max(0.0), vectors.map(|row| row[least]))
 }
 
-/// The smallest eigenvalue alone, which is the same.
-pub fn smallest_value<const N: usize>(of: [[f64; N]; N]) -> f64 {
-    diagonal(of, |_, _, _| ()).into_iter().fold(f64::INFINITY, f64::min).max(0.0)
+/// The smallest eigenvalue alone. The characteristic polynomial rises up to it, ever less, so that Newton's method from 0
+/// on comes to it from below. Where the two smaller ones are next to nothing, or next to each other, it is Jacobi's.
+pub fn smallest_value(of: [[f64; 3]; 3]) -> f64 {
+    let [[a, d, e], [_, b, f], [_, _, c]] = of;
+    let trace = a + b + c;
+    let minors = (b * c - f * f) + (a * c - e * e) + (a * b - d * d);
+    let determinant = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e);
+    if minors > FLATTEST * trace * trace {
+        let mut value = 0.0;
+        for _ in 0..STEPS {
+            let below = determinant - ((value - trace) * value + minors) * value;
+            let slope = (3.0 * value - 2.0 * trace) * value + minors;
+            let next = value + below / slope;
+            if next <= value * (1.0 + 4.0 * f64::EPSILON) {
+                return value;
+            }
+            value = next;
+        }
+    }
+    smallest(of).0
 }
+
+/// The second eigenvalue over the largest, from which on rounding moves the smallest by less than 10⁻⁹ of the largest.
+const FLATTEST: f64 = 1e-6;
+
+/// Steps of Newton's method. Matrices of moments take 3 to 6.
+const STEPS: usize = 8;
 
 /// A turn of two axes.
 struct Turn {
@@ -120,7 +144,33 @@ mod tests {
         assert_eq!(eigen([[0.0; 3]; 3]).0, [0.0; 3]);
         let (least, vector) = smallest([[3.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]]);
         assert_eq!((least, vector), (1.0, [0.0, 1.0, 0.0]));
-        let of = [[3.0, 0.5, 0.25], [0.5, 1.0, 0.125], [0.25, 0.125, 2.0]];
-        assert_eq!(smallest_value(of), smallest(of).0);
+    }
+
+    #[test]
+    fn the_smallest_eigenvalue_alone_is_the_same() {
+        let turned = |values: [f64; 3]| {
+            // columns of a rotation by whole numbers over 3
+            let axes = [[1.0, 2.0, 2.0], [2.0, 1.0, -2.0], [2.0, -2.0, 1.0]].map(|row: [f64; 3]| row.map(|x| x / 3.0));
+            std::array::from_fn(|i| {
+                std::array::from_fn(|j| (0..3).map(|k| axes[k][i] * values[k] * axes[k][j]).sum::<f64>())
+            })
+        };
+        for values in [
+            [1.0, 3.0, 2.0],
+            [0.0, 1.0, 2.0],
+            [1e-9, 1.0, 1.0],
+            [1e-3, 1e-3, 1.0],
+            [1.0, 1.0, 1.0],
+            [1e-12, 1e-9, 1.0],
+            [0.0, 0.0, 1.0],
+            [0.0, 0.0, 0.0],
+            [0.9, 1.0, 1e5],
+        ] {
+            let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+            let largest = values.iter().copied().fold(0.0, f64::max);
+            let found = smallest_value(turned(values));
+            assert!((found - least).abs() <= 1e-9 * largest, "{values:?}: {found}");
+        }
+        assert_eq!(smallest_value([[2.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 0.0]]), 0.0, "flat without rounding");
     }
 }

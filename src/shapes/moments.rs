@@ -127,11 +127,11 @@ fn add<T: Copy + std::ops::AddAssign, const N: usize>(sums: &mut [T; N], others:
 fn each_sample(faces: &Faces, face: u32, mut visit: impl FnMut(i64, [i64; 3])) {
     const HALF: i64 = 1 << (SHIFT - 1);
     let samples = faces.samples(face);
-    let all = 3 * i64::from(faces.weight(face));
-    let count = samples.len() as i64;
+    let (third, count) = (i64::from(faces.weight(face)), samples.len() as i64);
     for (number, sample) in (0..).zip(samples) {
-        // the parts add up to the whole, whatever the rounding
-        let weight = all * (number + 1) / count - all * number / count;
+        // the parts add up to the whole, whatever the rounding; those of a triangle are thirds
+        let part = |number: i64| 3 * third * number / count;
+        let weight = if count == 3 { third } else { part(number + 1) - part(number) };
         visit(weight, sample.map(|x| (i64::from(x) + HALF) >> SHIFT));
     }
 }
