@@ -163,18 +163,21 @@ impl Connection {
         encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes })
     }
 
-    /// Counts what a kernel does, if there is a clock.
-    pub(super) fn count(&self, kernel: &'static str, work: KernelWork) {
+    /// Changes the counts of the next profile, if there is a clock.
+    fn record(&self, change: impl FnOnce(&mut Profile)) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel, work);
+            clock.record(change);
         }
+    }
+
+    /// Counts what a kernel does.
+    pub(super) fn count(&self, kernel: &'static str, work: KernelWork) {
+        self.record(|profile| *profile.kernels.entry(kernel).or_default() += work);
     }
 
     /// Submits commands, and what was written to buffers before.
     pub(super) fn submit(&self, encoder: Option<wgpu::CommandEncoder>) -> wgpu::SubmissionIndex {
-        if let Some(clock) = &self.clock {
-            clock.count_submit();
-        }
+        self.record(|profile| profile.submits += 1);
         self.queue.submit(encoder.map(wgpu::CommandEncoder::finish))
     }
 
@@ -191,7 +194,8 @@ impl Connection {
             Err(_) => return Err(self.break_down("its timestamps could not be read")),
         };
         queries.unmap();
-        clock.forget_wait();
+        // without the wait for the profile itself
+        self.record(|profile| profile.waits = 0);
         Ok(Some(clock.profile(done, &ticks)))
     }
 
@@ -255,9 +259,7 @@ impl Connection {
 
     /// Waits until a submission has completed and the callbacks of its buffers were called.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
-        if let Some(clock) = &self.clock {
-            clock.count_wait();
-        }
+        self.record(|profile| profile.waits += 1);
         let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
         self.check()?;
         outcome
