@@ -4,9 +4,7 @@ use super::Tuning;
 use super::buffers::Sizes;
 use super::kernels::{KERNELS, needed};
 use crate::device::adapter::{AdapterKind, AdapterReport, LargestMeshes};
-
-/// Faces that threads of a dispatch can number in u32, the last row half empty.
-pub(super) const MOST_FACES: u64 = 1 << 31;
+use crate::surface::MOST_FACES;
 
 impl From<wgpu::DeviceType> for AdapterKind {
     fn from(kind: wgpu::DeviceType) -> Self {
@@ -70,9 +68,9 @@ pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
         let fits = |faces: u64| {
             let clusters = (faces / faces_a_cluster).max(1);
             let sizes = Sizes { axes: 3, faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
-            needed.iter().all(|buffer| (buffer.spec().bytes)(&sizes) <= most)
+            needed.iter().all(|buffer| buffer.spec().bytes(&sizes) <= most)
         };
-        let (mut least, mut beyond) = (0, MOST_FACES + 1);
+        let (mut least, mut beyond) = (0, MOST_FACES as u64 + 1);
         while beyond - least > 1 {
             let middle = least.midpoint(beyond);
             *(if fits(middle) { &mut least } else { &mut beyond }) = middle;

@@ -156,8 +156,7 @@ impl<E: Words> GpuSteps<'_, E> {
 
     /// Counts what kernels did in an iteration.
     fn count(&self, kernels: &[&Kernel], stats: &IterationStats) {
-        let lengths = self.memory.lengths(stats);
-        kernels.iter().for_each(|kernel| self.connection.count(kernel.name, kernel.work(&lengths)));
+        kernels.iter().for_each(|kernel| self.connection.count(kernel.name, self.memory.work(kernel, stats)));
     }
 
     /// Grows the clusters over the free faces, all of which are listed. With each batch of passes comes the energy that

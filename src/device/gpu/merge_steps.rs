@@ -38,7 +38,7 @@ impl<E: Words> GpuSteps<'_, E> {
         let (entries, ties) = match search {
             None => return Numbers::NONE,
             Some(Search::Best(ties)) => (self.summed() as u32, ties),
-            Some(Search::Cheapest(ties)) => (self.memory.groups(kernels::CHEAPEST_DUAL_EDGE), ties),
+            Some(Search::Cheapest(ties)) => (self.memory.groups(&self.connection, kernels::CHEAPEST_DUAL_EDGE), ties),
         };
         Numbers { entries, ties, ..Numbers::NONE }
     }
