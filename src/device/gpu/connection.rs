@@ -242,6 +242,18 @@ impl Connection {
         errors.first().map_or(Ok(buffer), |error| Err(failure(&self.name, error)))
     }
 
+    /// The resources of a kernel, in the order of their bindings.
+    pub(super) fn bind_group<'a>(
+        &self,
+        kernel: &str,
+        layout: &wgpu::BindGroupLayout,
+        resources: impl IntoIterator<Item = wgpu::BindingResource<'a>>,
+    ) -> wgpu::BindGroup {
+        let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
+        let entries: Vec<_> = (0..).zip(resources).map(entry).collect();
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(kernel), layout, entries: &entries })
+    }
+
     /// The first failure that was reported.
     pub(super) fn check(&self) -> Result<()> {
         if lock(&self.health.failed).is_some() && lock(&self.health.lost).is_none() {

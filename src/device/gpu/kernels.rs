@@ -18,8 +18,6 @@
 //! A *chain* is several kernels in one dispatch of one workgroup, with barriers in between. Where a step has few items,
 //! that costs less than several dispatches.
 
-use std::mem::size_of;
-
 use super::Tuning;
 use super::axes::written_out;
 use super::buffers::{Buffer, Spec};
@@ -202,12 +200,6 @@ impl Kernel {
             }
         }
         all
-    }
-
-    /// Bytes of the smallest buffer for each binding, for points of so many axes.
-    pub fn binding_sizes(&self, axes: usize) -> impl Iterator<Item = usize> {
-        let storage = self.bindings().into_iter().map(move |binding| (binding.buffer.spec().stride)(axes));
-        std::iter::once(size_of::<Iteration>()).chain(storage)
     }
 }
 

@@ -214,17 +214,8 @@ impl SurfaceMemory {
         });
         let bindings = kernel.bindings();
         let storage = bindings.iter().map(|binding| self.get(binding.buffer).as_entire_binding());
-        let entries: Vec<_> = (0..)
-            .zip(std::iter::once(iteration).chain(storage))
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
-            .collect();
         let (layout, pipeline) = connection.pipeline(kernel, self.axes);
-        let bind_group = connection.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(kernel.name),
-            layout: &layout,
-            entries: &entries,
-        });
-        (pipeline, bind_group)
+        (pipeline, connection.bind_group(kernel.name, &layout, std::iter::once(iteration).chain(storage)))
     }
 }
 
