@@ -2,7 +2,6 @@
 //!
 //! Searches go over boundary faces and the clusters that are left. A round of the parallel kind transfers bytes in
 //! proportion to the clusters that are left and the faces that moved; a search for the cheapest dual edge some 150.
-//! What the next call will need comes along with what a call reads, since a wait costs more than some thousand bytes.
 
 use super::FaultPoint;
 use super::buffers::Buffer;
@@ -74,12 +73,13 @@ impl<E: Words> GpuSteps<'_, E> {
             Search::Best(_) => {
                 let edges = self.living.iter().zip(parts.next::<ListedEdge>()).filter(|(_, edge)| edge.other != FREE);
                 let edge = |(&cluster, ListedEdge { other, cost }): (&u32, _)| DualEdge { cluster, other, cost };
-                (Found::Best(edges.map(edge).collect()), self.living.clone())
+                (Found { best: edges.map(edge).collect(), cheapest: None }, self.living.clone())
             }
             Search::Cheapest(_) => {
                 let best = parts.next::<CandidateEdge>().first().map(|best| (best.low, best.high));
-                let ends = best.filter(|&(low, _)| low != FREE);
-                (Found::Cheapest(ends), ends.iter().flat_map(|&(low, high)| [low, high]).collect())
+                let cheapest = best.filter(|&(low, _)| low != FREE);
+                let ends = cheapest.iter().flat_map(|&(low, high)| [low, high]).collect();
+                (Found { best: Vec::new(), cheapest }, ends)
             }
         };
         let sums = parts.next::<u32>();
@@ -87,13 +87,13 @@ impl<E: Words> GpuSteps<'_, E> {
     }
 
     /// What a search finds; what it found along with an earlier step, if that was the same search.
-    fn search(&mut self, search: Search) -> Result<Option<Found>> {
+    fn search(&mut self, search: Search) -> Result<Found> {
         self.last_search = Some(search);
         if !matches!(&self.known.found, Some((known, _)) if *known == search) {
             let encoder = self.begin(self.numbers_of(Some(search)), true, !self.known.is_fitted);
             self.fetch(encoder, Along { search: Some(search), ..Along::default() })?;
         }
-        Ok(self.known.found.take().map(|(_, found)| found))
+        Ok(self.known.found.take().map(|(_, found)| found).unwrap_or_default())
     }
 
     /// Refuses on a software gpu when faces times clusters are more than `software_limit`.
@@ -116,10 +116,7 @@ impl<E: Words> GpuSteps<'_, E> {
 
 impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        match self.search(Search::Best(ties))? {
-            Some(Found::Best(edges)) => Ok(edges),
-            Some(Found::Cheapest(_)) | None => Ok(Vec::new()),
-        }
+        Ok(self.search(Search::Best(ties))?.best)
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
@@ -128,10 +125,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         self.check_work()?;
-        match self.search(Search::Cheapest(ties))? {
-            Some(Found::Cheapest(ends)) => Ok(ends),
-            Some(Found::Best(_)) | None => Ok(None),
-        }
+        Ok(self.search(Search::Cheapest(ties))?.cheapest)
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {

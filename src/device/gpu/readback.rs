@@ -171,10 +171,9 @@ impl<E: Words> GpuSteps<'_, E> {
         ];
         parts.extend(along.search.into_iter().flat_map(|search| self.parts(search)));
         let (listed, mut moves, between, batch, labels, found) = self.read(encoder, &parts, |mut parts| {
-            let (listed, moves, between): (Vec<u32>, Vec<Move>, Vec<IterationStats>) =
-                (parts.next(), parts.next(), parts.next());
-            let (batch, labels) = (parts.next(), parts.next());
-            (listed, moves, between, batch, labels, along.search.map(|search| self.found(search, &mut parts)))
+            let (listed, moves) = (parts.next::<u32>(), parts.next::<Move>());
+            let (between, batch) = (parts.next::<IterationStats>(), parts.next());
+            (listed, moves, between, batch, parts.next(), along.search.map(|search| self.found(search, &mut parts)))
         })?;
         self.memory.listed = listed[0];
         let (between, before) = (between[0], between[1]);

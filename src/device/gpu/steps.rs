@@ -116,11 +116,9 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
         self.encode(&mut encoder, "pieces", &pieces, BETWEEN);
         self.encode(&mut encoder, "grow", &[kernels::REGROWTH_CHAIN, kernels::PROXIES_FIT], BETWEEN);
         self.known.invalidate(Change::Moves);
-        let IterationStats { movers: freed, moves: grown, .. } = {
-            let read = self.fetch(encoder, Along { moves: true, labels, search, ..Along::default() })?;
-            self.known.energy = Some(read.between.energy());
-            read.between
-        };
+        let stats = self.fetch(encoder, Along { moves: true, labels, search, ..Along::default() })?.between;
+        let IterationStats { movers: freed, moves: grown, .. } = stats;
+        self.known.energy = Some(stats.energy());
         self.known.is_fitted = true;
         self.known.is_repaired |= freed > 0;
         if grown < freed {
