@@ -30,8 +30,8 @@ pub(super) struct Phase {
     name: &'static str,
     fault_point: FaultPoint,
     kernels: &'static [&'static Kernel],
-    /// The same for few movers and clusters.
-    of_few: &'static [&'static Kernel],
+    /// The same, for few movers and clusters.
+    of_few: [&'static Kernel; 2],
     /// The first iteration that is a flood: it takes several passes, each with a number of its own, until one in which
     /// nothing moves.
     flood_from: u32,
@@ -45,7 +45,7 @@ pub(super) const BOUNDARY: Phase = Phase {
     name: "boundary",
     fault_point: FaultPoint::Boundary,
     kernels: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
-    of_few: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_CHAIN],
+    of_few: [kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_CHAIN],
     flood_from: FLOOD_FROM,
     is_over: |_| true,
     leaves_fitted: true,
@@ -61,7 +61,7 @@ pub(super) const REFINEMENT: Phase = Phase {
         kernels::EVALUATE_MOVES,
         kernels::COMMIT_MOVES,
     ],
-    of_few: &[kernels::FACE_BID, kernels::REFINEMENT_CHAIN],
+    of_few: [kernels::FACE_BID, kernels::REFINEMENT_CHAIN],
     flood_from: u32::MAX,
     is_over: |stats| stats.movers == 0,
     leaves_fitted: false,
@@ -142,9 +142,10 @@ impl<E: Words> GpuSteps<'_, E> {
         let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
         let clusters = self.living.len() as u32;
         let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
-        let mut chain = phase.of_few.iter().filter(|kernel| kernel.is_chain()).flat_map(|kernel| kernel.parts);
-        let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
-        let kernels = if is_few { phase.of_few } else { phase.kernels };
+        let [_, chain] = phase.of_few;
+        let is_few = self.connection.has_chains
+            && chain.parts.iter().all(|part| items(part) <= self.connection.tuning.chain_items);
+        let kernels = if is_few { &phase.of_few } else { phase.kernels };
         self.encode_slots(&mut encoder, phase.name, kernels, 0..iterations);
         self.known.is_fitted = phase.leaves_fitted;
         let batch = self.fetch(encoder, Along { iterations, ..Along::default() })?.batch;
