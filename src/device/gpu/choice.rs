@@ -73,28 +73,22 @@ fn reports(found: &[Found]) -> Vec<AdapterReport> {
 
 /// The adapter to open.
 pub(super) fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'a Found> {
-    let candidates = matching(found, adapter)?;
-    best(candidates.iter().map(|found| &found.report)).and_then(|report| found.get(report.index)).ok_or_else(|| {
-        Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!("no gpu can be used, see `tesserae devices` or take the device cpu; found {}", list(found)),
-        )
-    })
-}
-
-/// The adapters that `--adapter` means: all without it, never none with it.
-fn matching<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<Vec<&'a Found>> {
-    let Some(wanted) = adapter else {
-        return Ok(found.iter().collect());
-    };
-    let matches: Vec<&Found> = found.iter().filter(|found| is_meant(&found.report, wanted)).collect();
-    if matches.is_empty() {
+    let is_candidate = |report: &&AdapterReport| adapter.is_none_or(|wanted| is_meant(report, wanted));
+    let candidates: Vec<_> = found.iter().map(|found| &found.report).filter(is_candidate).collect();
+    if let Some(wanted) = adapter
+        && candidates.is_empty()
+    {
         return Err(Error::parameter(format_args!(
             "no adapter has this number or name (found {}): {wanted:?}",
             list(found)
         )));
     }
-    Ok(matches)
+    best(candidates.into_iter()).and_then(|report| found.get(report.index)).ok_or_else(|| {
+        Error::new(
+            Kind::DeviceUnsuitable,
+            format_args!("no gpu can be used, see `tesserae devices` or take the device cpu; found {}", list(found)),
+        )
+    })
 }
 
 /// Whether an adapter has this number or, in any case, this in its name.
