@@ -25,10 +25,11 @@ use rayon::prelude::*;
 
 use self::node::{Edge, Grown, NO_NODE, Node, NodeEdges, Status, resolve};
 use self::search::{Context, SearchResult};
+use crate::device::cpu::best_edge::rough_end;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::energy::{Functional, RoughEnd, Sums};
+use crate::energy::{Functional, RoughEnd};
 use crate::surface::DualGraph;
 
 /// The round before the first. A row of this round has no costs.
@@ -58,9 +59,9 @@ pub struct Contraction<E: Functional> {
     /// Number of edges after the last compaction.
     compacted: usize,
     /// Which of equally cheap dual edges is the best.
-    ties: Ties,
+    pub ties: Ties,
     /// Whether the best edges are those after the last round.
-    is_current: bool,
+    pub is_current: bool,
 }
 
 impl<E: Functional> Contraction<E> {
@@ -95,11 +96,6 @@ impl<E: Functional> Contraction<E> {
         }
     }
 
-    /// Which of equally cheap dual edges is the best.
-    pub fn ties(&self) -> Ties {
-        self.ties
-    }
-
     /// The neighbour that each cluster would best merge with, in the order of the clusters.
     pub fn choices(&mut self, clusters: &Clusters<E>) -> Vec<(u32, u32)> {
         self.update(clusters);
@@ -115,11 +111,6 @@ impl<E: Functional> Contraction<E> {
     pub fn mutual(&mut self, clusters: &Clusters<E>) -> Vec<Rank<u32>> {
         self.update(clusters);
         self.pairs.iter().map(|(rank, _)| *rank).collect()
-    }
-
-    /// Whether the best edges are those after the last round.
-    pub fn is_current(&self) -> bool {
-        self.is_current
     }
 
     /// Merges the first cluster of each pair into the second; no cluster is in two pairs. The best edges are current.
@@ -154,8 +145,7 @@ impl<E: Functional> Contraction<E> {
         }
         self.is_current = true;
         let grown = std::mem::take(&mut self.grown);
-        let end =
-            |cluster: u32| RoughEnd { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.proxy(cluster) };
+        let end = |cluster: u32| rough_end(clusters, cluster);
         let mut lost = Vec::new();
         if self.round == NEVER {
             self.round += 1;
