@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use self::node::{Edge, Grown, NO_NODE, Node, NodeEdges, Status, resolve};
-use self::search::{Context, SearchResult};
+use self::search::SearchResult;
 use crate::device::cpu::best_edge::rough_end;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
@@ -155,16 +155,16 @@ impl<E: Functional> Contraction<E> {
         for grown in &grown {
             self.nodes[grown.node as usize].end = end(self.cluster_of_node[grown.node as usize]);
         }
-        let context = self.context(clusters);
-        let results: Vec<SearchResult> = grown.par_chunks(ITEMS).map(|grown| context.search_grown(grown)).collect();
+        let search = |grown: &[Grown]| self.search_grown(clusters, grown);
+        let results: Vec<SearchResult> = grown.par_chunks(ITEMS).map(search).collect();
         for &(node, edge) in results.iter().flat_map(|result| &result.offers) {
             // nodes that search by themselves get no offers
-            if context.prefers(node, edge, self.nodes[node as usize].best()) {
+            if self.prefers(clusters, node, edge, self.nodes[node as usize].best()) {
                 self.nodes[node as usize].set_best(edge);
             }
         }
         lost.extend(results.into_iter().flat_map(|result| result.lost));
-        lost.par_chunks(ITEMS).for_each(|lost| context.search_lost(lost));
+        lost.par_chunks(ITEMS).for_each(|lost| self.search_lost(clusters, lost));
         let searched: Vec<u32> = grown.iter().map(|grown| grown.node).chain(lost).collect();
         self.pair_up(clusters, &searched);
     }
@@ -172,7 +172,6 @@ impl<E: Functional> Contraction<E> {
     /// Finds the pairs whose best edges lead to each other, given the nodes that searched in this round. A new pair has
     /// such a node, because offers lead to grown nodes.
     fn pair_up(&mut self, clusters: &Clusters<E>, searched: &[u32]) {
-        let context = self.context(clusters);
         let choice = |node: u32| self.nodes[node as usize].best().other;
         // a node that searched without having grown did so because its choice had grown or ended, or in the first round
         let has_grown = |node: u32| self.nodes[node as usize].status.grown == self.round;
@@ -183,7 +182,7 @@ impl<E: Functional> Contraction<E> {
             let is_new = other != NO_NODE && choice(other) == node && (node < other || !has_searched(other));
             is_new.then(|| {
                 let [low, high] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-                (Rank::new(context.packed_cost(node, other), low, high, Ties::Hash), [node, other])
+                (Rank::new(self.packed_cost(clusters, node, other), low, high, Ties::Hash), [node, other])
             })
         };
         let mut pairs: Vec<_> = self.pairs.par_iter().with_min_len(ITEMS).copied().filter(stays).collect();
@@ -237,18 +236,6 @@ impl<E: Functional> Contraction<E> {
         self.ended = 0;
         self.compacted = end;
         self.edges = kept_edges;
-    }
-
-    fn context<'a>(&'a self, clusters: &'a Clusters<E>) -> Context<'a, E> {
-        Context {
-            nodes: &self.nodes,
-            rows: &self.rows,
-            cluster_of_node: &self.cluster_of_node,
-            edges: &self.edges,
-            round: self.round,
-            clusters,
-            ties: self.ties,
-        }
     }
 }
 
