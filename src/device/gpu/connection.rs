@@ -6,7 +6,6 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -48,10 +47,8 @@ pub(super) struct Connection {
     pub(super) staging: Mutex<Staging>,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
-    /// Whether a fault leaves no memory for the next buffer.
-    is_exhausted: AtomicBool,
-    /// Whether a fault changes the next numbers that the host reads.
-    is_wrong: AtomicBool,
+    /// A fault of the next buffer, or of the next numbers that the host reads.
+    reached: Mutex<Option<Fault>>,
     /// Where passes are timed.
     clock: Option<Clock>,
 }
@@ -133,8 +130,7 @@ impl Connection {
             staging: Mutex::default(),
             health,
             fault: Mutex::new(overrides.fault),
-            is_exhausted: AtomicBool::default(),
-            is_wrong: AtomicBool::default(),
+            reached: Mutex::default(),
             clock,
         })
     }
@@ -229,7 +225,7 @@ impl Connection {
     /// Creates a buffer, mapped if the host may write it. A failure, such as lack of memory, is an error of this call
     /// and leaves the connection usable.
     pub(super) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
-        if self.is_exhausted.swap(false, Ordering::SeqCst) {
+        if lock(&self.reached).take_if(|fault| matches!(fault, Fault::Exhaust(_))).is_some() {
             return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "injected".into() }));
         }
         let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
@@ -303,7 +299,8 @@ impl Connection {
 
     /// The bytes with another last number, if a fault requires that.
     pub(super) fn corrupted(&self, bytes: &[u8]) -> Option<Vec<u8>> {
-        let last = bytes.len().checked_sub(4).filter(|_| self.is_wrong.swap(false, Ordering::SeqCst))?;
+        let last = bytes.len().checked_sub(4)?;
+        lock(&self.reached).take_if(|fault| matches!(fault, Fault::Miscompute(_)))?;
         let mut wrong = bytes.to_vec();
         wrong[last] ^= 1;
         Some(wrong)
@@ -312,8 +309,7 @@ impl Connection {
     /// Injects the fault that was set for this point.
     pub(super) fn reach(&self, point: FaultPoint) {
         match lock(&self.fault).take_if(|fault| fault.point() == point) {
-            Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
-            Some(Fault::Miscompute(_)) => self.is_wrong.store(true, Ordering::SeqCst),
+            Some(fault @ (Fault::Exhaust(_) | Fault::Miscompute(_))) => *lock(&self.reached) = Some(fault),
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {
                 // more than any device allows
