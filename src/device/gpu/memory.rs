@@ -107,7 +107,7 @@ impl SurfaceMemory {
         let (listed, bound) = (common.faces, RefCell::default());
         let mut memory = Self { storage, iterations, stride, common, axes: E::AXES, listed, bound };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
-        upload(connection, memory.get(Buffer::Proxies), 0, &proxies);
+        upload(connection, memory.get(Buffer::Proxies), &proxies);
         let all: Vec<u32> = (0..sizes.clusters as u32).collect();
         memory.list_clusters(connection, &all);
         connection.check()?;
@@ -131,7 +131,7 @@ impl SurfaceMemory {
 
     /// Lets kernels with a thread a cluster go over these only.
     pub(super) fn list_clusters(&mut self, connection: &Connection, living: &[u32]) {
-        upload(connection, self.get(Buffer::LivingClusters), 0, living);
+        upload(connection, self.get(Buffer::LivingClusters), living);
         self.common.clusters = living.len() as u32;
     }
 

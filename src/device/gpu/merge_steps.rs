@@ -143,7 +143,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         self.connection.reach(FaultPoint::Merge);
         let entries: Vec<u32> = pairs.iter().flat_map(|&(from, into)| [from, into]).collect();
-        upload(&self.connection, self.memory.get(Buffer::HostList), 0, &entries);
+        upload(&self.connection, self.memory.get(Buffer::HostList), &entries);
         let mut encoder = self.begin(Numbers { entries: pairs.len() as u32, ..Numbers::NONE }, false, false);
         if self.known.history == History::Unmerged {
             encoder.clear_buffer(self.memory.get(Buffer::MergedInto), 0, None);
@@ -168,7 +168,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         let mut sums = Vec::with_capacity(clusters.len());
         for chunk in clusters.chunks(self.memory.capacity(Buffer::CopiedSums)) {
-            upload(&self.connection, self.memory.get(Buffer::HostList), 0, chunk);
+            upload(&self.connection, self.memory.get(Buffer::HostList), chunk);
             let mut encoder = self.begin(Numbers { entries: chunk.len() as u32, ..Numbers::NONE }, false, false);
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY], BETWEEN);
             let copied: Vec<u32> = self.read(encoder, &[Self::copied(chunk.len())], |mut parts| parts.next())?;
@@ -187,7 +187,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         let (mut list, moved) = self.known.moves.take().unwrap_or_default();
         if list.len() < moved {
-            list = self.download::<Move>(self.connection.encoder(), Buffer::Moves, moved)?;
+            list = self.download::<Move>(Buffer::Moves, moved)?;
         }
         list.sort_unstable_by_key(|moved| moved.face);
         Ok(list.iter().map(|moved| (moved.face, moved.before, moved.after)).collect())

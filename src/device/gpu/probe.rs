@@ -149,7 +149,7 @@ fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 3]> {
         finish()?;
         times[0] = started.elapsed().as_secs_f64();
         let started = Instant::now();
-        upload(connection, &target, 0, &data);
+        upload(connection, &target, &data);
         finish()?;
         times[1] = started.elapsed().as_secs_f64();
         times[2] = download(connection, &target, TRANSFER as u64)?;

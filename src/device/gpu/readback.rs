@@ -135,14 +135,9 @@ impl<E: Words> GpuSteps<'_, E> {
         read(&self.connection, &self.host_buffer, encoder, &places, look)
     }
 
-    /// Submits the commands, and reads the first items of a buffer.
-    pub(super) fn download<T: Pod>(
-        &self,
-        encoder: wgpu::CommandEncoder,
-        buffer: Buffer,
-        items: usize,
-    ) -> Result<Vec<T>> {
-        self.read(encoder, &[Part::of::<T>(buffer, 0, items)], |mut parts| parts.next())
+    /// Reads the first items of a buffer.
+    pub(super) fn download<T: Pod>(&self, buffer: Buffer, items: usize) -> Result<Vec<T>> {
+        self.read(self.connection.encoder(), &[Part::of::<T>(buffer, 0, items)], |mut parts| parts.next())
     }
 
     /// Submits the commands, with what is read along. What the host then knows besides statistics is in
@@ -199,7 +194,7 @@ impl<E: Words> GpuSteps<'_, E> {
                 Some(labels) => Ok(labels),
                 None => {
                     self.connection.reach(FaultPoint::Labels);
-                    self.download(self.connection.encoder(), Buffer::Labels, self.graph.faces())
+                    self.download(Buffer::Labels, self.graph.faces())
                 }
             };
         }
@@ -217,7 +212,7 @@ impl<E: Words> GpuSteps<'_, E> {
 
     /// The labels that all faces had after the last merge; `labels` are the present ones.
     pub(super) fn labels_at_merge(&self, labels: &[u32]) -> Result<Vec<u32>> {
-        let at_merge: Vec<u32> = self.download(self.connection.encoder(), Buffer::LabelAtMerge, labels.len())?;
+        let at_merge: Vec<u32> = self.download(Buffer::LabelAtMerge, labels.len())?;
         let label = |(before, &label): (u32, &u32)| if before == UNLISTED { label } else { before };
         Ok(at_merge.into_iter().zip(labels).map(label).collect())
     }

@@ -84,9 +84,9 @@ impl ShapeSteps for GpuShapes {
         if self.shapes.size() < size_of_val(shapes) as u64 {
             self.shapes = storage(connection, "shapes", size_of_val(shapes) as u64)?;
         }
-        upload(connection, &self.labels, 0, labels);
-        upload(connection, &self.shapes, 0, shapes);
-        upload(connection, &self.listed, 0, listed);
+        upload(connection, &self.labels, labels);
+        upload(connection, &self.shapes, shapes);
+        upload(connection, &self.listed, listed);
         let bytes = size_of_val(listed) as u64;
         let buffers = [&self.neighbours, &self.samples, &self.labels, &self.shapes, &self.listed, &self.proposals];
         let resources = buffers.map(|buffer| {

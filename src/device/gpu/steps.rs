@@ -23,7 +23,7 @@ impl<E: Words> GpuSteps<'_, E> {
         }
         self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
         let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
-        upload(&self.connection, from, 0, labels);
+        upload(&self.connection, from, labels);
         let mut encoder = self.connection.encoder();
         encoder.copy_buffer_to_buffer(from, 0, to, 0, None);
         self.connection.submit(Some(encoder));
@@ -53,7 +53,7 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
             at_merge = self.labels_at_merge(&before)?;
         }
         self.replace_labels(labels)?;
-        upload(&self.connection, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
+        upload(&self.connection, self.memory.get(Buffer::LabelAtMerge), &at_merge);
         self.known.labels = Some(labels.to_vec());
         Ok(())
     }

@@ -14,15 +14,12 @@ use crate::surface::DualGraph;
 /// Items that are written at once, so that wgpu's copies of them stay small.
 const CHUNK: usize = 1 << 20;
 
-/// Writes items to a buffer, from item `first` on.
-pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, first: usize, items: &[T]) {
-    let mut at = first * size_of::<T>();
-    for chunk in items.chunks(CHUNK) {
-        let bytes: &[u8] = cast_slice(chunk);
-        connection.queue.write_buffer(buffer, at as u64, bytes);
+/// Writes items to a buffer.
+pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, items: &[T]) {
+    for (at, chunk) in (0..).step_by(CHUNK).zip(items.chunks(CHUNK)) {
+        connection.queue.write_buffer(buffer, (at * size_of::<T>()) as u64, cast_slice(chunk));
         // wgpu keeps its copy until a submission takes it along
         connection.submit(None);
-        at += bytes.len();
     }
 }
 
