@@ -84,10 +84,10 @@ pub(super) fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'
         )));
     }
     best(candidates.into_iter()).and_then(|report| found.get(report.index)).ok_or_else(|| {
-        Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!("no gpu can be used, see `tesserae devices` or take the device cpu; found {}", list(found)),
-        )
+        Error::unsuitable(format_args!(
+            "no gpu can be used, see `tesserae devices` or take the device cpu; found {}",
+            list(found)
+        ))
     })
 }
 

@@ -242,10 +242,10 @@ fn check_counts<E: Words>(connection: &Connection, graph: &DualGraph<E>) -> Resu
         [("faces", faces, MOST_FACES), ("faces and neighbours of faces", both, u32::MAX as usize)]
     {
         if found > limit {
-            return Err(Error::new(
-                Kind::DeviceUnsuitable,
-                format_args!("the gpu {} takes at most {limit} {what}, use the cpu device: {found}", connection.name),
-            ));
+            return Err(Error::unsuitable(format_args!(
+                "the gpu {} takes at most {limit} {what}, use the cpu device: {found}",
+                connection.name
+            )));
         }
     }
     Ok(())
@@ -255,15 +255,12 @@ fn check_counts<E: Words>(connection: &Connection, graph: &DualGraph<E>) -> Resu
 pub(super) fn storage(connection: &Connection, name: &str, bytes: u64) -> Result<wgpu::Buffer> {
     let limit = connection.limits.max_storage_buffer_binding_size.min(connection.limits.max_buffer_size);
     if bytes > limit {
-        return Err(Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!(
-                "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
-                 and needs {bytes}",
-                connection.name,
-                name.replace('_', " ")
-            ),
-        ));
+        return Err(Error::unsuitable(format_args!(
+            "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
+             and needs {bytes}",
+            connection.name,
+            name.replace('_', " ")
+        )));
     }
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     connection.buffer(name, bytes, usage)

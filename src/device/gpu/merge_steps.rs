@@ -101,14 +101,11 @@ impl<E: Words> GpuSteps<'_, E> {
         let (faces, clusters) = (self.memory.faces(), self.living.len());
         let limit = u64::from(self.connection.tuning.software_limit);
         if self.connection.is_software && u64::from(faces) * clusters as u64 > limit {
-            return Err(Error::new(
-                Kind::DeviceUnsuitable,
-                format_args!(
-                    "the software gpu {} would take too long to merge {clusters} clusters of {faces} faces one by one, \
-                     use the cpu device; faces times clusters may be {limit}",
-                    self.connection.name,
-                ),
-            ));
+            return Err(Error::unsuitable(format_args!(
+                "the software gpu {} would take too long to merge {clusters} clusters of {faces} faces one by one, \
+                 use the cpu device; faces times clusters may be {limit}",
+                self.connection.name,
+            )));
         }
         Ok(())
     }

@@ -163,10 +163,7 @@ impl GpuDevice {
     pub fn with_overrides(found: &Found, overrides: Overrides) -> Result<Self> {
         let report = found.report.clone();
         if let Some(reason) = &report.reason {
-            return Err(Error::new(
-                Kind::DeviceUnsuitable,
-                format_args!("the gpu {} cannot cluster: {reason}", report.name),
-            ));
+            return Err(Error::unsuitable(format_args!("the gpu {} cannot cluster: {reason}", report.name)));
         }
         let connection = connect(found, overrides)?;
         Ok(Self {
@@ -243,7 +240,7 @@ fn prepare<E: Words>(connection: &Arc<Connection>) -> Result<()> {
     if E::AXES > MOST_AXES {
         let message =
             format_args!("a gpu takes points of at most {MOST_AXES} coordinates, use the cpu device: {}", E::AXES);
-        return Err(Error::new(Kind::DeviceUnsuitable, message));
+        return Err(Error::unsuitable(message));
     }
     connection.compile(E::AXES)?;
     let outcome = self_test::run::<E>(connection);

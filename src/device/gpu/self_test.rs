@@ -38,7 +38,7 @@ pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
     let unsuitable = |why: &str| {
         let name = &connection.name;
         let message = format_args!("the gpu {name} is not used, since its self-test gave wrong numbers: {why}");
-        Err(Error::new(Kind::DeviceUnsuitable, message))
+        Err(Error::unsuitable(message))
     };
     let mut steps = GpuSteps::new(Arc::clone(connection), &graph, &component_of_cluster, true)?;
     let found = match results(&mut steps) {
