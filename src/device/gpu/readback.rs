@@ -13,10 +13,9 @@ use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
 use super::connection::{Connection, PATIENCE};
 use super::kernels;
-use super::layout::{BoundaryList, IterationStats, Move, UNLISTED};
-use super::memory::{BETWEEN, Numbers};
+use super::layout::{BoundaryList, IterationStats, Move};
+use super::memory::BETWEEN;
 use super::state::{GpuSteps, History, Search};
-use super::verify::verify;
 use crate::energy::Words;
 use crate::error::Result;
 
@@ -184,36 +183,5 @@ impl<E: Words> GpuSteps<'_, E> {
             self.known.sums = sums;
         }
         Ok(Read { batch, between, before })
-    }
-
-    /// The labels. Fails with `DeviceWrong` where the energy of the labels is not the one that the device gave.
-    pub(super) fn read_labels(&mut self) -> Result<Vec<u32>> {
-        if !self.known.has_sums {
-            // they are the host's
-            return match self.known.labels.take() {
-                Some(labels) => Ok(labels),
-                None => {
-                    self.connection.reach(FaultPoint::Labels);
-                    self.download(Buffer::Labels, self.graph.faces())
-                }
-            };
-        }
-        if self.known.labels.is_none() || self.known.energy.is_none() {
-            let encoder = self.begin(Numbers::NONE, false, self.known.energy.is_none());
-            let stats = self.fetch(encoder, Along { labels: true, ..Along::default() })?;
-            self.known.energy.get_or_insert(stats.before.energy());
-        }
-        let labels = self.known.labels.take().unwrap_or_default();
-        if let Some(energy) = self.known.energy {
-            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
-        }
-        Ok(labels)
-    }
-
-    /// The labels that all faces had after the last merge; `labels` are the present ones.
-    pub(super) fn labels_at_merge(&self, labels: &[u32]) -> Result<Vec<u32>> {
-        let at_merge: Vec<u32> = self.download(Buffer::LabelAtMerge, labels.len())?;
-        let label = |(before, &label): (u32, &u32)| if before == UNLISTED { label } else { before };
-        Ok(at_merge.into_iter().zip(labels).map(label).collect())
     }
 }

@@ -67,9 +67,6 @@ pub(super) fn upload_staged(
     })
 }
 
-/// Mapped memory for words.
-type To<'a> = wgpu::WriteOnly<'a, [[u8; 4]]>;
-
 /// Bytes of a piece of staging memory.
 const PIECE: usize = 4 << 20;
 
@@ -114,13 +111,13 @@ impl Staging {
     }
 }
 
-/// Writes items of some words to a buffer, from item `first` on, in chunks that `fill` provides.
+/// Writes items of some words to a buffer, from item `first` on: `fill` writes chunks of them to mapped memory.
 fn write(
     connection: &Connection,
     target: &wgpu::Buffer,
     (first, items): (usize, usize),
     words: usize,
-    mut fill: impl FnMut(Range<usize>, To<'_>),
+    mut fill: impl FnMut(Range<usize>, wgpu::WriteOnly<'_, [[u8; 4]]>),
 ) -> Result<()> {
     let size = words * size_of::<u32>();
     let mut staging = lock(&connection.staging);
