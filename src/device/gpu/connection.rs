@@ -10,6 +10,7 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use bytemuck::pod_collect_to_vec;
 use rayon::prelude::*;
 
 use super::adapter::Found;
@@ -185,10 +186,8 @@ impl Connection {
         let submission = self.queue.submit([encoder.finish()]);
         queries.slice(..).map_async(wgpu::MapMode::Read, |_| {});
         self.wait(submission)?;
-        let ticks: Vec<[u64; 2]> = match queries.slice(..).get_mapped_range() {
-            Ok(view) => bytemuck::pod_collect_to_vec(&view),
-            Err(_) => return Err(self.break_down("its timestamps could not be read")),
-        };
+        let unreadable = |_| self.break_down("its timestamps could not be read");
+        let ticks: Vec<[u64; 2]> = pod_collect_to_vec(&queries.slice(..).get_mapped_range().map_err(unreadable)?);
         queries.unmap();
         // without the wait for the profile itself
         self.record(|profile| profile.waits = 0);
@@ -259,10 +258,7 @@ impl Connection {
         if let Some(message) = lock(&self.health.lost).as_deref() {
             return Err(self.lost(message));
         }
-        match lock(&self.health.failed).clone() {
-            Some(error) => Err(error),
-            None => Ok(()),
-        }
+        lock(&self.health.failed).clone().map_or(Ok(()), Err)
     }
 
     /// Waits until a submission has completed and the callbacks of its buffers were called.

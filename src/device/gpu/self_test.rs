@@ -47,10 +47,7 @@ pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
     };
     let mut cpu = CpuDevice::new();
     let expected = results(cpu.open_merging(&graph, &component_of_cluster)?.as_mut())?;
-    match difference(&found, &expected) {
-        Some(why) => unsuitable(&why),
-        None => Ok(()),
-    }
+    difference(&found, &expected).map_or(Ok(()), |why| unsuitable(&why))
 }
 
 /// A step, and the numbers that it gave.
