@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::Overrides;
 use super::adapter::enumerate;
-use super::choice::choose;
+use super::choice::{choose, none_usable, reports};
 use super::connection::Connection;
 use super::memory::storage;
 use super::pipeline::with_own_layout;
@@ -55,7 +55,9 @@ const CHAINS: [Chain; 6] = [
 pub fn probe(adapter: Option<&str>) -> Result<Vec<(&'static str, f64)>> {
     let found = enumerate();
     let started = Instant::now();
-    let connection = Connection::open(choose(&found, adapter)?, Overrides::default())?;
+    let reports = reports(&found);
+    let chosen = choose(&reports, adapter)?.ok_or_else(|| none_usable(&reports))?;
+    let connection = Connection::open(&found[chosen.index], Overrides::default())?;
     connection.compile(Energy::AXES)?;
     let mut figures = vec![("open", started.elapsed().as_secs_f64() * 1e3)];
     for chain in &CHAINS {
