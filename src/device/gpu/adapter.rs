@@ -85,15 +85,13 @@ fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu
     let workgroup = Tuning::default().workgroup;
     let storage_buffers = KERNELS.iter().filter(|kernel| !kernel.needs_many_buffers());
     let storage_buffers = storage_buffers.map(|kernel| kernel.bindings().len() as u32).max().unwrap_or(0);
+    let bindable = limits.max_storage_buffers_per_shader_stage;
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
     } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS) {
         Some("it has no compute shaders".to_owned())
-    } else if limits.max_storage_buffers_per_shader_stage < storage_buffers {
-        Some(format!(
-            "a shader needs {storage_buffers} storage buffers, it has {}",
-            limits.max_storage_buffers_per_shader_stage
-        ))
+    } else if bindable < storage_buffers {
+        Some(format!("a shader needs {storage_buffers} storage buffers, it has {bindable}"))
     } else if limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x) < workgroup {
         Some(format!("a workgroup needs {workgroup} threads, it has {}", limits.max_compute_invocations_per_workgroup))
     } else {

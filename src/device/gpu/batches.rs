@@ -1,10 +1,8 @@
 //! Phases as batches of iterations.
 //!
-//! A batch is queued at once, and then the host waits for its statistics: a round trip costs as much as some 15
-//! dispatches, an iteration 2 to 5 of them. The device itself ends a phase: the kernel that finds an iteration without
-//! movers notes that, and the threads of further dispatches have nothing to do. Those still cost most of a dispatch, so
-//! the next batch has as many iterations as the moves so far foretell ([`foretold`]).
-//!
+//! A batch is queued at once, and then the host waits for its statistics; `docs/gpu.md` has what that costs. The device
+//! itself ends a phase: the kernel that finds an iteration without movers notes that, and the threads of further
+//! dispatches have nothing to do. The next batch has as many iterations as the moves so far foretell ([`foretold`]).
 //! The growth is queued in the same way, in batches that double.
 //!
 //! A batch before the last is not known to be the last, and queueing the next one ahead of its statistics would leave
