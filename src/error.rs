@@ -293,6 +293,11 @@ impl Error {
         Self::new(Kind::TooLarge, message)
     }
 
+    /// What the device cannot do.
+    pub fn unsuitable(message: impl Display) -> Self {
+        Self::new(Kind::DeviceUnsuitable, message)
+    }
+
     /// A file that could not be read or written.
     pub fn io(what: impl Display, error: io::Error) -> Self {
         Self::new(Kind::Io, format_args!("{what}: {error}"))

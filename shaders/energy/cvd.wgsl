@@ -92,15 +92,8 @@ fn cost_of_entering(face: Face, proxy: Proxy, cluster_weight: i64) -> i64 {
 // gain·weight of the face as a float of 7 bits of exponent and 25 of mantissa, whose order is that of u32; at least 1.
 fn packed_bid(gain: i64, face: Face) -> u32 {
     let drop = max(bit_length(u64(gain)), 32u) - 32u;
-    let product = (u64(gain) >> drop) * u64(face.weight);
-    let top = bit_length(product) - 1u;
-    var mantissa = 0u;
-    if top > 25u {
-        mantissa = u32((product >> (top - 25u)) & 0x1fffffflu);
-    } else {
-        mantissa = u32((product << (25u - top)) & 0x1fffffflu);
-    }
-    return (((top + drop) << 25u) | mantissa) + 1u;
+    let product = float_of((u64(gain) >> drop) * u64(face.weight));
+    return (((u32(product.exponent) + drop) << 25u) | ((product.mantissa << 1u) >> 7u)) + 1u;
 }
 
 // The cost of merging two clusters with faces, (M₁·M₂/(M₁ + M₂)·|P₁ − P₂|²) << shift, in a float of 7 bits of exponent

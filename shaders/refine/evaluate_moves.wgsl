@@ -66,7 +66,7 @@ fn evaluate(own: u32) -> Wide {
         accepted = WINNER_MOVES;
     }
     cluster_bids[own].accepted = REFUSED;
-    return ZERO;
+    return Wide(0li, 0li);
 }
 
 fn evaluate_moves(face: u32) {

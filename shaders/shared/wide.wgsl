@@ -4,8 +4,6 @@ struct Wide {
     lower: i64,
 }
 
-const ZERO = Wide(0li, 0li);
-
 // The right shift of a signed number rounds down, so this also holds for a negative lower part.
 fn wide(upper: i64, lower: i64) -> Wide {
     return Wide(upper + (lower >> 32u), lower & 0xffffffffli);

@@ -4,7 +4,7 @@ use super::adapter::{AdapterKind, AdapterReport};
 use super::tuning::Tuning;
 use super::{Device, DeviceInfo, MergeSteps};
 use crate::energy::Functional;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 
 /// Nothing that could be changed about a gpu.
@@ -44,10 +44,7 @@ pub fn tested_adapters() -> Vec<AdapterReport> {
 
 /// The error.
 pub fn open(_: Option<&str>, _: Overrides, _: &mut Vec<AdapterReport>) -> Result<(AdapterKind, Box<dyn Device>)> {
-    Err(Error::new(
-        Kind::DeviceUnsuitable,
-        "this build has no gpu: take the device cpu, or build tesserae with the feature gpu",
-    ))
+    Err(Error::unsuitable("this build has no gpu: take the device cpu, or build tesserae with the feature gpu"))
 }
 
 /// The error.

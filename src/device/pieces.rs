@@ -18,22 +18,16 @@ fn forest<E: Functional>(graph: &DualGraph<E>, labels: &[u32]) -> Vec<u32> {
     })
 }
 
-/// The piece of each face, numbered in the order of their smallest faces, and the label and the number of faces of each
-/// piece.
-fn pieces<E: Functional>(graph: &DualGraph<E>, labels: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
+/// The faces outside their cluster's piece with the most faces (of equally large ones, that with the smallest face),
+/// sorted.
+pub fn cut_off_faces<E: Functional>(graph: &DualGraph<E>, clusters: usize, labels: &[u32]) -> Vec<u32> {
+    // pieces are numbered in the order of their smallest faces
     let (piece_of_face, count) = union_find::numbered(forest(graph, labels));
     let mut pieces = vec![(FREE, 0); count];
     for (&piece, &label) in piece_of_face.iter().zip(labels) {
         pieces[piece as usize].0 = label;
         pieces[piece as usize].1 += 1;
     }
-    (piece_of_face, pieces)
-}
-
-/// The faces outside their cluster's piece with the most faces (of equally large ones, that with the smallest face),
-/// sorted.
-pub fn cut_off_faces<E: Functional>(graph: &DualGraph<E>, clusters: usize, labels: &[u32]) -> Vec<u32> {
-    let (piece_of_face, pieces) = pieces(graph, labels);
     let mut largest: Vec<Option<u32>> = vec![None; clusters];
     for (piece, &(label, faces)) in pieces.iter().enumerate().filter(|(_, (label, _))| *label != FREE) {
         let best = &mut largest[label as usize];

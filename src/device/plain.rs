@@ -125,6 +125,25 @@ fn pass<E: Functional>(graph: &DualGraph<E>, proxies: &[E::WideSums], labels: &[
     (0..labels.len()).map(|face| wanted[face].filter(|_| !stays(face)).unwrap_or(labels[face])).collect()
 }
 
+/// The largest gain of a face in a cluster beside it, and that cluster, the smaller number of equal ones; None if the
+/// gain is not positive or the face is alone in its own.
+fn best_move<E: Functional>(
+    graph: &DualGraph<E>,
+    sums: &[E::WideSums],
+    labels: &[u32],
+    face: usize,
+) -> Option<(i64, u32)> {
+    let cost = costs(graph, sums);
+    let side = |cluster: u32| Side { cost: cost(face, cluster) as u64, weight: sums[cluster as usize].weight() };
+    let own = labels[face];
+    if sums[own as usize].faces() == 1 {
+        return None;
+    }
+    let others = graph.neighbours_of(face as u32).iter().map(|&near| labels[near as usize]).filter(|&to| to != own);
+    let gains = others.map(|to| (E::gain(graph.weights[face], side(own), side(to)), Reverse(to)));
+    gains.max().filter(|&(gain, _)| gain > 0).map(|(gain, Reverse(to))| (gain, to))
+}
+
 /// A refinement phase ([`crate::cluster::refinement`]). What it keeps between iterations is which faces were refused.
 pub struct Refinement<'a, E: Functional> {
     graph: &'a DualGraph<E>,
@@ -168,21 +187,9 @@ impl<'a, E: Functional> Refinement<'a, E> {
     /// The packed bid of each face, and the cluster that it is for.
     fn bids(&self) -> Vec<Option<(u32, u32)>> {
         let sums = sums(self.graph, self.component_of_cluster.len(), &self.labels);
-        let cost = costs(self.graph, &sums);
         let bid_of = |face: usize| {
-            let from = self.labels[face];
-            if self.refused[face] || sums[from as usize].faces() == 1 {
-                return None;
-            }
-            let side =
-                |cluster: u32| Side { cost: cost(face, cluster) as u64, weight: sums[cluster as usize].weight() };
-            let weight = self.graph.weights[face];
-            let near = self.graph.neighbours_of(face as u32).iter().map(|&near| self.labels[near as usize]);
-            let (gain, to) = near
-                .filter(|&to| to != from)
-                .map(|to| (E::gain(weight, side(from), side(to)), to))
-                .max_by_key(|&(gain, to)| (gain, Reverse(to)))?;
-            (gain > 0).then(|| (E::bid(gain, weight), to))
+            let (gain, to) = best_move(self.graph, &sums, &self.labels, face).filter(|_| !self.refused[face])?;
+            Some((E::bid(gain, self.graph.weights[face]), to))
         };
         (0..self.labels.len()).map(bid_of).collect()
     }

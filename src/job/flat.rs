@@ -20,7 +20,7 @@ use crate::cluster::seeds::{self, SeedFaces};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device, Ending, Steps};
 use crate::energy::{Functional, LatticeEnergy};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::parameters::{Name, Seeds};
 use crate::report::{DeviceKind, Iteration, Row};
 use crate::surface::{Items, Moves};
@@ -215,13 +215,10 @@ pub(super) fn run_seeded<E: Functional>(
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
     if method != Method::BoundaryBased && device.info().kind == DeviceKind::Gpu {
-        return Err(Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!(
-                "the device must be cpu or auto for this algorithm, a sequential reference that no gpu runs: {}",
-                job.prepared.spec.reported().algorithm.name()
-            ),
-        ));
+        return Err(Error::unsuitable(format_args!(
+            "the device must be cpu or auto for this algorithm, a sequential reference that no gpu runs: {}",
+            job.prepared.spec.reported().algorithm.name()
+        )));
     }
     let items = job.items;
     let started = Instant::now();

@@ -8,7 +8,7 @@ use crate::data::{Members, PointSet};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
 use crate::energy::{Functional, Normals, OfPoints, Words};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::mesh::MeshView;
 use crate::report::{DeviceKind, Row};
 use crate::surface::{Items, Surface};
@@ -214,10 +214,7 @@ impl Subject {
         on_row: &mut (dyn FnMut(Row) + Send),
     ) -> Result<Clustered> {
         if self.is_for_cpu() && device.info().kind == DeviceKind::Gpu {
-            return Err(Error::new(
-                Kind::DeviceUnsuitable,
-                "the device must be cpu or auto for points of more than 8 coordinates",
-            ));
+            return Err(Error::unsuitable("the device must be cpu or auto for points of more than 8 coordinates"));
         }
         let mut cpu = CpuDevice::new();
         match self {

@@ -88,7 +88,7 @@ fn faces_for_gpu(gpu: &mut dyn Device, cancel: &Cancel) -> Result<u64> {
         let (of_gpu, of_cpu) = (fastest(gpu)?, fastest(&mut cpu)?);
         if of_gpu.1 != of_cpu.1 {
             let message = format_args!("the gpu {} gives other labels than the cpu", gpu.info().name);
-            return Err(Error::new(Kind::DeviceUnsuitable, message));
+            return Err(Error::unsuitable(message));
         }
         (on_gpu[at], on_cpu[at]) = (of_gpu.0, of_cpu.0);
     }

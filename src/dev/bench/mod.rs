@@ -178,9 +178,7 @@ impl Measurements {
         }
         let refusals: Vec<&str> = self.rows.iter().filter_map(|row| row.refused.as_deref()).collect();
         match refusals.first() {
-            Some(why) if refusals.len() == self.rows.len() => {
-                Err(Error::new(Kind::DeviceUnsuitable, format_args!("no job ran: {why}")))
-            }
+            Some(why) if refusals.len() == self.rows.len() => Err(Error::unsuitable(format_args!("no job ran: {why}"))),
             _ => Ok(()),
         }
     }

@@ -1,7 +1,6 @@
 //! The boundary phase (P§3.2): one pass as [`crate::cluster::flat`] defines it, on active faces.
 
 use super::active_faces::{ActiveFaces, Evaluation};
-use super::change_log::Cursor;
 use super::clusters::Clusters;
 use super::nearby::{Nearby, Rival};
 use super::{Move, Partition};
@@ -22,19 +21,8 @@ impl BoundaryPhase {
         Self { active: ActiveFaces::new(partition), leaving: vec![(0, 0); partition.clusters.len()] }
     }
 
-    /// The moves of the first pass of an iteration; none when the phase has converged.
-    pub fn moves<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> Vec<Move> {
-        let changed = partition.clusters.take_changes(Cursor::Boundary);
-        self.pass(partition, &changed)
-    }
-
-    /// The moves of the next pass of a flood: no proxy has changed.
-    pub fn more_moves<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> Vec<Move> {
-        self.pass(partition, &[])
-    }
-
-    /// The moves of a pass, given the clusters whose proxies changed since the last.
-    fn pass<E: Functional>(&mut self, partition: &mut Partition<'_, E>, changed: &[u32]) -> Vec<Move> {
+    /// The moves of a pass, given the clusters whose proxies changed since the last; none when the phase has converged.
+    pub fn moves<E: Functional>(&mut self, partition: &mut Partition<'_, E>, changed: &[u32]) -> Vec<Move> {
         self.active.collect(partition, changed, rival);
         // 1. every face decides
         let mut moves = self.active.evaluate(partition, |face| decide(partition, face));

@@ -25,7 +25,8 @@ const FITS: usize = 1 << 15;
 /// What the evaluation of a face reads of a cluster.
 #[derive(Debug, Clone, Copy)]
 pub struct CachedProxy<E: Functional> {
-    proxy: E::Proxy,
+    /// Of a cluster without faces, its last one.
+    pub proxy: E::Proxy,
     /// How far the proxy has moved: the sum of its ways in steps of [`DRIFT_STEP`], each rounded up by up to a step, so
     /// that every change adds to it; at least 2. [`FAR`] is added when the weight falls below `least_weight`, and when
     /// the cluster ends.
@@ -62,7 +63,8 @@ pub struct Clusters<E: Functional> {
     energy_shifts: Vec<u8>,
     /// Σ explained << energy_shift.
     total: i128,
-    change_log: ChangeLog,
+    /// Which of them gained or lost a face.
+    pub change_log: ChangeLog,
 }
 
 impl<E: Functional> Clusters<E> {
@@ -98,11 +100,6 @@ impl<E: Functional> Clusters<E> {
         &self.sums[cluster as usize]
     }
 
-    /// The proxy of a cluster that has faces.
-    pub fn proxy(&self, cluster: u32) -> E::Proxy {
-        self.cached(cluster).proxy
-    }
-
     /// The component's energy shift of a cluster.
     pub fn energy_shift(&self, cluster: u32) -> u32 {
         u32::from(self.energy_shifts[cluster as usize])
@@ -120,28 +117,13 @@ impl<E: Functional> Clusters<E> {
         &self.cached[slot as usize]
     }
 
-    /// The clusters that gained or lost a face since the last call with this cursor, ascending.
-    pub fn take_changes(&mut self, cursor: Cursor) -> Vec<u32> {
-        self.change_log.take(cursor)
-    }
-
     /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit). Whether
-    /// the clusters [may be in pieces](Self::may_be_in_pieces) is for the caller to note.
+    /// the clusters [may be in pieces](ChangeLog::may_be_in_pieces) is for the caller to note.
     pub fn transfer(&mut self, graph: &DualGraph<E>, face: u32, from: u32, to: u32) {
         self.sums[from as usize].add_face(graph.face(face as usize), -1);
         self.sums[to as usize].add_face(graph.face(face as usize), 1);
         self.change_log.changed(from);
         self.change_log.changed(to);
-    }
-
-    /// Notes that a cluster may be in pieces.
-    pub fn may_be_in_pieces(&mut self, cluster: u32) {
-        self.change_log.may_be_in_pieces(cluster);
-    }
-
-    /// Whether a cluster is known to be in one piece.
-    pub fn is_connected(&self, cluster: u32) -> bool {
-        self.change_log.is_connected(cluster)
     }
 
     /// Requests the sums of a cluster.

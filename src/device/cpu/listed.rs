@@ -72,7 +72,8 @@ impl<'a, E: Functional> Listed<'a, E> {
     /// cancelled, a flood makes no further pass.
     pub fn boundary_iteration(&mut self, cancel: &Cancel) -> Option<u64> {
         let Self { partition, boundary_phase, .. } = self;
-        let mut moves = boundary_phase.get_or_insert_with(|| BoundaryPhase::new(partition)).moves(partition);
+        let changed = partition.clusters.change_log.take(Cursor::Boundary);
+        let mut moves = boundary_phase.get_or_insert_with(|| BoundaryPhase::new(partition)).moves(partition, &changed);
         self.boundary_iteration = self.boundary_iteration.saturating_add(1);
         let mut made = 0;
         while !moves.is_empty() {
@@ -80,7 +81,8 @@ impl<'a, E: Functional> Listed<'a, E> {
             self.move_faces(&moves);
             let flooding = self.boundary_phase.as_mut().filter(|_| self.boundary_iteration >= FLOOD_FROM);
             moves = match flooding {
-                Some(phase) if !cancel.is_cancelled() => phase.more_moves(&mut self.partition),
+                // no proxy has changed
+                Some(phase) if !cancel.is_cancelled() => phase.moves(&mut self.partition, &[]),
                 _ => break,
             };
         }
@@ -127,11 +129,13 @@ impl<'a, E: Functional> Listed<'a, E> {
             let Partition { graph, labels, clusters, boundary } = &mut self.partition;
             labels.set(face, to);
             clusters.transfer(graph, face, from, to);
-            if clusters.is_connected(from) && !surely_stays_connected(graph, face, |near| labels.of(near) == from) {
-                clusters.may_be_in_pieces(from);
+            if clusters.change_log.is_connected(from)
+                && !surely_stays_connected(graph, face, |near| labels.of(near) == from)
+            {
+                clusters.change_log.may_be_in_pieces(from);
             }
             if graph.neighbours_of(face).iter().all(|&near| labels.of(near) != to) {
-                clusters.may_be_in_pieces(to);
+                clusters.change_log.may_be_in_pieces(to);
             }
             boundary.moved(graph, labels, face);
             active_faces(&mut self.boundary_phase, &mut self.refinement)
@@ -166,7 +170,7 @@ impl<'a, E: Functional> Listed<'a, E> {
 
     /// The faces outside the largest piece of each cluster, sorted.
     pub fn cut_off_faces(&mut self) -> Vec<u32> {
-        let changed = self.partition.clusters.take_changes(Cursor::Pieces);
+        let changed = self.partition.clusters.change_log.take(Cursor::Pieces);
         self.places.resize_with(self.partition.graph.faces(), AtomicU32::default);
         pieces::cut_off(&self.partition, &changed, &self.places)
     }

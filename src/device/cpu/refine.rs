@@ -46,7 +46,7 @@ impl RefinementPhase {
 
     /// Evaluates active faces, and returns all bids.
     pub fn renew_bids<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> &Bids {
-        let changed = partition.clusters.take_changes(Cursor::Refinement);
+        let changed = partition.clusters.change_log.take(Cursor::Refinement);
         // a bid depends on its clusters, also that of a face which lies on no boundary any more
         self.bids.at(&changed).for_each(|face| self.active.add(face));
         self.active.collect(partition, &changed, rival);

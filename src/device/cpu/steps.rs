@@ -98,7 +98,7 @@ impl<'a, E: Functional> CpuSteps<'a, E> {
             self.known = Known::Contracted(labels, clusters, Box::new(Contraction::new(self.graph, ties)));
         }
         match &mut self.known {
-            Known::Contracted(_, clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),
+            Known::Contracted(_, clusters, contraction) if contraction.ties == ties => Some((clusters, contraction)),
             _ => None,
         }
     }
@@ -222,7 +222,7 @@ impl<E: Functional> MergeSteps<E> for CpuSteps<'_, E> {
         pairs.sort_unstable_by_key(|&(_, into)| into);
         // the contraction searches between any two merges, which costs too much where they are of single pairs
         if let Known::Contracted(labels, clusters, contraction) = &mut self.known
-            && contraction.is_current()
+            && contraction.is_current
         {
             contraction.merge(&pairs);
             labels.merge(clusters.len(), &pairs);

@@ -4,9 +4,7 @@ use super::Tuning;
 use super::buffers::Sizes;
 use super::kernels::{KERNELS, needed};
 use crate::device::adapter::{AdapterKind, AdapterReport, LargestMeshes};
-
-/// Faces that threads of a dispatch can number in u32, the last row half empty.
-pub(super) const MOST_FACES: u64 = 1 << 31;
+use crate::surface::MOST_FACES;
 
 impl From<wgpu::DeviceType> for AdapterKind {
     fn from(kind: wgpu::DeviceType) -> Self {
@@ -70,9 +68,9 @@ pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
         let fits = |faces: u64| {
             let clusters = (faces / faces_a_cluster).max(1);
             let sizes = Sizes { axes: 3, faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
-            needed.iter().all(|buffer| (buffer.spec().bytes)(&sizes) <= most)
+            needed.iter().all(|buffer| buffer.spec().bytes(&sizes) <= most)
         };
-        let (mut least, mut beyond) = (0, MOST_FACES + 1);
+        let (mut least, mut beyond) = (0, MOST_FACES as u64 + 1);
         while beyond - least > 1 {
             let middle = least.midpoint(beyond);
             *(if fits(middle) { &mut least } else { &mut beyond }) = middle;
@@ -87,15 +85,13 @@ fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu
     let workgroup = Tuning::default().workgroup;
     let storage_buffers = KERNELS.iter().filter(|kernel| !kernel.needs_many_buffers());
     let storage_buffers = storage_buffers.map(|kernel| kernel.bindings().len() as u32).max().unwrap_or(0);
+    let bindable = limits.max_storage_buffers_per_shader_stage;
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
     } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS) {
         Some("it has no compute shaders".to_owned())
-    } else if limits.max_storage_buffers_per_shader_stage < storage_buffers {
-        Some(format!(
-            "a shader needs {storage_buffers} storage buffers, it has {}",
-            limits.max_storage_buffers_per_shader_stage
-        ))
+    } else if bindable < storage_buffers {
+        Some(format!("a shader needs {storage_buffers} storage buffers, it has {bindable}"))
     } else if limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x) < workgroup {
         Some(format!("a workgroup needs {workgroup} threads, it has {}", limits.max_compute_invocations_per_workgroup))
     } else {

@@ -1,10 +1,8 @@
 //! Phases as batches of iterations.
 //!
-//! A batch is queued at once, and then the host waits for its statistics: a round trip costs as much as some 15
-//! dispatches, an iteration 2 to 5 of them. The device itself ends a phase: the kernel that finds an iteration without
-//! movers notes that, and the threads of further dispatches have nothing to do. Those still cost most of a dispatch, so
-//! the next batch has as many iterations as the moves so far foretell ([`foretold`]).
-//!
+//! A batch is queued at once, and then the host waits for its statistics; `docs/gpu.md` has what that costs. The device
+//! itself ends a phase: the kernel that finds an iteration without movers notes that, and the threads of further
+//! dispatches have nothing to do. The next batch has as many iterations as the moves so far foretell ([`foretold`]).
 //! The growth is queued in the same way, in batches that double.
 //!
 //! A batch before the last is not known to be the last, and queueing the next one ahead of its statistics would leave
@@ -30,8 +28,8 @@ pub(super) struct Phase {
     name: &'static str,
     fault_point: FaultPoint,
     kernels: &'static [&'static Kernel],
-    /// The same for few movers and clusters.
-    of_few: &'static [&'static Kernel],
+    /// The same, for few movers and clusters.
+    of_few: [&'static Kernel; 2],
     /// The first iteration that is a flood: it takes several passes, each with a number of its own, until one in which
     /// nothing moves.
     flood_from: u32,
@@ -45,7 +43,7 @@ pub(super) const BOUNDARY: Phase = Phase {
     name: "boundary",
     fault_point: FaultPoint::Boundary,
     kernels: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
-    of_few: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_CHAIN],
+    of_few: [kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_CHAIN],
     flood_from: FLOOD_FROM,
     is_over: |_| true,
     leaves_fitted: true,
@@ -61,7 +59,7 @@ pub(super) const REFINEMENT: Phase = Phase {
         kernels::EVALUATE_MOVES,
         kernels::COMMIT_MOVES,
     ],
-    of_few: &[kernels::FACE_BID, kernels::REFINEMENT_CHAIN],
+    of_few: [kernels::FACE_BID, kernels::REFINEMENT_CHAIN],
     flood_from: u32::MAX,
     is_over: |stats| stats.movers == 0,
     leaves_fitted: false,
@@ -142,9 +140,10 @@ impl<E: Words> GpuSteps<'_, E> {
         let mut encoder = self.begin(numbers, is_listed_anew, is_fitted);
         let clusters = self.living.len() as u32;
         let items = |part: &Part| if part.items == Items::Clusters { clusters } else { movers };
-        let mut chain = phase.of_few.iter().filter(|kernel| kernel.is_chain()).flat_map(|kernel| kernel.parts);
-        let is_few = self.connection.has_chains && chain.all(|part| items(part) <= self.connection.tuning.chain_items);
-        let kernels = if is_few { phase.of_few } else { phase.kernels };
+        let [_, chain] = phase.of_few;
+        let is_few = self.connection.has_chains
+            && chain.parts.iter().all(|part| items(part) <= self.connection.tuning.chain_items);
+        let kernels = if is_few { &phase.of_few } else { phase.kernels };
         self.encode_slots(&mut encoder, phase.name, kernels, 0..iterations);
         self.known.is_fitted = phase.leaves_fitted;
         let batch = self.fetch(encoder, Along { iterations, ..Along::default() })?.batch;
@@ -156,8 +155,7 @@ impl<E: Words> GpuSteps<'_, E> {
 
     /// Counts what kernels did in an iteration.
     fn count(&self, kernels: &[&Kernel], stats: &IterationStats) {
-        let lengths = self.memory.lengths(stats);
-        kernels.iter().for_each(|kernel| self.connection.count(kernel.name, kernel.work(&lengths)));
+        kernels.iter().for_each(|kernel| self.connection.count(kernel.name, self.memory.work(kernel, stats)));
     }
 
     /// Grows the clusters over the free faces, all of which are listed. With each batch of passes comes the energy that

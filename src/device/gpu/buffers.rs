@@ -35,8 +35,15 @@ pub struct Spec {
     pub wgsl: &'static str,
     /// Bytes of an item for points of so many axes; of the whole struct for [`Buffer::BoundaryList`] with one entry.
     pub stride: fn(usize) -> usize,
-    /// Bytes of the buffer.
-    pub bytes: fn(&Sizes) -> u64,
+    /// Items of the buffer.
+    items: fn(&Sizes) -> u64,
+}
+
+impl Spec {
+    /// Bytes of the buffer; those of one item at least.
+    pub fn bytes(&self, sizes: &Sizes) -> u64 {
+        (self.items)(sizes).max(1) * (self.stride)(sizes.axes) as u64
+    }
 }
 
 /// Bytes of a type, for any number of axes.
@@ -57,16 +64,7 @@ macro_rules! buffers {
             /// Its row.
             pub fn spec(self) -> Spec {
                 match self {
-                    $(Self::$variant => Spec {
-                        name: $name,
-                        wgsl: $wgsl,
-                        stride: $stride,
-                        bytes: |sizes| {
-                            let items: fn(&Sizes) -> u64 = $items;
-                            let stride: fn(usize) -> usize = $stride;
-                            items(sizes).max(1) * stride(sizes.axes) as u64
-                        },
-                    },)*
+                    $(Self::$variant => Spec { name: $name, wgsl: $wgsl, stride: $stride, items: $items },)*
                 }
             }
         }

@@ -13,13 +13,14 @@ pub fn adapters() -> Vec<AdapterReport> {
 
 /// The same after a self-test of each that may be usable: opens them, which compiles the kernels.
 pub fn tested_adapters() -> Vec<AdapterReport> {
-    let mut found = enumerate();
-    for found in found.iter_mut().filter(|found| found.report.usable) {
+    let found = enumerate();
+    let mut reports = reports(&found);
+    for (report, found) in reports.iter_mut().zip(&found).filter(|(report, _)| report.usable) {
         if let Err(error) = GpuDevice::new(found) {
-            found.report.refuse(error.message);
+            report.refuse(error.message);
         }
     }
-    reports(&found)
+    reports
 }
 
 /// Opens a gpu: the one of that number or name, else the fastest, software where there is no other. One that fails its
@@ -29,72 +30,60 @@ pub fn open(
     overrides: Overrides,
     adapters: &mut Vec<AdapterReport>,
 ) -> Result<(AdapterKind, Box<dyn Device>)> {
-    let mut found = enumerate();
-    let opened = loop {
-        let chosen = choose(&found, adapter).map(|chosen| chosen.report.index);
-        let Some(opened) = chosen.and_then(|index| open_or_refuse(&mut found[index], overrides)).transpose() else {
-            continue;
-        };
-        break opened;
-    };
-    *adapters = reports(&found);
-    opened
+    open_first(overrides, adapters, |reports| choose(reports, adapter))?.ok_or_else(|| none_usable(adapters))
 }
 
 /// Opens the fastest gpu that is no software; none if there is no such gpu. Otherwise like [`open`].
 pub fn open_hardware(adapters: &mut Vec<AdapterReport>) -> Result<Option<Box<dyn Device>>> {
-    let mut found = enumerate();
-    let opened = loop {
-        let Some(index) = auto_adapter(&reports(&found)).map(|report| report.index) else { break Ok(None) };
-        let opened = open_or_refuse(&mut found[index], Overrides::default()).transpose();
-        if let Some(opened) = opened {
-            break opened.map(|(_, device)| Some(device));
-        }
-    };
-    *adapters = reports(&found);
-    opened
+    let opened = open_first(Overrides::default(), adapters, |reports| Ok(auto_adapter(reports)))?;
+    Ok(opened.map(|(_, device)| device))
 }
 
-/// Opens an adapter; none if it turns out to be unusable, which its report then says.
-fn open_or_refuse(found: &mut Found, overrides: Overrides) -> Result<Option<(AdapterKind, Box<dyn Device>)>> {
-    match GpuDevice::with_overrides(found, overrides) {
-        Err(error) if error.kind == Kind::DeviceUnsuitable => {
-            tracing::error!(%error, "an adapter is passed over");
-            found.report.refuse(error.message);
-            Ok(None)
+/// Opens the adapter that `choose` takes; the next one if that turns out to be unusable, which its report then says.
+fn open_first(
+    overrides: Overrides,
+    adapters: &mut Vec<AdapterReport>,
+    choose: impl Fn(&[AdapterReport]) -> Result<Option<&AdapterReport>>,
+) -> Result<Option<(AdapterKind, Box<dyn Device>)>> {
+    let found = enumerate();
+    *adapters = reports(&found);
+    loop {
+        let Some(index) = choose(adapters)?.map(|report| report.index) else { return Ok(None) };
+        match GpuDevice::with_overrides(&found[index], overrides) {
+            Err(error) if error.kind == Kind::DeviceUnsuitable => {
+                tracing::error!(%error, "an adapter is passed over");
+                adapters[index].refuse(error.message);
+            }
+            opened => return Ok(Some((adapters[index].kind, Box::new(opened?)))),
         }
-        opened => Ok(Some((found.report.kind, Box::new(opened?)))),
     }
 }
 
-fn reports(found: &[Found]) -> Vec<AdapterReport> {
+/// The reports of adapters, each at its index.
+pub(super) fn reports(found: &[Found]) -> Vec<AdapterReport> {
     found.iter().map(|found| found.report.clone()).collect()
 }
 
-/// The adapter to open.
-pub(super) fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'a Found> {
-    let candidates = matching(found, adapter)?;
-    best(candidates.iter().map(|found| &found.report)).and_then(|report| found.get(report.index)).ok_or_else(|| {
-        Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!("no gpu can be used, see `tesserae devices` or take the device cpu; found {}", list(found)),
-        )
-    })
-}
-
-/// The adapters that `--adapter` means: all without it, never none with it.
-fn matching<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<Vec<&'a Found>> {
-    let Some(wanted) = adapter else {
-        return Ok(found.iter().collect());
-    };
-    let matches: Vec<&Found> = found.iter().filter(|found| is_meant(&found.report, wanted)).collect();
-    if matches.is_empty() {
+/// The adapter to open: of that number or name, else of all, the usable one of the fastest kind.
+pub(super) fn choose<'a>(reports: &'a [AdapterReport], adapter: Option<&str>) -> Result<Option<&'a AdapterReport>> {
+    let is_meant = |report: &&AdapterReport| adapter.is_none_or(|wanted| is_meant(report, wanted));
+    if let Some(wanted) = adapter
+        && !reports.iter().any(|report| is_meant(&report))
+    {
         return Err(Error::parameter(format_args!(
             "no adapter has this number or name (found {}): {wanted:?}",
-            list(found)
+            list(reports)
         )));
     }
-    Ok(matches)
+    Ok(best(reports.iter().filter(is_meant)))
+}
+
+/// The error where no adapter is left to open.
+pub(super) fn none_usable(reports: &[AdapterReport]) -> Error {
+    Error::unsuitable(format_args!(
+        "no gpu can be used, see `tesserae devices` or take the device cpu; found {}",
+        list(reports)
+    ))
 }
 
 /// Whether an adapter has this number or, in any case, this in its name.
@@ -106,12 +95,11 @@ fn is_meant(report: &AdapterReport, wanted: &str) -> bool {
 }
 
 /// Adapters for an error message.
-fn list(found: &[Found]) -> String {
-    if found.is_empty() {
+fn list(reports: &[AdapterReport]) -> String {
+    if reports.is_empty() {
         return "no adapter".to_owned();
     }
-    let reports: Vec<String> = found.iter().map(|found| found.report.to_string()).collect();
-    reports.join("; ")
+    reports.iter().map(AdapterReport::to_string).collect::<Vec<_>>().join("; ")
 }
 
 #[cfg(test)]
@@ -132,7 +120,8 @@ mod tests {
 
     #[test]
     fn without_adapters_the_gpu_is_an_error_that_says_so() {
-        let error = choose(&[], None).expect_err("there is none");
+        assert_eq!(choose(&[], None), Ok(None));
+        let error = none_usable(&[]);
         assert_eq!(error.kind, Kind::DeviceUnsuitable);
         assert!(error.message.contains("tesserae devices"), "{error}");
         assert!(error.message.ends_with("no adapter"), "{error}");

@@ -1,10 +1,9 @@
 //! Device time of each pass, from timestamps that the device writes, for [`crate::dev::bench`].
 
-use std::collections::BTreeMap;
 use std::sync::Mutex;
 
 use super::lock;
-use crate::device::{KernelWork, Profile, StageTime};
+use crate::device::{Profile, StageTime};
 
 /// Passes that can be timed between two reads: a pass takes two queries of the set.
 const PASSES: u32 = wgpu::QUERY_SET_MAX_QUERIES / 2;
@@ -27,11 +26,9 @@ pub(super) struct Clock {
 #[derive(Debug, Default)]
 pub(super) struct Done {
     /// The stage of each timed pass.
-    stages: Vec<&'static str>,
-    untimed: u64,
-    kernels: BTreeMap<&'static str, KernelWork>,
-    submits: u64,
-    waits: u64,
+    passes: Vec<&'static str>,
+    /// All but the times of stages.
+    profile: Profile,
 }
 
 impl Clock {
@@ -56,33 +53,18 @@ impl Clock {
     /// Index of the first of two queries for a pass, if any are left.
     fn next(&self, stage: &'static str) -> Option<u32> {
         let mut done = lock(&self.done);
-        let number = done.stages.len() as u32;
+        let number = done.passes.len() as u32;
         if number == PASSES {
-            done.untimed += 1;
+            done.profile.untimed_passes += 1;
             return None;
         }
-        done.stages.push(stage);
+        done.passes.push(stage);
         Some(2 * number)
     }
 
-    /// Counts what a kernel does.
-    pub fn count(&self, kernel: &'static str, work: KernelWork) {
-        *lock(&self.done).kernels.entry(kernel).or_default() += work;
-    }
-
-    /// Counts a submission.
-    pub fn count_submit(&self) {
-        lock(&self.done).submits += 1;
-    }
-
-    /// Counts a wait of the host.
-    pub fn count_wait(&self) {
-        lock(&self.done).waits += 1;
-    }
-
-    /// Forgets the wait for the profile itself.
-    pub fn forget_wait(&self) {
-        lock(&self.done).waits = 0;
+    /// Changes the counts of the next profile.
+    pub fn record(&self, change: impl FnOnce(&mut Profile)) {
+        change(&mut lock(&self.done).profile);
     }
 
     /// The timestamp writes of a pass; none when no queries are left.
@@ -114,8 +96,8 @@ impl Clock {
     /// Encodes the read of the queries into a buffer to map for [`profile`](Self::profile), and resets the clock.
     pub fn take(&self, encoder: &mut wgpu::CommandEncoder) -> (Done, &wgpu::Buffer) {
         let done = std::mem::take(&mut *lock(&self.done));
-        if !done.stages.is_empty() {
-            encoder.resolve_query_set(&self.queries, 0..2 * done.stages.len() as u32, &self.resolved, 0);
+        if !done.passes.is_empty() {
+            encoder.resolve_query_set(&self.queries, 0..2 * done.passes.len() as u32, &self.resolved, 0);
         }
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.mapped, 0, None);
         (done, &self.mapped)
@@ -123,8 +105,9 @@ impl Clock {
 
     /// The profile, from the ticks at the beginning and the end of each pass.
     pub fn profile(&self, done: Done, ticks: &[[u64; 2]]) -> Profile {
-        let mut stages: Vec<StageTime> = Vec::new();
-        for (&stage, [begin, end]) in done.stages.iter().zip(ticks) {
+        let Done { passes, mut profile } = done;
+        let stages = &mut profile.stages;
+        for (&stage, [begin, end]) in passes.iter().zip(ticks) {
             let at = stages.iter().position(|time| time.stage == stage).unwrap_or_else(|| {
                 stages.push(StageTime { stage, passes: 0, milliseconds: 0.0 });
                 stages.len() - 1
@@ -132,7 +115,6 @@ impl Clock {
             stages[at].passes += 1;
             stages[at].milliseconds += end.saturating_sub(*begin) as f64 * self.nanoseconds_a_tick / 1e6;
         }
-        let Done { untimed: untimed_passes, kernels, submits, waits, .. } = done;
-        Profile { stages, untimed_passes, kernels, submits, waits }
+        profile
     }
 }

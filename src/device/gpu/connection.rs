@@ -6,11 +6,11 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use bytemuck::pod_collect_to_vec;
 use rayon::prelude::*;
 
 use super::adapter::Found;
@@ -48,10 +48,8 @@ pub(super) struct Connection {
     pub(super) staging: Mutex<Staging>,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
-    /// Whether a fault leaves no memory for the next buffer.
-    is_exhausted: AtomicBool,
-    /// Whether a fault changes the next numbers that the host reads.
-    is_wrong: AtomicBool,
+    /// A fault of the next buffer, or of the next numbers that the host reads.
+    reached: Mutex<Option<Fault>>,
     /// Where passes are timed.
     clock: Option<Clock>,
 }
@@ -133,8 +131,7 @@ impl Connection {
             staging: Mutex::default(),
             health,
             fault: Mutex::new(overrides.fault),
-            is_exhausted: AtomicBool::default(),
-            is_wrong: AtomicBool::default(),
+            reached: Mutex::default(),
             clock,
         })
     }
@@ -163,18 +160,21 @@ impl Connection {
         encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes })
     }
 
-    /// Counts what a kernel does, if there is a clock.
-    pub(super) fn count(&self, kernel: &'static str, work: KernelWork) {
+    /// Changes the counts of the next profile, if there is a clock.
+    fn record(&self, change: impl FnOnce(&mut Profile)) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel, work);
+            clock.record(change);
         }
+    }
+
+    /// Counts what a kernel does.
+    pub(super) fn count(&self, kernel: &'static str, work: KernelWork) {
+        self.record(|profile| *profile.kernels.entry(kernel).or_default() += work);
     }
 
     /// Submits commands, and what was written to buffers before.
     pub(super) fn submit(&self, encoder: Option<wgpu::CommandEncoder>) -> wgpu::SubmissionIndex {
-        if let Some(clock) = &self.clock {
-            clock.count_submit();
-        }
+        self.record(|profile| profile.submits += 1);
         self.queue.submit(encoder.map(wgpu::CommandEncoder::finish))
     }
 
@@ -186,12 +186,11 @@ impl Connection {
         let submission = self.queue.submit([encoder.finish()]);
         queries.slice(..).map_async(wgpu::MapMode::Read, |_| {});
         self.wait(submission)?;
-        let ticks: Vec<[u64; 2]> = match queries.slice(..).get_mapped_range() {
-            Ok(view) => bytemuck::pod_collect_to_vec(&view),
-            Err(_) => return Err(self.break_down("its timestamps could not be read")),
-        };
+        let unreadable = |_| self.break_down("its timestamps could not be read");
+        let ticks: Vec<[u64; 2]> = pod_collect_to_vec(&queries.slice(..).get_mapped_range().map_err(unreadable)?);
         queries.unmap();
-        clock.forget_wait();
+        // without the wait for the profile itself
+        self.record(|profile| profile.waits = 0);
         Ok(Some(clock.profile(done, &ticks)))
     }
 
@@ -225,7 +224,7 @@ impl Connection {
     /// Creates a buffer, mapped if the host may write it. A failure, such as lack of memory, is an error of this call
     /// and leaves the connection usable.
     pub(super) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
-        if self.is_exhausted.swap(false, Ordering::SeqCst) {
+        if lock(&self.reached).take_if(|fault| matches!(fault, Fault::Exhaust(_))).is_some() {
             return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "injected".into() }));
         }
         let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
@@ -238,6 +237,18 @@ impl Connection {
         errors.first().map_or(Ok(buffer), |error| Err(failure(&self.name, error)))
     }
 
+    /// The resources of a kernel, in the order of their bindings.
+    pub(super) fn bind_group<'a>(
+        &self,
+        kernel: &str,
+        layout: &wgpu::BindGroupLayout,
+        resources: impl IntoIterator<Item = wgpu::BindingResource<'a>>,
+    ) -> wgpu::BindGroup {
+        let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
+        let entries: Vec<_> = (0..).zip(resources).map(entry).collect();
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(kernel), layout, entries: &entries })
+    }
+
     /// The first failure that was reported.
     pub(super) fn check(&self) -> Result<()> {
         if lock(&self.health.failed).is_some() && lock(&self.health.lost).is_none() {
@@ -247,17 +258,12 @@ impl Connection {
         if let Some(message) = lock(&self.health.lost).as_deref() {
             return Err(self.lost(message));
         }
-        match lock(&self.health.failed).clone() {
-            Some(error) => Err(error),
-            None => Ok(()),
-        }
+        lock(&self.health.failed).clone().map_or(Ok(()), Err)
     }
 
     /// Waits until a submission has completed and the callbacks of its buffers were called.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
-        if let Some(clock) = &self.clock {
-            clock.count_wait();
-        }
+        self.record(|profile| profile.waits += 1);
         let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
         self.check()?;
         outcome
@@ -289,7 +295,8 @@ impl Connection {
 
     /// The bytes with another last number, if a fault requires that.
     pub(super) fn corrupted(&self, bytes: &[u8]) -> Option<Vec<u8>> {
-        let last = bytes.len().checked_sub(4).filter(|_| self.is_wrong.swap(false, Ordering::SeqCst))?;
+        let last = bytes.len().checked_sub(4)?;
+        lock(&self.reached).take_if(|fault| matches!(fault, Fault::Miscompute(_)))?;
         let mut wrong = bytes.to_vec();
         wrong[last] ^= 1;
         Some(wrong)
@@ -298,8 +305,7 @@ impl Connection {
     /// Injects the fault that was set for this point.
     pub(super) fn reach(&self, point: FaultPoint) {
         match lock(&self.fault).take_if(|fault| fault.point() == point) {
-            Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
-            Some(Fault::Miscompute(_)) => self.is_wrong.store(true, Ordering::SeqCst),
+            Some(fault @ (Fault::Exhaust(_) | Fault::Miscompute(_))) => *lock(&self.reached) = Some(fault),
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {
                 // more than any device allows

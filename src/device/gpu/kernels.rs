@@ -18,12 +18,10 @@
 //! A *chain* is several kernels in one dispatch of one workgroup, with barriers in between. Where a step has few items,
 //! that costs less than several dispatches.
 
-use std::mem::size_of;
-
 use super::Tuning;
 use super::axes::written_out;
 use super::buffers::{Buffer, Spec};
-use super::layout::{self, Iteration};
+use super::layout::{self, Iteration, IterationStats};
 use crate::device::KernelWork;
 use crate::energy::words;
 
@@ -52,25 +50,6 @@ pub struct Part {
     /// Bytes that it reads and writes for each item; further ones for each face that is due, wants to move, and moves.
     /// Of a closed triangle mesh, a face seeing one other cluster, each access counted on its own.
     pub bytes: &'static [u64],
-}
-
-/// How many of each there are for a dispatch.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Lengths {
-    /// Faces.
-    pub faces: u32,
-    /// Clusters that are left.
-    pub clusters: u32,
-    /// Entries of a list of the host.
-    pub entries: u32,
-    /// Listed faces.
-    pub listed: u32,
-    /// Of these, those that are due.
-    pub due: u32,
-    /// Movers.
-    pub movers: u32,
-    /// Faces whose label changes.
-    pub moves: u32,
 }
 
 /// A storage buffer that a kernel sees.
@@ -114,14 +93,14 @@ impl Items {
         }
     }
 
-    /// How many there are; of runs, their faces.
-    fn count(self, lengths: &Lengths) -> u32 {
+    /// How many there are in an iteration; of runs, their faces.
+    pub fn count(self, iteration: &Iteration, stats: &IterationStats) -> u32 {
         match self {
-            Self::Faces | Self::FaceRuns => lengths.faces,
-            Self::Clusters => lengths.clusters,
-            Self::Entries | Self::EntriesAtOnce => lengths.entries,
-            Self::Listed => lengths.listed,
-            Self::Movers => lengths.movers,
+            Self::Faces | Self::FaceRuns => iteration.faces,
+            Self::Clusters => iteration.clusters,
+            Self::Entries | Self::EntriesAtOnce => iteration.entries,
+            Self::Listed => stats.listed,
+            Self::Movers => stats.movers,
         }
     }
 }
@@ -176,17 +155,17 @@ impl Kernel {
         written_out(&source, axes, words::sums(axes))
     }
 
-    /// What it does for so many items; of a chain, the items are those of the first part.
-    pub fn work(&self, lengths: &Lengths) -> KernelWork {
+    /// What it does in an iteration; of a chain, the items are those of the first part.
+    pub fn work(&self, iteration: &Iteration, stats: &IterationStats) -> KernelWork {
         let bytes = |part: &Part| -> u64 {
-            let counts = [part.items.count(lengths), lengths.due, lengths.movers, lengths.moves];
+            let counts = [part.items.count(iteration, stats), stats.due, stats.movers, stats.moves];
             part.bytes.iter().zip(counts).map(|(bytes, count)| bytes * u64::from(count)).sum()
         };
         let items = self.parts[0].items;
         KernelWork {
             dispatches: 0,
-            items: items.count(lengths).into(),
-            due: if items == Items::Listed { lengths.due.into() } else { 0 },
+            items: items.count(iteration, stats).into(),
+            due: if items == Items::Listed { stats.due.into() } else { 0 },
             bytes: self.parts.iter().map(bytes).sum(),
         }
     }
@@ -221,12 +200,6 @@ impl Kernel {
             }
         }
         all
-    }
-
-    /// Bytes of the smallest buffer for each binding, for points of so many axes.
-    pub fn binding_sizes(&self, axes: usize) -> impl Iterator<Item = usize> {
-        let storage = self.bindings().into_iter().map(move |binding| (binding.buffer.spec().stride)(axes));
-        std::iter::once(size_of::<Iteration>()).chain(storage)
     }
 }
 

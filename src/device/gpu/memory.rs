@@ -2,22 +2,20 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::mem::size_of;
 
 use bytemuck::Zeroable;
 
-use super::adapter::MOST_FACES;
+use super::FaultPoint;
 use super::buffers::{BATCH, Buffer, Sizes};
 use super::connection::Connection;
-use super::kernels::{self, Items, Kernel, Lengths};
+use super::kernels::{self, Items, Kernel};
 use super::layout::{Iteration, IterationStats};
 use super::upload::{upload, upload_graph};
-use super::{FaultPoint, Tuning};
 use crate::device::KernelWork;
 use crate::device::dual_edge::Ties;
 use crate::energy::Words;
 use crate::error::{Error, Kind, Result};
-use crate::surface::DualGraph;
+use crate::surface::{DualGraph, MOST_FACES};
 
 /// The entry of the statistics of what is done between batches.
 pub(super) const BETWEEN: u32 = BATCH;
@@ -63,10 +61,6 @@ pub(super) struct SurfaceMemory {
     iterations: wgpu::Buffer,
     /// Bytes from one of those to the next.
     stride: u32,
-    /// How threads are grouped.
-    tuning: Tuning,
-    /// Workgroups of a dispatch at most.
-    most_groups: u32,
     /// What all iterations have in common.
     common: Iteration,
     /// Coordinates of a point.
@@ -88,17 +82,21 @@ impl SurfaceMemory {
     ) -> Result<Self> {
         let proxies = proxies(graph, component_of_cluster)?;
         check_counts(connection, graph)?;
-        let tuning = connection.tuning;
         let sizes = Sizes {
             axes: E::AXES,
             faces: graph.faces() as u64,
             neighbours: graph.neighbours.len() as u64,
             clusters: component_of_cluster.len() as u64,
-            face_groups: graph.faces().div_ceil(tuning.workgroup as usize) as u64,
+            face_groups: graph.faces().div_ceil(connection.tuning.workgroup as usize) as u64,
         };
         connection.reach(FaultPoint::Upload);
         let needed = kernels::needed(is_merging);
-        let create = |buffer: &Buffer| create(connection, *buffer, &sizes, needed.contains(buffer));
+        // of one item if it is not needed
+        let create = |buffer: &Buffer| {
+            let spec = buffer.spec();
+            let bytes = if needed.contains(buffer) { spec.bytes(&sizes) } else { (spec.stride)(E::AXES) as u64 };
+            storage(connection, spec.name, bytes)
+        };
         let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
         let stride =
             (size_of::<Iteration>() as u32).next_multiple_of(connection.limits.min_uniform_buffer_offset_alignment);
@@ -106,13 +104,10 @@ impl SurfaceMemory {
         let iterations =
             connection.buffer("iterations", bytes, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
         let common = Iteration { faces: sizes.faces as u32, ..Iteration::zeroed() };
-        let most_groups = connection.limits.max_compute_workgroups_per_dimension;
-        let bound = RefCell::default();
-        let listed = common.faces;
-        let mut memory =
-            Self { storage, iterations, stride, tuning, most_groups, common, axes: E::AXES, listed, bound };
+        let (listed, bound) = (common.faces, RefCell::default());
+        let mut memory = Self { storage, iterations, stride, common, axes: E::AXES, listed, bound };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
-        upload(connection, memory.get(Buffer::Proxies), 0, &proxies);
+        upload(connection, memory.get(Buffer::Proxies), &proxies);
         let all: Vec<u32> = (0..sizes.clusters as u32).collect();
         memory.list_clusters(connection, &all);
         connection.check()?;
@@ -136,7 +131,7 @@ impl SurfaceMemory {
 
     /// Lets kernels with a thread a cluster go over these only.
     pub(super) fn list_clusters(&mut self, connection: &Connection, living: &[u32]) {
-        upload(connection, self.get(Buffer::LivingClusters), 0, living);
+        upload(connection, self.get(Buffer::LivingClusters), living);
         self.common.clusters = living.len() as u32;
     }
 
@@ -177,8 +172,8 @@ impl SurfaceMemory {
         slot: u32,
     ) {
         // the statistics of a batch have the lengths of its lists
-        let work =
-            if slot < BATCH { KernelWork::default() } else { kernel.work(&self.lengths(&IterationStats::zeroed())) };
+        let is_in_batch = slot < BATCH;
+        let work = if is_in_batch { KernelWork::default() } else { self.work(kernel, &IterationStats::zeroed()) };
         connection.count(kernel.name, KernelWork { dispatches: 1, ..work });
         let mut bound = self.bound.borrow_mut();
         let (pipeline, bind_group) = bound.entry(kernel.name).or_insert_with(|| self.bind(connection, kernel));
@@ -189,31 +184,26 @@ impl SurfaceMemory {
         };
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &*bind_group, &[place * self.stride]);
-        pass.dispatch_workgroups(self.groups(kernel), 1, 1);
+        pass.dispatch_workgroups(self.groups(connection, kernel), 1, 1);
     }
 
-    /// The lengths of the lists that the kernels of an iteration go over; of no statistics, those between batches.
-    pub(super) fn lengths(&self, stats: &IterationStats) -> Lengths {
-        let Iteration { faces, clusters, entries, .. } = self.common;
-        let IterationStats { listed, due, movers, moves, .. } = *stats;
-        let listed = if listed > 0 { listed } else { self.listed };
-        Lengths { faces, clusters, entries, listed, due, movers, moves }
+    /// What a kernel does in an iteration; without statistics, between batches.
+    pub(super) fn work(&self, kernel: &Kernel, stats: &IterationStats) -> KernelWork {
+        let listed = if stats.listed > 0 { stats.listed } else { self.listed };
+        kernel.work(&self.common, &IterationStats { listed, ..*stats })
     }
 
     /// Workgroups of a dispatch. Threads go over all items, however many workgroups there are.
-    pub(super) fn groups(&self, kernel: &Kernel) -> u32 {
-        let Iteration { faces, clusters, entries, .. } = self.common;
-        let items = match kernel.parts[0].items {
+    pub(super) fn groups(&self, connection: &Connection, kernel: &Kernel) -> u32 {
+        let movers = self.listed / MOVERS_OF;
+        let expected = IterationStats { listed: self.listed, movers, ..IterationStats::zeroed() };
+        let threads = match kernel.parts[0].items {
             _ if kernel.is_chain() => 1,
             Items::EntriesAtOnce => 1,
-            Items::Faces => faces,
-            Items::FaceRuns => faces.div_ceil(self.tuning.run),
-            Items::Clusters => clusters,
-            Items::Entries => entries,
-            Items::Listed => self.listed,
-            Items::Movers => self.listed / MOVERS_OF,
+            Items::FaceRuns => self.common.faces.div_ceil(connection.tuning.run),
+            items => items.count(&self.common, &expected),
         };
-        items.div_ceil(self.tuning.workgroup).clamp(1, self.most_groups)
+        threads.div_ceil(connection.tuning.workgroup).clamp(1, connection.limits.max_compute_workgroups_per_dimension)
     }
 
     fn bind(&self, connection: &Connection, kernel: &Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroup) {
@@ -224,17 +214,8 @@ impl SurfaceMemory {
         });
         let bindings = kernel.bindings();
         let storage = bindings.iter().map(|binding| self.get(binding.buffer).as_entire_binding());
-        let entries: Vec<_> = (0..)
-            .zip(std::iter::once(iteration).chain(storage))
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
-            .collect();
         let (layout, pipeline) = connection.pipeline(kernel, self.axes);
-        let bind_group = connection.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(kernel.name),
-            layout: &layout,
-            entries: &entries,
-        });
-        (pipeline, bind_group)
+        (pipeline, connection.bind_group(kernel.name, &layout, std::iter::once(iteration).chain(storage)))
     }
 }
 
@@ -256,40 +237,30 @@ fn proxies<E: Words>(graph: &DualGraph<E>, component_of_cluster: &[u32]) -> Resu
 
 /// Refuses more faces than threads can number in u32, and more neighbours than u32 can index behind the rows.
 fn check_counts<E: Words>(connection: &Connection, graph: &DualGraph<E>) -> Result<()> {
-    let (faces, neighbours) = (graph.faces() as u64, graph.neighbours.len() as u64);
+    let (faces, both) = (graph.faces(), graph.faces() + 1 + graph.neighbours.len());
     for (what, found, limit) in
-        [("faces", faces, MOST_FACES), ("faces and neighbours of faces", faces + 1 + neighbours, u64::from(u32::MAX))]
+        [("faces", faces, MOST_FACES), ("faces and neighbours of faces", both, u32::MAX as usize)]
     {
         if found > limit {
-            return Err(Error::new(
-                Kind::DeviceUnsuitable,
-                format_args!("the gpu {} takes at most {limit} {what}, use the cpu device: {found}", connection.name),
-            ));
+            return Err(Error::unsuitable(format_args!(
+                "the gpu {} takes at most {limit} {what}, use the cpu device: {found}",
+                connection.name
+            )));
         }
     }
     Ok(())
-}
-
-/// A storage buffer; of one item if it is not needed. Errors are those of [`storage`].
-fn create(connection: &Connection, buffer: Buffer, sizes: &Sizes, is_needed: bool) -> Result<wgpu::Buffer> {
-    let spec = buffer.spec();
-    let bytes = if is_needed { (spec.bytes)(sizes) } else { (spec.stride)(sizes.axes) as u64 };
-    storage(connection, spec.name, bytes)
 }
 
 /// A storage buffer. Errors: it is larger than the device allows, or there is no memory.
 pub(super) fn storage(connection: &Connection, name: &str, bytes: u64) -> Result<wgpu::Buffer> {
     let limit = connection.limits.max_storage_buffer_binding_size.min(connection.limits.max_buffer_size);
     if bytes > limit {
-        return Err(Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!(
-                "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
-                 and needs {bytes}",
-                connection.name,
-                name.replace('_', " ")
-            ),
-        ));
+        return Err(Error::unsuitable(format_args!(
+            "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
+             and needs {bytes}",
+            connection.name,
+            name.replace('_', " ")
+        )));
     }
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     connection.buffer(name, bytes, usage)

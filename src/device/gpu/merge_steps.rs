@@ -2,7 +2,6 @@
 //!
 //! Searches go over boundary faces and the clusters that are left. A round of the parallel kind transfers bytes in
 //! proportion to the clusters that are left and the faces that moved; a search for the cheapest dual edge some 150.
-//! What the next call will need comes along with what a call reads, since a wait costs more than some thousand bytes.
 
 use super::FaultPoint;
 use super::buffers::Buffer;
@@ -38,7 +37,7 @@ impl<E: Words> GpuSteps<'_, E> {
         let (entries, ties) = match search {
             None => return Numbers::NONE,
             Some(Search::Best(ties)) => (self.summed() as u32, ties),
-            Some(Search::Cheapest(ties)) => (self.memory.groups(kernels::CHEAPEST_DUAL_EDGE), ties),
+            Some(Search::Cheapest(ties)) => (self.memory.groups(&self.connection, kernels::CHEAPEST_DUAL_EDGE), ties),
         };
         Numbers { entries, ties, ..Numbers::NONE }
     }
@@ -74,12 +73,13 @@ impl<E: Words> GpuSteps<'_, E> {
             Search::Best(_) => {
                 let edges = self.living.iter().zip(parts.next::<ListedEdge>()).filter(|(_, edge)| edge.other != FREE);
                 let edge = |(&cluster, ListedEdge { other, cost }): (&u32, _)| DualEdge { cluster, other, cost };
-                (Found::Best(edges.map(edge).collect()), self.living.clone())
+                (Found { best: edges.map(edge).collect(), cheapest: None }, self.living.clone())
             }
             Search::Cheapest(_) => {
                 let best = parts.next::<CandidateEdge>().first().map(|best| (best.low, best.high));
-                let ends = best.filter(|&(low, _)| low != FREE);
-                (Found::Cheapest(ends), ends.iter().flat_map(|&(low, high)| [low, high]).collect())
+                let cheapest = best.filter(|&(low, _)| low != FREE);
+                let ends = cheapest.iter().flat_map(|&(low, high)| [low, high]).collect();
+                (Found { best: Vec::new(), cheapest }, ends)
             }
         };
         let sums = parts.next::<u32>();
@@ -87,13 +87,13 @@ impl<E: Words> GpuSteps<'_, E> {
     }
 
     /// What a search finds; what it found along with an earlier step, if that was the same search.
-    fn search(&mut self, search: Search) -> Result<Option<Found>> {
+    fn search(&mut self, search: Search) -> Result<Found> {
         self.last_search = Some(search);
         if !matches!(&self.known.found, Some((known, _)) if *known == search) {
             let encoder = self.begin(self.numbers_of(Some(search)), true, !self.known.is_fitted);
             self.fetch(encoder, Along { search: Some(search), ..Along::default() })?;
         }
-        Ok(self.known.found.take().map(|(_, found)| found))
+        Ok(self.known.found.take().map(|(_, found)| found).unwrap_or_default())
     }
 
     /// Refuses on a software gpu when faces times clusters are more than `software_limit`.
@@ -101,14 +101,11 @@ impl<E: Words> GpuSteps<'_, E> {
         let (faces, clusters) = (self.memory.faces(), self.living.len());
         let limit = u64::from(self.connection.tuning.software_limit);
         if self.connection.is_software && u64::from(faces) * clusters as u64 > limit {
-            return Err(Error::new(
-                Kind::DeviceUnsuitable,
-                format_args!(
-                    "the software gpu {} would take too long to merge {clusters} clusters of {faces} faces one by one, \
-                     use the cpu device; faces times clusters may be {limit}",
-                    self.connection.name,
-                ),
-            ));
+            return Err(Error::unsuitable(format_args!(
+                "the software gpu {} would take too long to merge {clusters} clusters of {faces} faces one by one, \
+                 use the cpu device; faces times clusters may be {limit}",
+                self.connection.name,
+            )));
         }
         Ok(())
     }
@@ -116,10 +113,7 @@ impl<E: Words> GpuSteps<'_, E> {
 
 impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        match self.search(Search::Best(ties))? {
-            Some(Found::Best(edges)) => Ok(edges),
-            Some(Found::Cheapest(_)) | None => Ok(Vec::new()),
-        }
+        Ok(self.search(Search::Best(ties))?.best)
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
@@ -128,10 +122,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         self.check_work()?;
-        match self.search(Search::Cheapest(ties))? {
-            Some(Found::Cheapest(ends)) => Ok(ends),
-            Some(Found::Best(_)) | None => Ok(None),
-        }
+        Ok(self.search(Search::Cheapest(ties))?.cheapest)
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
@@ -149,7 +140,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         self.connection.reach(FaultPoint::Merge);
         let entries: Vec<u32> = pairs.iter().flat_map(|&(from, into)| [from, into]).collect();
-        upload(&self.connection, self.memory.get(Buffer::HostList), 0, &entries);
+        upload(&self.connection, self.memory.get(Buffer::HostList), &entries);
         let mut encoder = self.begin(Numbers { entries: pairs.len() as u32, ..Numbers::NONE }, false, false);
         if self.known.history == History::Unmerged {
             encoder.clear_buffer(self.memory.get(Buffer::MergedInto), 0, None);
@@ -174,7 +165,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         let mut sums = Vec::with_capacity(clusters.len());
         for chunk in clusters.chunks(self.memory.capacity(Buffer::CopiedSums)) {
-            upload(&self.connection, self.memory.get(Buffer::HostList), 0, chunk);
+            upload(&self.connection, self.memory.get(Buffer::HostList), chunk);
             let mut encoder = self.begin(Numbers { entries: chunk.len() as u32, ..Numbers::NONE }, false, false);
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY], BETWEEN);
             let copied: Vec<u32> = self.read(encoder, &[Self::copied(chunk.len())], |mut parts| parts.next())?;
@@ -193,7 +184,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         let (mut list, moved) = self.known.moves.take().unwrap_or_default();
         if list.len() < moved {
-            list = self.download::<Move>(self.connection.encoder(), Buffer::Moves, moved)?;
+            list = self.download::<Move>(Buffer::Moves, moved)?;
         }
         list.sort_unstable_by_key(|moved| moved.face);
         Ok(list.iter().map(|moved| (moved.face, moved.before, moved.after)).collect())

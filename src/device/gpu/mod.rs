@@ -1,5 +1,5 @@
 //! The gpu device: wgpu on Vulkan, Metal and DX12, with the kernels of `shaders/`. `docs/gpu.md` has the dispatches of
-//! each step, their bytes, and the memory of a surface.
+//! each step, their bytes, the memory of a surface, and the proof that labels equal those of the cpu.
 //!
 //! | file | what it has |
 //! |---|---|
@@ -16,17 +16,12 @@
 //! | `probe` | what dispatches, round trips and transfers cost |
 //! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
-//! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
-//! of the refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all
-//! threads of the one before wrote. The first of each works on *listed* faces: those with a neighbour of another
-//! cluster, and free ones; the others on *movers*, which the first has found. Where those are few, the others are one
-//! dispatch of one workgroup. Iterations are queued in batches of up to 64; the device itself ends a phase.
+//! The first kernel of an iteration works on *listed* faces: those with a neighbour of another cluster, and free ones;
+//! the others on *movers*, which the first has found. Each reads what all threads of the one before wrote. Iterations
+//! are queued in batches; the device itself ends a phase.
 //!
-//! Labels equal those of the cpu, because every number that decides a label is an integer, which WGSL specifies
-//! exactly, and threads affect each other only through sums, extremes and counts, which do not depend on an order. A
-//! kernel does not read such a number that it writes, with exceptions that `docs/gpu.md` lists and proves. Ties go to
-//! the smaller cluster or face. So an iteration is the function of the labels that [`crate::cluster::flat`] and
-//! [`crate::cluster::refinement`] define.
+//! An iteration is the function of the labels that [`crate::cluster::flat`] and [`crate::cluster::refinement`] define,
+//! since every number that decides a label is an integer, and no result depends on the order of threads.
 //!
 //! Everything that wgpu reports becomes an error of the call that notices it ([`Kind::DeviceLost`] for a lost device
 //! and for lack of memory), and the next surface gets a new connection. [`GpuDevice::inject`] causes failures for
@@ -168,10 +163,7 @@ impl GpuDevice {
     pub fn with_overrides(found: &Found, overrides: Overrides) -> Result<Self> {
         let report = found.report.clone();
         if let Some(reason) = &report.reason {
-            return Err(Error::new(
-                Kind::DeviceUnsuitable,
-                format_args!("the gpu {} cannot cluster: {reason}", report.name),
-            ));
+            return Err(Error::unsuitable(format_args!("the gpu {} cannot cluster: {reason}", report.name)));
         }
         let connection = connect(found, overrides)?;
         Ok(Self {
@@ -193,11 +185,6 @@ impl GpuDevice {
         self.fault = Some(fault);
     }
 
-    /// Whether an adapter that was found anew is this one, though others came or went.
-    fn is_same(&self, report: &AdapterReport) -> bool {
-        (&report.name, &report.backend, report.usable) == (&self.report.name, &self.report.backend, true)
-    }
-
     /// The connection; a new one if the last broke. The adapter may have gone with the device, so it is looked for
     /// again.
     fn connection(&self) -> Result<Arc<Connection>> {
@@ -208,10 +195,14 @@ impl GpuDevice {
             return Ok(Arc::clone(connection));
         }
         let adapters = adapter::enumerate();
+        // numbers change when others came or went
+        let is_same = |AdapterReport { name, backend, usable, .. }: &AdapterReport| {
+            *usable && (name, backend) == (&self.report.name, &self.report.backend)
+        };
         let found = adapters
             .iter()
             .find(|found| found.report == self.report)
-            .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
+            .or_else(|| adapters.iter().find(|found| is_same(&found.report)))
             .ok_or_else(|| Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name)))?;
         tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
         let connection = connect(found, self.overrides)?;
@@ -249,7 +240,7 @@ fn prepare<E: Words>(connection: &Arc<Connection>) -> Result<()> {
     if E::AXES > MOST_AXES {
         let message =
             format_args!("a gpu takes points of at most {MOST_AXES} coordinates, use the cpu device: {}", E::AXES);
-        return Err(Error::new(Kind::DeviceUnsuitable, message));
+        return Err(Error::unsuitable(message));
     }
     connection.compile(E::AXES)?;
     let outcome = self_test::run::<E>(connection);

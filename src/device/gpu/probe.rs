@@ -8,8 +8,9 @@ use std::time::Instant;
 
 use super::Overrides;
 use super::adapter::enumerate;
-use super::choice::choose;
+use super::choice::{choose, none_usable, reports};
 use super::connection::Connection;
+use super::memory::storage;
 use super::pipeline::with_own_layout;
 use super::upload::{upload, upload_staged};
 use crate::energy::{Energy, Words as _};
@@ -54,7 +55,9 @@ const CHAINS: [Chain; 6] = [
 pub fn probe(adapter: Option<&str>) -> Result<Vec<(&'static str, f64)>> {
     let found = enumerate();
     let started = Instant::now();
-    let connection = Connection::open(choose(&found, adapter)?, Overrides::default())?;
+    let reports = reports(&found);
+    let chosen = choose(&reports, adapter)?.ok_or_else(|| none_usable(&reports))?;
+    let connection = Connection::open(&found[chosen.index], Overrides::default())?;
     connection.compile(Energy::AXES)?;
     let mut figures = vec![("open", started.elapsed().as_secs_f64() * 1e3)];
     for chain in &CHAINS {
@@ -64,9 +67,6 @@ pub fn probe(adapter: Option<&str>) -> Result<Vec<(&'static str, f64)>> {
     figures.extend(transfers(&connection)?);
     Ok(figures)
 }
-
-const STORAGE: wgpu::BufferUsages =
-    wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST).union(wgpu::BufferUsages::COPY_SRC);
 
 impl Chain {
     fn wgsl(&self) -> String {
@@ -88,17 +88,10 @@ impl Chain {
     }
 
     fn microseconds(&self, connection: &Connection) -> Result<f64> {
-        let device = &connection.device;
-        let label = Some(self.name);
-        let (layout, pipeline) = &with_own_layout(device, self.name, &self.wgsl());
-        let bytes = 4 * u64::from(WORDS);
-        let buffers = (0..self.bindings).map(|_| connection.buffer(self.name, bytes, STORAGE));
+        let (layout, pipeline) = &with_own_layout(&connection.device, self.name, &self.wgsl());
+        let buffers = (0..self.bindings).map(|_| storage(connection, self.name, 4 * u64::from(WORDS)));
         let buffers = buffers.collect::<Result<Vec<_>>>()?;
-        let entries: Vec<_> = (0..)
-            .zip(&buffers)
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries });
+        let bind_group = connection.bind_group(self.name, layout, buffers.iter().map(wgpu::Buffer::as_entire_binding));
         let dispatches = DISPATCHES[usize::from(connection.is_software)];
         let mut fastest = f64::MAX;
         for _ in 0..REPEATS {
@@ -122,7 +115,7 @@ impl Chain {
 
 /// From a submission of a small copy to its bytes on the host, in microseconds.
 fn round_trip(connection: &Connection) -> Result<f64> {
-    let from = connection.buffer("round trip", 16, STORAGE)?;
+    let from = storage(connection, "round trip", 16)?;
     let mut times = (0..ROUND_TRIPS).map(|_| download(connection, &from, 16)).collect::<Result<Vec<_>>>()?;
     times.sort_by(f64::total_cmp);
     Ok(times[ROUND_TRIPS / 2] * 1e6)
@@ -147,7 +140,7 @@ fn download(connection: &Connection, from: &wgpu::Buffer, bytes: u64) -> Result<
 /// Transfers of [`TRANSFER`] bytes, in GB/s.
 fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 3]> {
     let data = vec![7u32; TRANSFER / size_of::<u32>()];
-    let target = connection.buffer("transfer", TRANSFER as u64, STORAGE)?;
+    let target = storage(connection, "transfer", TRANSFER as u64)?;
     let speed = |seconds: f64| TRANSFER as f64 / seconds / 1e9;
     let finish = || connection.wait(connection.queue.submit([]));
     let mut fastest = [f64::MAX; 3];
@@ -158,7 +151,7 @@ fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 3]> {
         finish()?;
         times[0] = started.elapsed().as_secs_f64();
         let started = Instant::now();
-        upload(connection, &target, 0, &data);
+        upload(connection, &target, &data);
         finish()?;
         times[1] = started.elapsed().as_secs_f64();
         times[2] = download(connection, &target, TRANSFER as u64)?;

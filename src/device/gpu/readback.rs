@@ -13,10 +13,9 @@ use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
 use super::connection::{Connection, PATIENCE};
 use super::kernels;
-use super::layout::{BoundaryList, IterationStats, Move, UNLISTED};
-use super::memory::{BETWEEN, Numbers};
+use super::layout::{BoundaryList, IterationStats, Move};
+use super::memory::BETWEEN;
 use super::state::{GpuSteps, History, Search};
-use super::verify::verify;
 use crate::energy::Words;
 use crate::error::Result;
 
@@ -135,14 +134,9 @@ impl<E: Words> GpuSteps<'_, E> {
         read(&self.connection, &self.host_buffer, encoder, &places, look)
     }
 
-    /// Submits the commands, and reads the first items of a buffer.
-    pub(super) fn download<T: Pod>(
-        &self,
-        encoder: wgpu::CommandEncoder,
-        buffer: Buffer,
-        items: usize,
-    ) -> Result<Vec<T>> {
-        self.read(encoder, &[Part::of::<T>(buffer, 0, items)], |mut parts| parts.next())
+    /// Reads the first items of a buffer.
+    pub(super) fn download<T: Pod>(&self, buffer: Buffer, items: usize) -> Result<Vec<T>> {
+        self.read(self.connection.encoder(), &[Part::of::<T>(buffer, 0, items)], |mut parts| parts.next())
     }
 
     /// Submits the commands, with what is read along. What the host then knows besides statistics is in
@@ -171,10 +165,9 @@ impl<E: Words> GpuSteps<'_, E> {
         ];
         parts.extend(along.search.into_iter().flat_map(|search| self.parts(search)));
         let (listed, mut moves, between, batch, labels, found) = self.read(encoder, &parts, |mut parts| {
-            let (listed, moves, between): (Vec<u32>, Vec<Move>, Vec<IterationStats>) =
-                (parts.next(), parts.next(), parts.next());
-            let (batch, labels) = (parts.next(), parts.next());
-            (listed, moves, between, batch, labels, along.search.map(|search| self.found(search, &mut parts)))
+            let (listed, moves) = (parts.next::<u32>(), parts.next::<Move>());
+            let (between, batch) = (parts.next::<IterationStats>(), parts.next());
+            (listed, moves, between, batch, parts.next(), along.search.map(|search| self.found(search, &mut parts)))
         })?;
         self.memory.listed = listed[0];
         let (between, before) = (between[0], between[1]);
@@ -190,36 +183,5 @@ impl<E: Words> GpuSteps<'_, E> {
             self.known.sums = sums;
         }
         Ok(Read { batch, between, before })
-    }
-
-    /// The labels. Fails with `DeviceWrong` where the energy of the labels is not the one that the device gave.
-    pub(super) fn read_labels(&mut self) -> Result<Vec<u32>> {
-        if !self.known.has_sums {
-            // they are the host's
-            return match self.known.labels.take() {
-                Some(labels) => Ok(labels),
-                None => {
-                    self.connection.reach(FaultPoint::Labels);
-                    self.download(self.connection.encoder(), Buffer::Labels, self.graph.faces())
-                }
-            };
-        }
-        if self.known.labels.is_none() || self.known.energy.is_none() {
-            let encoder = self.begin(Numbers::NONE, false, self.known.energy.is_none());
-            let stats = self.fetch(encoder, Along { labels: true, ..Along::default() })?;
-            self.known.energy.get_or_insert(stats.before.energy());
-        }
-        let labels = self.known.labels.take().unwrap_or_default();
-        if let Some(energy) = self.known.energy {
-            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
-        }
-        Ok(labels)
-    }
-
-    /// The labels that all faces had after the last merge; `labels` are the present ones.
-    pub(super) fn labels_at_merge(&self, labels: &[u32]) -> Result<Vec<u32>> {
-        let at_merge: Vec<u32> = self.download(self.connection.encoder(), Buffer::LabelAtMerge, labels.len())?;
-        let label = |(before, &label): (u32, &u32)| if before == UNLISTED { label } else { before };
-        Ok(at_merge.into_iter().zip(labels).map(label).collect())
     }
 }

@@ -38,7 +38,7 @@ pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
     let unsuitable = |why: &str| {
         let name = &connection.name;
         let message = format_args!("the gpu {name} is not used, since its self-test gave wrong numbers: {why}");
-        Err(Error::new(Kind::DeviceUnsuitable, message))
+        Err(Error::unsuitable(message))
     };
     let mut steps = GpuSteps::new(Arc::clone(connection), &graph, &component_of_cluster, true)?;
     let found = match results(&mut steps) {
@@ -47,10 +47,7 @@ pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
     };
     let mut cpu = CpuDevice::new();
     let expected = results(cpu.open_merging(&graph, &component_of_cluster)?.as_mut())?;
-    match difference(&found, &expected) {
-        Some(why) => unsuitable(&why),
-        None => Ok(()),
-    }
+    difference(&found, &expected).map_or(Ok(()), |why| unsuitable(&why))
 }
 
 /// A step, and the numbers that it gave.

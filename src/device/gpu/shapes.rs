@@ -84,24 +84,18 @@ impl ShapeSteps for GpuShapes {
         if self.shapes.size() < size_of_val(shapes) as u64 {
             self.shapes = storage(connection, "shapes", size_of_val(shapes) as u64)?;
         }
-        upload(connection, &self.labels, 0, labels);
-        upload(connection, &self.shapes, 0, shapes);
-        upload(connection, &self.listed, 0, listed);
+        upload(connection, &self.labels, labels);
+        upload(connection, &self.shapes, shapes);
+        upload(connection, &self.listed, listed);
         let bytes = size_of_val(listed) as u64;
         let buffers = [&self.neighbours, &self.samples, &self.labels, &self.shapes, &self.listed, &self.proposals];
-        let mut entries = Vec::with_capacity(buffers.len());
-        for (binding, buffer) in (0..).zip(buffers) {
+        let resources = buffers.map(|buffer| {
             // the kernel takes the number of listed faces from their size
             let size = if *buffer == self.listed { wgpu::BufferSize::new(bytes) } else { None };
-            let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size });
-            entries.push(wgpu::BindGroupEntry { binding, resource });
-        }
-        let (layout, pipeline) = &self.pipeline;
-        let bind_group = connection.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(NAME),
-            layout,
-            entries: &entries,
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size })
         });
+        let (layout, pipeline) = &self.pipeline;
+        let bind_group = connection.bind_group(NAME, layout, resources);
         let mut encoder = connection.encoder();
         {
             let mut pass = connection.pass(&mut encoder, NAME);

@@ -37,12 +37,12 @@ pub(super) enum Search {
 }
 
 /// What a search has found.
-#[derive(Debug)]
-pub(super) enum Found {
-    /// In the order of the clusters.
-    Best(Vec<DualEdge>),
-    /// The ends, the smaller number first.
-    Cheapest(Option<(u32, u32)>),
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    /// The best dual edges, in the order of the clusters.
+    pub best: Vec<DualEdge>,
+    /// The ends of the cheapest one, the smaller number first.
+    pub cheapest: Option<(u32, u32)>,
 }
 
 /// A change of the device's state.

@@ -4,11 +4,12 @@ use super::FaultPoint;
 use super::batches::{BOUNDARY, REFINEMENT};
 use super::buffers::Buffer;
 use super::kernels;
-use super::layout::IterationStats;
-use super::memory::BETWEEN;
+use super::layout::{IterationStats, UNLISTED};
+use super::memory::{BETWEEN, Numbers};
 use super::readback::Along;
 use super::state::{Change, GpuSteps, History};
 use super::upload::upload;
+use super::verify::verify;
 use crate::device::{Cancel, Ending, FREE, OnStep, Step, Steps};
 use crate::energy::{LatticeEnergy, Words};
 use crate::error::{Error, Kind, Result};
@@ -23,7 +24,7 @@ impl<E: Words> GpuSteps<'_, E> {
         }
         self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
         let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
-        upload(&self.connection, from, 0, labels);
+        upload(&self.connection, from, labels);
         let mut encoder = self.connection.encoder();
         encoder.copy_buffer_to_buffer(from, 0, to, 0, None);
         self.connection.submit(Some(encoder));
@@ -49,11 +50,14 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
     fn relabel(&mut self, labels: &[u32]) -> Result<()> {
         let mut at_merge = Vec::new();
         if self.known.history != History::Unmerged {
-            let before = self.labels()?;
-            at_merge = self.labels_at_merge(&before)?;
+            let labels = self.labels()?;
+            at_merge = self.download(Buffer::LabelAtMerge, labels.len())?;
+            // a face that is not listed has not moved since
+            let unlisted = at_merge.iter_mut().zip(labels).filter(|(before, _)| **before == UNLISTED);
+            unlisted.for_each(|(before, label)| *before = label);
         }
         self.replace_labels(labels)?;
-        upload(&self.connection, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
+        upload(&self.connection, self.memory.get(Buffer::LabelAtMerge), &at_merge);
         self.known.labels = Some(labels.to_vec());
         Ok(())
     }
@@ -116,11 +120,9 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
         self.encode(&mut encoder, "pieces", &pieces, BETWEEN);
         self.encode(&mut encoder, "grow", &[kernels::REGROWTH_CHAIN, kernels::PROXIES_FIT], BETWEEN);
         self.known.invalidate(Change::Moves);
-        let IterationStats { movers: freed, moves: grown, .. } = {
-            let read = self.fetch(encoder, Along { moves: true, labels, search, ..Along::default() })?;
-            self.known.energy = Some(read.between.energy());
-            read.between
-        };
+        let stats = self.fetch(encoder, Along { moves: true, labels, search, ..Along::default() })?.between;
+        let IterationStats { movers: freed, moves: grown, .. } = stats;
+        self.known.energy = Some(stats.energy());
         self.known.is_fitted = true;
         self.known.is_repaired |= freed > 0;
         if grown < freed {
@@ -131,7 +133,27 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
         Ok(freed.into())
     }
 
+    /// Fails with `DeviceWrong` where the energy of the labels is not the one that the device gave.
     fn labels(&mut self) -> Result<Vec<u32>> {
-        self.read_labels()
+        if !self.known.has_sums {
+            // they are the host's
+            return match self.known.labels.take() {
+                Some(labels) => Ok(labels),
+                None => {
+                    self.connection.reach(FaultPoint::Labels);
+                    self.download(Buffer::Labels, self.graph.faces())
+                }
+            };
+        }
+        if self.known.labels.is_none() || self.known.energy.is_none() {
+            let encoder = self.begin(Numbers::NONE, false, self.known.energy.is_none());
+            let stats = self.fetch(encoder, Along { labels: true, ..Along::default() })?;
+            self.known.energy.get_or_insert(stats.before.energy());
+        }
+        let labels = self.known.labels.take().unwrap_or_default();
+        if let Some(energy) = self.known.energy {
+            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
+        }
+        Ok(labels)
     }
 }

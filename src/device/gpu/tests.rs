@@ -35,7 +35,7 @@ fn boundary(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
 fn listed(steps: &mut GpuSteps<'_, Energy>, graph: &DualGraph, context: &str) -> Vec<u32> {
     let head = offset_of!(BoundaryList, entries) / size_of::<u32>();
     let words = head + 2 * graph.faces();
-    let words: Vec<u32> = steps.download(steps.connection.encoder(), Buffer::BoundaryList, words).expect("the list");
+    let words: Vec<u32> = steps.download(Buffer::BoundaryList, words).expect("the list");
     let half = steps.memory.half();
     let length = words[offset_of!(BoundaryList, lengths) / 4 + half] as usize;
     let mut listed = words[head + half * graph.faces()..][..length].to_vec();
@@ -104,7 +104,7 @@ fn the_host_reads_through_one_buffer_that_grows() {
     let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
     let mut read = |expected: u32, items: usize| {
         steps.set_labels(&vec![expected; surface.faces()]).expect("set");
-        let labels: Vec<u32> = steps.download(steps.connection.encoder(), Buffer::Labels, items).expect("labels");
+        let labels: Vec<u32> = steps.download(Buffer::Labels, items).expect("labels");
         assert_eq!(labels, vec![expected; items]);
         let kept = steps.host_buffer.take().expect("a buffer");
         steps.host_buffer.set(Some(kept.clone()));

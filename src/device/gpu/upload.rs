@@ -14,15 +14,12 @@ use crate::surface::DualGraph;
 /// Items that are written at once, so that wgpu's copies of them stay small.
 const CHUNK: usize = 1 << 20;
 
-/// Writes items to a buffer, from item `first` on.
-pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, first: usize, items: &[T]) {
-    let mut at = first * size_of::<T>();
-    for chunk in items.chunks(CHUNK) {
-        let bytes: &[u8] = cast_slice(chunk);
-        connection.queue.write_buffer(buffer, at as u64, bytes);
+/// Writes items to a buffer.
+pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, items: &[T]) {
+    for (at, chunk) in (0..).step_by(CHUNK).zip(items.chunks(CHUNK)) {
+        connection.queue.write_buffer(buffer, (at * size_of::<T>()) as u64, cast_slice(chunk));
         // wgpu keeps its copy until a submission takes it along
         connection.submit(None);
-        at += bytes.len();
     }
 }
 
@@ -70,9 +67,6 @@ pub(super) fn upload_staged(
     })
 }
 
-/// Mapped memory for words.
-type To<'a> = wgpu::WriteOnly<'a, [[u8; 4]]>;
-
 /// Bytes of a piece of staging memory.
 const PIECE: usize = 4 << 20;
 
@@ -117,13 +111,13 @@ impl Staging {
     }
 }
 
-/// Writes items of some words to a buffer, from item `first` on, in chunks that `fill` provides.
+/// Writes items of some words to a buffer, from item `first` on: `fill` writes chunks of them to mapped memory.
 fn write(
     connection: &Connection,
     target: &wgpu::Buffer,
     (first, items): (usize, usize),
     words: usize,
-    mut fill: impl FnMut(Range<usize>, To<'_>),
+    mut fill: impl FnMut(Range<usize>, wgpu::WriteOnly<'_, [[u8; 4]]>),
 ) -> Result<()> {
     let size = words * size_of::<u32>();
     let mut staging = lock(&connection.staging);

@@ -4,10 +4,8 @@
 //! It shares one thing with what is compared with it: which detours are seen ([`crate::surface::detour`]). No face
 //! moves here because of one alone, so that a detour that is none makes a difference.
 
-use std::cmp::Reverse;
-
-use super::{Iterated, costs, explained, sums};
-use crate::energy::{Functional, Side, WideSums};
+use super::{Iterated, best_move, explained, sums};
+use crate::energy::Functional;
 use crate::surface::detour::surely_stays_connected;
 use crate::surface::{DualGraph, Moves};
 
@@ -37,7 +35,9 @@ impl<'a, E: Functional> ConnectedMoves<'a, E> {
         self.is_changed.fill(false);
         let mut moves = 0;
         for face in due {
-            if let Some(to) = self.wanted(face).filter(|&to| self.falls(face, to))
+            let sums = sums(self.graph, self.component_of_cluster.len(), &self.labels);
+            let wanted = best_move(self.graph, &sums, &self.labels, face as usize).map(|(_, to)| to);
+            if let Some(to) = wanted.filter(|&to| self.falls(face, to))
                 && may_leave(self, face)
             {
                 self.make(face, to);
@@ -52,28 +52,8 @@ impl<'a, E: Functional> ConnectedMoves<'a, E> {
     fn is_due(&self, face: u32) -> bool {
         let is_changed = |cluster: u32| self.is_changed[cluster as usize];
         let own = self.labels[face as usize];
-        self.labels_beside(face).any(|near| near != own && (is_changed(own) || is_changed(near)))
-    }
-
-    fn labels_beside(&self, face: u32) -> impl Iterator<Item = u32> {
-        self.graph.neighbours_of(face).iter().map(|&near| self.labels[near as usize])
-    }
-
-    /// The cluster beside a face with the largest gain, the smaller number of equal ones, if that is positive and the
-    /// face is not alone.
-    fn wanted(&self, face: u32) -> Option<u32> {
-        let own = self.labels[face as usize];
-        let sums = sums(self.graph, self.component_of_cluster.len(), &self.labels);
-        let cost = costs(self.graph, &sums);
-        let side =
-            |cluster: u32| Side { cost: cost(face as usize, cluster) as u64, weight: sums[cluster as usize].weight() };
-        let gain = |to: u32| E::gain(self.graph.weights[face as usize], side(own), side(to));
-        if sums[own as usize].faces() == 1 {
-            return None;
-        }
-        let others = self.labels_beside(face).filter(|&to| to != own);
-        let best = others.map(|to| (gain(to), Reverse(to))).max();
-        best.filter(|&(gain, _)| gain > 0).map(|(_, Reverse(to))| to)
+        let mut beside = self.graph.neighbours_of(face).iter().map(|&near| self.labels[near as usize]);
+        beside.any(|near| near != own && (is_changed(own) || is_changed(near)))
     }
 
     /// Whether F falls with a face in another cluster.

@@ -24,11 +24,12 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use self::node::{Edge, Grown, NO_NODE, Node, NodeEdges, Status, resolve};
-use self::search::{Context, SearchResult};
+use self::search::SearchResult;
+use crate::device::cpu::best_edge::rough_end;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::energy::{Functional, RoughEnd, Sums};
+use crate::energy::{Functional, RoughEnd};
 use crate::surface::DualGraph;
 
 /// The round before the first. A row of this round has no costs.
@@ -58,9 +59,9 @@ pub struct Contraction<E: Functional> {
     /// Number of edges after the last compaction.
     compacted: usize,
     /// Which of equally cheap dual edges is the best.
-    ties: Ties,
+    pub ties: Ties,
     /// Whether the best edges are those after the last round.
-    is_current: bool,
+    pub is_current: bool,
 }
 
 impl<E: Functional> Contraction<E> {
@@ -95,11 +96,6 @@ impl<E: Functional> Contraction<E> {
         }
     }
 
-    /// Which of equally cheap dual edges is the best.
-    pub fn ties(&self) -> Ties {
-        self.ties
-    }
-
     /// The neighbour that each cluster would best merge with, in the order of the clusters.
     pub fn choices(&mut self, clusters: &Clusters<E>) -> Vec<(u32, u32)> {
         self.update(clusters);
@@ -115,11 +111,6 @@ impl<E: Functional> Contraction<E> {
     pub fn mutual(&mut self, clusters: &Clusters<E>) -> Vec<Rank<u32>> {
         self.update(clusters);
         self.pairs.iter().map(|(rank, _)| *rank).collect()
-    }
-
-    /// Whether the best edges are those after the last round.
-    pub fn is_current(&self) -> bool {
-        self.is_current
     }
 
     /// Merges the first cluster of each pair into the second; no cluster is in two pairs. The best edges are current.
@@ -154,8 +145,7 @@ impl<E: Functional> Contraction<E> {
         }
         self.is_current = true;
         let grown = std::mem::take(&mut self.grown);
-        let end =
-            |cluster: u32| RoughEnd { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.proxy(cluster) };
+        let end = |cluster: u32| rough_end(clusters, cluster);
         let mut lost = Vec::new();
         if self.round == NEVER {
             self.round += 1;
@@ -165,16 +155,16 @@ impl<E: Functional> Contraction<E> {
         for grown in &grown {
             self.nodes[grown.node as usize].end = end(self.cluster_of_node[grown.node as usize]);
         }
-        let context = self.context(clusters);
-        let results: Vec<SearchResult> = grown.par_chunks(ITEMS).map(|grown| context.search_grown(grown)).collect();
+        let search = |grown: &[Grown]| self.search_grown(clusters, grown);
+        let results: Vec<SearchResult> = grown.par_chunks(ITEMS).map(search).collect();
         for &(node, edge) in results.iter().flat_map(|result| &result.offers) {
             // nodes that search by themselves get no offers
-            if context.prefers(node, edge, self.nodes[node as usize].best()) {
+            if self.prefers(clusters, node, edge, self.nodes[node as usize].best()) {
                 self.nodes[node as usize].set_best(edge);
             }
         }
         lost.extend(results.into_iter().flat_map(|result| result.lost));
-        lost.par_chunks(ITEMS).for_each(|lost| context.search_lost(lost));
+        lost.par_chunks(ITEMS).for_each(|lost| self.search_lost(clusters, lost));
         let searched: Vec<u32> = grown.iter().map(|grown| grown.node).chain(lost).collect();
         self.pair_up(clusters, &searched);
     }
@@ -182,7 +172,6 @@ impl<E: Functional> Contraction<E> {
     /// Finds the pairs whose best edges lead to each other, given the nodes that searched in this round. A new pair has
     /// such a node, because offers lead to grown nodes.
     fn pair_up(&mut self, clusters: &Clusters<E>, searched: &[u32]) {
-        let context = self.context(clusters);
         let choice = |node: u32| self.nodes[node as usize].best().other;
         // a node that searched without having grown did so because its choice had grown or ended, or in the first round
         let has_grown = |node: u32| self.nodes[node as usize].status.grown == self.round;
@@ -193,7 +182,7 @@ impl<E: Functional> Contraction<E> {
             let is_new = other != NO_NODE && choice(other) == node && (node < other || !has_searched(other));
             is_new.then(|| {
                 let [low, high] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-                (Rank::new(context.packed_cost(node, other), low, high, Ties::Hash), [node, other])
+                (Rank::new(self.packed_cost(clusters, node, other), low, high, Ties::Hash), [node, other])
             })
         };
         let mut pairs: Vec<_> = self.pairs.par_iter().with_min_len(ITEMS).copied().filter(stays).collect();
@@ -247,18 +236,6 @@ impl<E: Functional> Contraction<E> {
         self.ended = 0;
         self.compacted = end;
         self.edges = kept_edges;
-    }
-
-    fn context<'a>(&'a self, clusters: &'a Clusters<E>) -> Context<'a, E> {
-        Context {
-            nodes: &self.nodes,
-            rows: &self.rows,
-            cluster_of_node: &self.cluster_of_node,
-            edges: &self.edges,
-            round: self.round,
-            clusters,
-            ties: self.ties,
-        }
     }
 }
 

@@ -41,10 +41,10 @@ fn packed_cost<E: Functional>(clusters: &Clusters<E>, cluster: u32, other: u32) 
 
 /// A cluster as an end of a dual edge.
 fn end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> E::End {
-    clusters.sums(cluster).end(clusters.proxy(cluster))
+    clusters.sums(cluster).end(clusters.cached(cluster).proxy)
 }
 
 /// The same in single precision.
 fn rough_end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> RoughEnd<E> {
-    RoughEnd { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.proxy(cluster) }
+    RoughEnd { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.cached(cluster).proxy }
 }

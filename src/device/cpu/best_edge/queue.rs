@@ -39,7 +39,7 @@ impl Queue {
     /// The cheapest dual edge of all, which stays in the queue.
     pub fn cheapest<E: Functional>(&mut self, partition: &mut Partition<'_, E>) -> Option<Rank<u128>> {
         let Partition { graph, labels, clusters, boundary } = partition;
-        let changed = clusters.take_changes(Cursor::DualEdges);
+        let changed = clusters.change_log.take(Cursor::DualEdges);
         for &cluster in &changed {
             self.versions[cluster as usize] += 1;
         }
@@ -55,7 +55,7 @@ impl Queue {
                 let cost =
                     E::merge_cost(end(clusters, cluster), end(clusters, other)) << clusters.energy_shift(cluster);
                 let rank = Rank::new(cost, cluster.min(other), cluster.max(other), self.ties);
-                self.edges.push(Reverse(Entry { rank, versions: self.versions_of(rank) }));
+                self.edges.push(Reverse(Entry { rank, versions: versions_of(&self.versions, rank) }));
             }
         }
         if self.edges.len() > 2 * self.swept + 4096 {
@@ -71,16 +71,16 @@ impl Queue {
         }
         None
     }
-
-    fn versions_of(&self, rank: Rank<u128>) -> [u32; 2] {
-        let (low, high) = rank.ends();
-        [self.versions[low as usize], self.versions[high as usize]]
-    }
 }
 
 impl Entry {
     fn is_current(&self, versions: &[u32]) -> bool {
-        let (low, high) = self.rank.ends();
-        self.versions == [versions[low as usize], versions[high as usize]]
+        self.versions == versions_of(versions, self.rank)
     }
+}
+
+/// The versions of the ends of an edge.
+fn versions_of(versions: &[u32], rank: Rank<u128>) -> [u32; 2] {
+    let (low, high) = rank.ends();
+    [versions[low as usize], versions[high as usize]]
 }

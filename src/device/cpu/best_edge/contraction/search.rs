@@ -1,28 +1,18 @@
 //! How a node of the contraction searches for its best edge.
+//!
+//! A search writes the row and the best edge of its node. Several threads search at a time; their results do not depend
+//! on the order, because statuses and ends do not change meanwhile, and a search reads the best edges only of nodes
+//! that do not search.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use super::{Edge, Grown, NO_NODE, Node, NodeEdges, resolve};
+use super::{Contraction, Edge, Grown, NO_NODE, resolve};
 use crate::device::cpu::best_edge;
 use crate::device::cpu::clusters::Clusters;
-use crate::device::dual_edge::{Rank, Ties};
+use crate::device::dual_edge::Rank;
 use crate::energy::Functional;
 use crate::prefetch::{prefetch, with_lookahead};
-
-/// What a search reads. It writes the row and the best edge of the searching node. Several threads search at a time;
-/// their results do not depend on the order, because statuses and ends do not change meanwhile, and a search reads the
-/// best edges only of nodes that do not search.
-#[derive(Clone, Copy)]
-pub(super) struct Context<'a, E: Functional> {
-    pub(super) nodes: &'a [Node<E>],
-    pub(super) rows: &'a [NodeEdges],
-    pub(super) cluster_of_node: &'a [u32],
-    pub(super) edges: &'a [AtomicU64],
-    pub(super) round: u32,
-    pub(super) clusters: &'a Clusters<E>,
-    pub(super) ties: Ties,
-}
 
 /// What the searches of grown nodes find about their neighbours.
 #[derive(Debug, Default)]
@@ -33,20 +23,21 @@ pub(super) struct SearchResult {
     pub(super) offers: Vec<(u32, Edge)>,
 }
 
-impl<E: Functional> Context<'_, E> {
+impl<E: Functional> Contraction<E> {
     /// The packed cost of merging two nodes.
-    pub(super) fn packed_cost(&self, node: u32, other: u32) -> u32 {
+    pub(super) fn packed_cost(&self, clusters: &Clusters<E>, node: u32, other: u32) -> u32 {
         let [cluster, other] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-        best_edge::packed_cost(self.clusters, cluster, other)
+        best_edge::packed_cost(clusters, cluster, other)
     }
 
     /// Whether one edge of a node is better than another.
-    pub(super) fn prefers(&self, node: u32, edge: Edge, than: Edge) -> bool {
+    pub(super) fn prefers(&self, clusters: &Clusters<E>, node: u32, edge: Edge, than: Edge) -> bool {
         if edge.cost > than.cost * E::ROUGH_MARGIN || than.cost > edge.cost * E::ROUGH_MARGIN {
             return edge.cost < than.cost;
         }
         let cluster = |node: u32| self.cluster_of_node[node as usize];
-        let rank = |other: u32| Rank::new(self.packed_cost(node, other), cluster(node), cluster(other), self.ties);
+        let cost = |other: u32| self.packed_cost(clusters, node, other);
+        let rank = |other: u32| Rank::new(cost(other), cluster(node), cluster(other), self.ties);
         rank(edge.other) < rank(than.other)
     }
 
@@ -57,13 +48,13 @@ impl<E: Functional> Context<'_, E> {
     /// Requests the nodes that some edges lead to.
     fn prefetch_ends(&self, edges: Range<usize>) {
         for edge in &self.edges[edges] {
-            prefetch(self.nodes, Edge::unpacked(edge.load(Relaxed)).other as usize);
+            prefetch(&self.nodes, Edge::unpacked(edge.load(Relaxed)).other as usize);
         }
     }
 
     /// Nodes that grew search among the neighbours of both nodes that merged.
-    pub(super) fn search_grown(&self, grown: &[Grown]) -> SearchResult {
-        let Self { nodes, edges, round, .. } = *self;
+    pub(super) fn search_grown(&self, clusters: &Clusters<E>, grown: &[Grown]) -> SearchResult {
+        let (nodes, edges, round) = (self.nodes.as_slice(), self.edges.as_slice(), self.round);
         let mut result = SearchResult::default();
         let mut visited = Visited::default();
         for (&Grown { node, ref rows }, ahead) in with_lookahead(grown) {
@@ -97,14 +88,14 @@ impl<E: Functional> Context<'_, E> {
                     }
                 }
             }
-            self.store_row(node, &target[..kept], cheapest);
+            self.store_row(clusters, node, &target[..kept], cheapest);
         }
         result
     }
 
     /// Nodes that did not grow search in their rows.
-    pub(super) fn search_lost(&self, lost: &[u32]) {
-        let Self { nodes, rows, edges, .. } = *self;
+    pub(super) fn search_lost(&self, clusters: &Clusters<E>, lost: &[u32]) {
+        let (nodes, rows, edges) = (self.nodes.as_slice(), self.rows.as_slice(), self.edges.as_slice());
         let mut visited = Visited::default();
         for (&node, ahead) in with_lookahead(lost) {
             if let Some(&later) = ahead.stage(3) {
@@ -134,16 +125,16 @@ impl<E: Functional> Context<'_, E> {
                 edges[kept].store(cheapest.add(edge), Relaxed);
                 kept += 1;
             }
-            self.store_row(node, &edges[..kept], cheapest);
+            self.store_row(clusters, node, &edges[..kept], cheapest);
         }
     }
 
     /// Stores the result of a search: the length of the row and the best edge.
-    fn store_row(&self, node: u32, edges: &[AtomicU64], cheapest: Cheapest) {
+    fn store_row(&self, clusters: &Clusters<E>, node: u32, edges: &[AtomicU64], cheapest: Cheapest) {
         let mut best = Edge::unpacked(cheapest.first);
         if Edge::unpacked(cheapest.second).cost <= best.cost * E::ROUGH_MARGIN {
             for edge in edges.iter().map(|edge| Edge::unpacked(edge.load(Relaxed))) {
-                if edge.other != best.other && self.prefers(node, edge, best) {
+                if edge.other != best.other && self.prefers(clusters, node, edge, best) {
                     best = edge;
                 }
             }
