@@ -334,14 +334,14 @@ mod tests {
     use super::*;
     use crate::cluster::quality::Quality;
     use crate::cluster::relocation::tests::uneven;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::device::cpu::CpuDevice;
-    use crate::surface::Surface;
+    use crate::surface::tests::of_sample;
 
     #[test]
     fn every_number_of_clusters_is_met_whatever_the_faces_weigh() {
         for (sample, faces) in [(Sample::Sphere, 80), (Sample::Parts, 250), (Sample::Strip, 12), (Sample::Cube, 12)] {
-            let even = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+            let even = of_sample(sample, faces);
             for (surface, quality) in [(even, Quality::Default), (uneven(sample, faces), Quality::Best)] {
                 for clusters in surface.components.len()..=surface.faces() {
                     let plan = CoarseStart::new(&surface, clusters as u64, 3, quality.start(surface.moves))

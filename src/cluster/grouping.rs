@@ -153,20 +153,16 @@ fn choices<E: Functional>(graph: &DualGraph<E>) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::device::cpu::CpuDevice;
     use crate::device::pieces::disconnected_clusters;
     use crate::device::plain::PlainDevice;
-    use crate::surface::Surface;
-
-    fn surface(sample: Sample, faces: u64) -> Surface {
-        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
-    }
+    use crate::surface::tests::of_sample;
 
     #[test]
     fn groups_are_small_connected_and_made_of_choices() {
         for sample in [Sample::Knot, Sample::Terrain, Sample::Parts] {
-            let surface = surface(sample, 3000);
+            let surface = of_sample(sample, 3000);
             let graph: &DualGraph = &surface;
             let Coarse { graph: coarse, group_of_face } = graph.contracted(grouping(graph));
             assert!(3 * coarse.faces() < 2 * graph.faces(), "{sample:?}: {} of {}", coarse.faces(), graph.faces());
@@ -187,7 +183,7 @@ mod tests {
     fn a_fan_around_one_face_ends_in_a_bounded_number_of_levels() {
         // a hub beside all others: three of them join it in a level
         let leaves = 5000u32;
-        let mut graph: DualGraph = surface(Sample::Knot, 6000).items.graph.clone();
+        let mut graph: DualGraph = of_sample(Sample::Knot, 6000).items.graph;
         let faces = leaves as usize + 1;
         graph.points.truncate(faces);
         graph.weights.truncate(faces);
@@ -200,7 +196,7 @@ mod tests {
 
     #[test]
     fn starts_have_all_clusters_in_one_piece_with_and_without_improvement_and_on_any_device() {
-        let surface = surface(Sample::Parts, 4000);
+        let surface = of_sample(Sample::Parts, 4000);
         for (clusters, improve) in [(20, false), (20, true), (150, true), (900, true)] {
             let start = |device: &mut dyn Device| {
                 Start::from_groups(&surface, clusters, Pairs::Eighth, improve, device, &Cancel::default())

@@ -154,15 +154,12 @@ impl<E: Functional> Split<E> {
 mod tests {
     use super::*;
     use crate::cluster::seeds;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::device::cpu::CpuDevice;
     use crate::device::dual_edge::Ties;
     use crate::device::{Device, pieces, plain};
     use crate::surface::Surface;
-
-    fn surface(sample: Sample, faces: u64) -> Surface {
-        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
-    }
+    use crate::surface::tests::of_sample;
 
     /// Labels after at most so many teleports.
     fn teleported(surface: &Surface, labels: &[u32], component_of_cluster: &[u32], most: usize) -> Vec<u32> {
@@ -176,7 +173,7 @@ mod tests {
     #[test]
     fn a_teleport_fills_a_gap() {
         // a strip in three clusters of which the first has half of the faces
-        let surface = surface(Sample::Strip, 64);
+        let surface = of_sample(Sample::Strip, 64);
         let labels: Vec<u32> = surface.upload_face.iter().map(|&face| [0, 0, 1, 2][face as usize / 16]).collect();
         let teleported = teleported(&surface, &labels, &[0; 3], 1);
         assert_eq!(pieces::disconnected_clusters(&surface, 3, &teleported), 0);
@@ -194,7 +191,7 @@ mod tests {
 
     #[test]
     fn components_keep_their_numbers_of_clusters() {
-        let surface = surface(Sample::Parts, 1500);
+        let surface = of_sample(Sample::Parts, 1500);
         let shares = seeds::shares(&surface, 150).expect("that many are possible");
         let start = seeds::stratified(&surface, &shares, 1);
         let labels = plain::grow(&surface, &start.labels(surface.faces()));

@@ -267,13 +267,10 @@ fn number(group_of_face: &mut [u32], groups: usize) {
 #[cfg(test)]
 mod tests {
     use super::Coarse;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::energy::Energy;
-    use crate::surface::{DualGraph, Surface};
-
-    fn surface(sample: Sample, faces: u64) -> Surface {
-        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
-    }
+    use crate::surface::DualGraph;
+    use crate::surface::tests::of_sample;
 
     /// Two groups are neighbours exactly if faces of them are; the neighbours of each come in order, each once.
     fn assert_neighbours_are_those_of_the_faces(graph: &DualGraph, coarse: &Coarse<Energy>) {
@@ -293,7 +290,7 @@ mod tests {
     #[test]
     fn groups_are_connected_light_and_keep_what_adds_up() {
         for (sample, faces) in [(Sample::Sphere, 2000), (Sample::Plane, 900), (Sample::Parts, 500)] {
-            let surface = surface(sample, faces);
+            let surface = of_sample(sample, faces);
             let heaviest: Vec<u64> = surface.components.iter().map(|component| component.weight / 12).collect();
             let coarse = surface.contracted(surface.grouped(&heaviest));
             let component_of_face = surface.component_of_face();
@@ -324,7 +321,7 @@ mod tests {
 
     #[test]
     fn nothing_is_grouped_that_would_be_too_heavy() {
-        let surface = surface(Sample::Sphere, 300);
+        let surface = of_sample(Sample::Sphere, 300);
         let coarse = surface.contracted(surface.grouped(&[1]));
         assert_eq!(coarse.group_of_face, (0..surface.faces() as u32).collect::<Vec<_>>());
         assert_eq!(coarse.graph.points, surface.points);

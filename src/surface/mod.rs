@@ -290,4 +290,4 @@ impl<E: Functional> Deref for Surface<E> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -1,4 +1,7 @@
+//! Tests of surfaces.
+
 use super::*;
+use crate::dev::sample::{Sample, generate};
 use crate::energy::cvd::wide;
 use crate::energy::{LatticeEnergy, WideSums};
 use crate::mesh::{Adjusted, Faces, Format, Part};
@@ -13,6 +16,11 @@ fn mesh_of(positions: Vec<[f64; 3]>, faces: Faces) -> PolygonMesh {
     let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
     let (warnings, adjusted) = (Vec::new(), Adjusted::default());
     PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted }
+}
+
+/// The surface of a sample.
+pub(crate) fn of_sample(sample: Sample, faces: u64) -> Surface {
+    Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
 }
 
 const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -152,7 +160,7 @@ fn small_components_keep_their_resolution() {
 
 #[test]
 fn the_lattice_energy_is_the_energy_from_the_source() {
-    let mesh = crate::dev::sample::generate(crate::dev::sample::Sample::Knot, 2000).expect("a sample");
+    let mesh = generate(Sample::Knot, 2000).expect("a sample");
     let mut ratios = Vec::new();
     for (scale, power) in [(1.0, 0), (libm::ldexp(1.0, -300), -300), (libm::ldexp(1.0, 270), 270)] {
         let mut mesh = mesh.clone();
@@ -222,7 +230,7 @@ fn bridged(mesh: &PolygonMesh) -> Surface {
 
 #[test]
 fn bridges_join_every_component_once_and_near_ones_first() {
-    let mesh = crate::dev::sample::generate(crate::dev::sample::Sample::Parts, 1000).expect("a sample");
+    let mesh = generate(Sample::Parts, 1000).expect("a sample");
     let plain = Surface::build(&mesh).expect("a surface");
     let whole = bridged(&mesh);
     let parts = plain.components.len();

@@ -138,12 +138,12 @@ fn best_move<E: Functional>(clusters: &Clusters<'_, E>, face: u32) -> Option<u32
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dev::sample::{Sample, generate};
-    use crate::surface::Surface;
+    use crate::dev::sample::Sample;
+    use crate::surface::tests::of_sample;
 
     #[test]
     fn boundary_faces_are_the_same_along_lists_and_among_all() {
-        let surface = Surface::build(&generate(Sample::Parts, 20_000).expect("a mesh")).expect("a surface");
+        let surface = of_sample(Sample::Parts, 20_000);
         let labels = (0..surface.faces() as u32).map(|face| face / 300).collect();
         let clusters = Clusters::new(&surface, labels);
         let all = clusters.numbers();
