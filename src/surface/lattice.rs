@@ -1,9 +1,5 @@
-//! From f64 to integers. `docs/arithmetic.md` has all bounds.
-//!
-//! Positions are centred on their bounding box and scaled by a power of two so that the box reaches 2²⁷ at most; a
-//! face's centroid is rounded to the nearest lattice point, its area × 2^exponent to the nearest integer, at least 1.
-//! The exponent is a component's own, so that a small part beside a large one keeps its resolution; exponents differ by
-//! 30 at most, so that energies of all components add up exactly in 128 bits.
+//! From f64 to integers: centroids become points of the lattice, areas weights. `docs/arithmetic.md` says how, and has
+//! all bounds.
 
 use std::ops::{Add, Div, Mul, Range, Sub};
 

@@ -3,13 +3,11 @@
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
 //! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become components
 //! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
-//! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours.
-//! Faces without area that share no edge are left out (`loose`).
-//! Where detail shall get smaller clusters, areas are first
-//! multiplied by a `density`, which may come from the `curvature`. [`points`] makes a surface whose items are the
-//! points of a triangle mesh in place of its faces. Everything up to the lattice is scalar f64 with + − × ÷ √ (and one
-//! power, from the `libm` crate) in a fixed order, so the result is the same on every machine and for any number of
-//! threads.
+//! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours. Faces without area
+//! that share no edge are left out (`loose`). Areas are first multiplied by a `density`, if there is one, which may
+//! come from the `curvature`. [`points`] makes a surface of the points of a triangle mesh in place of its faces.
+//! Everything up to the lattice is scalar f64 in a fixed order, so the result is the same on every machine and for any
+//! number of threads.
 //!
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!

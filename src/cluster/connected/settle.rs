@@ -8,10 +8,8 @@
 //! exactly, and its cluster is seen to stay connected ([`super::connection`]). Passes end with one in which nothing
 //! moves, or where the clusters have [no work left](Clusters::spend).
 //!
-//! F is an integer that falls with every move. Clusters stay connected: none loses a face that it needs, and each gains
-//! only neighbouring faces. None gets empty: a face that is alone in its cluster does not move.
-//!
-//! As code: [`crate::device::plain::ConnectedMoves`]. `docs/uneven.md` says why a detour or a search is enough.
+//! As code: [`crate::device::plain::ConnectedMoves`]. `docs/uneven.md` says why clusters stay connected, why none gets
+//! empty and why passes end.
 
 use std::cmp::Reverse;
 
