@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::device::DualEdge;
 use crate::device::dual_edge::{Rank, mutual};
 use crate::energy::{Functional, Sums};
-use crate::surface::DualGraph;
+use crate::surface::{DualGraph, Rows};
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
 const TRIED_SPLITS: usize = 64;
@@ -25,7 +25,7 @@ const CHUNK: usize = 64;
 pub struct Teleports<'a, E: Functional> {
     graph: &'a DualGraph<E>,
     component_of_cluster: &'a [u32],
-    faces_of_cluster: Vec<Vec<u32>>,
+    faces_of_cluster: Rows,
     /// The mutual pairs of clusters, the cheapest first.
     pairs: Vec<(u32, u32)>,
     /// The splits of each component, those that gain most first.
@@ -45,11 +45,10 @@ struct Split<E: Functional> {
 impl<'a, E: Functional> Teleports<'a, E> {
     /// The teleports of some labels. Every face is labelled; `edges` are the best dual edges.
     pub fn of(graph: &'a DualGraph<E>, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
-        let mut faces_of_cluster = vec![Vec::new(); component_of_cluster.len()];
-        (0..).zip(labels).for_each(|(face, &label)| faces_of_cluster[label as usize].push(face));
+        let faces_of_cluster = Rows::grouped(labels, component_of_cluster.len());
         let split = |cluster: u32| {
             let component = component_of_cluster[cluster as usize] as usize;
-            let (faces, shift) = (&faces_of_cluster[cluster as usize], graph.components[component].energy_shift);
+            let (faces, shift) = (faces_of_cluster.of(cluster), graph.components[component].energy_shift);
             Split::of(graph, faces, cluster, shift).map(|split| (component, split))
         };
         let all = (0..component_of_cluster.len() as u32).into_par_iter().with_min_len(CHUNK);
@@ -92,16 +91,16 @@ impl<'a, E: Functional> Teleports<'a, E> {
             };
             for cluster in [into, from, split.cluster] {
                 is_taken[cluster as usize] = true;
-                for &face in &self.faces_of_cluster[cluster as usize] {
+                for &face in self.faces_of_cluster.of(cluster) {
                     for &near in self.graph.neighbours_of(face) {
                         is_taken[labels[near as usize] as usize] = true;
                     }
                 }
             }
-            for &face in &self.faces_of_cluster[from as usize] {
+            for &face in self.faces_of_cluster.of(from) {
                 labels[face as usize] = into;
             }
-            for &face in &self.faces_of_cluster[split.cluster as usize] {
+            for &face in self.faces_of_cluster.of(split.cluster) {
                 if leaves(self.graph, split.centres, face) {
                     labels[face as usize] = from;
                 }

@@ -98,7 +98,8 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     let member_of = by_component(sorted, &components);
     let runs = components.runs(&member_of);
     let internal = inverse(&member_of, points.len());
-    let Rows { offsets: neighbour_offsets, neighbours } = neighbours.compressed(&member_of, &internal, &bridges)?;
+    let Rows { offsets: neighbour_offsets, items: neighbours } =
+        neighbours.compressed(&member_of, &internal, &bridges)?;
     drop(internal);
     check_hubs(&neighbour_offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::components::Component;
 use super::graph::DualGraph;
+use super::rows::Rows;
 use crate::energy::{Functional, Sums};
 
 /// No group yet.
@@ -42,20 +43,19 @@ impl<E: Functional> Coarse<E> {
 #[derive(Debug)]
 pub struct Grouping {
     group_of_face: Vec<u32>,
-    /// One past the last group of each component.
-    ends: Vec<u32>,
+    /// First group of each component, and one past the last.
+    offsets: Vec<u32>,
 }
 
 impl Grouping {
     /// Number of groups.
     pub fn groups(&self) -> u32 {
-        self.ends.last().copied().unwrap_or(0)
+        self.offsets.last().copied().unwrap_or(0)
     }
 
     /// Groups of each component.
     pub fn groups_of_components(&self) -> impl Iterator<Item = u32> + '_ {
-        let starts = std::iter::once(0).chain(self.ends.iter().copied());
-        self.ends.iter().zip(starts).map(|(end, start)| end - start)
+        self.offsets.windows(2).map(|ends| ends[1] - ends[0])
     }
 }
 
@@ -90,64 +90,43 @@ impl<E: Functional> DualGraph<E> {
     pub fn grouping(&self, mut group_of_face: Vec<u32>, groups: usize) -> Grouping {
         number(&mut group_of_face, groups);
         // a component's faces follow those of the ones before it, and so do its groups
-        let mut ends = Vec::with_capacity(self.components.len());
+        let mut offsets = vec![0];
+        let mut end = 0;
         for component in &self.components {
-            let first = ends.last().copied().unwrap_or(0);
-            ends.push(group_of_face[component.range()].iter().fold(first, |end, &group| end.max(group + 1)));
+            end = group_of_face[component.range()].iter().fold(end, |end, &group| end.max(group + 1));
+            offsets.push(end);
         }
-        Grouping { group_of_face, ends }
+        Grouping { group_of_face, offsets }
     }
 
     /// The graph whose faces are the groups.
     pub fn contracted(&self, grouping: Grouping) -> Coarse<E> {
         let groups = grouping.groups() as usize;
-        let Grouping { group_of_face, ends } = grouping;
-        // the faces of each group, one after the other
-        let mut first = vec![0u32; groups + 1];
-        for &group in &group_of_face {
-            first[group as usize + 1] += 1;
-        }
-        for group in 0..groups {
-            first[group + 1] += first[group];
-        }
-        let mut members = vec![0u32; self.faces()];
-        let mut next = first.clone();
-        for (face, &group) in group_of_face.iter().enumerate() {
-            members[next[group as usize] as usize] = face as u32;
-            next[group as usize] += 1;
-        }
-        let faces_of = |group: usize| &members[first[group] as usize..first[group + 1] as usize];
+        let Grouping { group_of_face, offsets } = grouping;
+        let faces = Rows::grouped(&group_of_face, groups);
         let runs: Vec<Run<E>> = (0..groups.div_ceil(RUN))
             .into_par_iter()
             .map(|run| {
                 let groups = run * RUN..((run + 1) * RUN).min(groups);
-                Run::of(self, &group_of_face, groups.map(|group| (group as u32, faces_of(group))))
+                Run::of(self, &group_of_face, groups.map(|group| (group as u32, faces.of(group as u32))))
             })
             .collect();
 
-        let starts = std::iter::once(0).chain(ends.iter().copied());
-        let components = self.components.iter().zip(ends.iter().zip(starts));
-        let components = components.map(|(component, (&end, first_face))| Component {
-            first_face,
-            faces: end - first_face,
+        let components = self.components.iter().zip(offsets.windows(2)).map(|(component, ends)| Component {
+            first_face: ends[0],
+            faces: ends[1] - ends[0],
             ..*component
         });
-        let mut graph = Self {
-            points: Vec::with_capacity(groups),
-            weights: Vec::with_capacity(groups),
-            neighbour_offsets: Vec::with_capacity(groups + 1),
-            neighbours: Vec::with_capacity(runs.iter().map(|run| run.neighbours.len()).sum()),
-            components: components.collect(),
-            moves: self.moves,
-        };
-        graph.neighbour_offsets.push(0);
+        let components = components.collect();
+        let (mut points, mut weights) = (Vec::with_capacity(groups), Vec::with_capacity(groups));
+        let mut pieces = Vec::with_capacity(runs.len());
         for run in runs {
-            let before = graph.neighbours.len() as u32;
-            graph.points.extend(run.points);
-            graph.weights.extend(run.weights);
-            graph.neighbour_offsets.extend(run.ends.into_iter().map(|end| before + end));
-            graph.neighbours.extend(run.neighbours);
+            points.extend(run.points);
+            weights.extend(run.weights);
+            pieces.push(run.rows);
         }
+        let Rows { offsets: neighbour_offsets, items: neighbours } = Rows::joined(pieces);
+        let graph = Self { points, weights, neighbour_offsets, neighbours, components, moves: self.moves };
         Coarse { graph, group_of_face }
     }
 }
@@ -156,10 +135,8 @@ impl<E: Functional> DualGraph<E> {
 struct Run<E: Functional> {
     points: Vec<E::Point>,
     weights: Vec<u32>,
-    /// Ascending for each group.
-    neighbours: Vec<u32>,
-    /// Where the neighbours of each group end.
-    ends: Vec<u32>,
+    /// Ascending for each group, without the end of the last.
+    rows: Rows,
 }
 
 impl<E: Functional> Run<E> {
@@ -171,8 +148,7 @@ impl<E: Functional> Run<E> {
         let mut run = Self {
             points: Vec::with_capacity(groups.len()),
             weights: Vec::with_capacity(groups.len()),
-            neighbours: Vec::with_capacity(6 * groups.len()),
-            ends: Vec::with_capacity(groups.len()),
+            rows: Rows { offsets: Vec::with_capacity(groups.len()), items: Vec::with_capacity(6 * groups.len()) },
         };
         let mut others = Vec::new();
         for (group, faces) in groups {
@@ -183,8 +159,8 @@ impl<E: Functional> Run<E> {
             }
             others.sort_unstable();
             others.dedup();
-            run.neighbours.extend(others.drain(..).filter(|&other| other != group));
-            run.ends.push(run.neighbours.len() as u32);
+            run.rows.offsets.push(run.rows.items.len() as u32);
+            run.rows.items.extend(others.drain(..).filter(|&other| other != group));
             // every group has faces
             run.points.extend(sums.point());
             run.weights.push(sums.weight() as u32);

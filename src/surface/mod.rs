@@ -173,17 +173,16 @@ impl Surface {
         let runs = components.runs(&upload_face);
         drop(components);
         let internal = order::inverse(&upload_face, faces);
-        let rows = links.compressed(&upload_face, &internal);
+        let (rows, repeating) = links.compressed(&upload_face, &internal);
         let features: Vec<_> = links.features.iter().map(|pair| pair.map(|face| internal[face as usize])).collect();
-        counts.duplicate_faces = links.duplicates(&rows.repeating);
+        counts.duplicate_faces = links.duplicates(&repeating);
         // their memory is for the geometry
         drop((internal, links));
         let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
         let scales = lattice::scales(|face| gathered.geometry[face].area, &runs);
         counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
-        let neighbours = (rows.offsets, rows.neighbours);
         let density_unit = density.map(|density| density.unit);
-        let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
+        let surface = Self::of(gathered, (&runs, &scales), rows, upload_face, counts, frame, density_unit);
         Ok(Self { items: Items { loose, has_features: !features.is_empty(), ..surface.items }, features, ..surface })
     }
 
@@ -191,7 +190,7 @@ impl Surface {
     fn of(
         gathered: Gathered,
         (runs, scales): (&[Range<usize>], &Scales),
-        (neighbour_offsets, neighbours): (Vec<u32>, Vec<u32>),
+        Rows { offsets: neighbour_offsets, items: neighbours }: Rows,
         upload_face: Vec<u32>,
         counts: Counts,
         frame: Frame,

@@ -10,7 +10,7 @@
 use super::components::Components;
 use super::density::{self, Wanted};
 use super::lattice::{self, COORDINATE_BITS, FaceGeometry};
-use super::rows::{Rows, symmetric};
+use super::rows::symmetric;
 use super::weld::{self, UNUSED, Weld};
 use super::{Counts, Gathered, Surface, bridge, order};
 use crate::error::{Error, Result};
@@ -90,10 +90,9 @@ impl OfPoints {
         };
         let of_items = || edges(triangles).chain(bridges.iter().copied());
         let internal = || of_items().map(|(a, b)| (internal[a as usize], internal[b as usize]));
-        let (Rows { offsets, neighbours }, (gathered, scales)) = rayon::join(|| symmetric(items, internal), gather);
-        let neighbours = (offsets, neighbours);
+        let (rows, (gathered, scales)) = rayon::join(|| symmetric(items, internal), gather);
         let density_unit = weights.map(|weights| weights.largest);
-        let surface = Surface::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
+        let surface = Surface::of(gathered, (&runs, &scales), rows, upload_face, counts, frame, density_unit);
         Self { surface, item_of_point: weld.position_of_vertex }
     }
 }
