@@ -33,7 +33,7 @@ use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, DualEdge, MergeSteps, Steps};
 use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
-use crate::surface::{Coarse, DualGraph, Items};
+use crate::surface::{Coarse, DualGraph, Items, number_by_first_face};
 use crate::union_find;
 
 /// How much work a start may be.
@@ -97,6 +97,17 @@ pub struct Start {
     pub component_of_cluster: Vec<u32>,
     /// Whether a bound on work cut steps short that led to it.
     pub is_bounded: bool,
+}
+
+impl Start {
+    /// From labels, which have this many clusters.
+    pub fn of<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, clusters: usize) -> Self {
+        let mut component_of_cluster = vec![0; clusters];
+        for (number, component) in (0..).zip(&graph.components) {
+            component.range().for_each(|face| component_of_cluster[labels[face] as usize] = number);
+        }
+        Self { labels, component_of_cluster, is_bounded: false }
+    }
 }
 
 impl<E: Functional> CoarseStart<E> {
@@ -227,18 +238,8 @@ impl<E: Functional> CoarseStart<E> {
         }
         self.settle(graph, steps.as_mut(), cancel)?;
         let (energy, mut labels) = self.teleported(graph, component_of_cluster, steps.as_mut(), cancel)?;
-        drop(steps);
-        let mut number_of_cluster = vec![u32::MAX; component_of_cluster.len()];
-        let mut components = Vec::with_capacity(self.shares.iter().sum());
-        for label in &mut labels {
-            let number = &mut number_of_cluster[*label as usize];
-            if *number == u32::MAX {
-                *number = components.len() as u32;
-                components.push(component_of_cluster[*label as usize]);
-            }
-            *label = *number;
-        }
-        Ok((energy, Start { labels, component_of_cluster: components, is_bounded: false }))
+        number_by_first_face(&mut labels, component_of_cluster.len());
+        Ok((energy, Start::of(graph, labels, self.shares.iter().sum())))
     }
 
     /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the

@@ -40,7 +40,7 @@ use std::time::{Duration, Instant};
 
 use super::fast;
 use super::hubs::Hubs;
-use super::merging::{PAIRED_ROUNDS, Pairs, chosen_pairs, half_chosen_pairs};
+use super::merging::{PAIRED_ROUNDS, Pairs, chosen, half_mutual};
 use super::numbers;
 use super::quality::Quality;
 use super::relocation::Relocation;
@@ -263,12 +263,12 @@ impl<E: Functional> Rounds<'_, E> {
         let Options { ties, pairs, .. } = *self.options;
         self.paired_rounds += 1;
         if self.paired_rounds <= PAIRED_ROUNDS && self.bounded_at.is_none() {
-            let pairs = chosen_pairs(steps, ties, pairs, most)?;
+            let pairs = chosen(steps.mutual_dual_edges(ties)?, pairs, most)?;
             return Ok(self.merge(steps, &pairs)?.len() as u64);
         }
         let mut merged_into = union_find::singletons(self.builder.items.faces());
         let mut merges = 0;
-        for (low, high) in half_chosen_pairs(steps, ties, pairs, most)? {
+        for (low, high) in chosen(half_mutual(&steps.optimal_dual_edges(ties)?), pairs, most)? {
             self.cancel.check()?;
             let [a, b] = [low, high].map(|cluster| union_find::root(&mut merged_into, cluster));
             if a != b {

@@ -88,7 +88,7 @@ impl<E: Functional> DualGraph<E> {
 
     /// Connected groups, fewer than a number and each inside of a component, which are numbered anew.
     pub fn grouping(&self, mut group_of_face: Vec<u32>, groups: usize) -> Grouping {
-        number(&mut group_of_face, groups);
+        number_by_first_face(&mut group_of_face, groups);
         // a component's faces follow those of the ones before it, and so do its groups
         let mut offsets = vec![0];
         let mut end = 0;
@@ -227,8 +227,8 @@ impl Groups {
     }
 }
 
-/// Numbers groups in the order of their first faces.
-fn number(group_of_face: &mut [u32], groups: usize) {
+/// Numbers groups, given by numbers below `groups`, in the order of their first faces.
+pub fn number_by_first_face(group_of_face: &mut [u32], groups: usize) {
     let mut number_of_group = vec![NONE; groups];
     let mut groups = 0;
     for group in group_of_face {

@@ -38,7 +38,7 @@ mod seen;
 pub(crate) mod weld;
 
 pub use adjacency::{MOST_CORNERS, MOST_POSITIONS};
-pub use coarse::{Coarse, Grouping};
+pub use coarse::{Coarse, Grouping, number_by_first_face};
 pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
