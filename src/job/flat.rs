@@ -279,9 +279,11 @@ impl<'a, E: Functional> Run<'a, E> {
         (self.on_row)(Row::Iteration(row.clone()));
         self.iterations.add(row);
         show(self.job.items, self.job.prepared.viewer.as_deref(), labels);
-        // clusters that move as a whole leave gaps between the numbers
-        self.record.offer_like_last(number, || numbers::compact(labels));
-        Ok(())
+        if self.record.wants(number) {
+            // clusters that move as a whole leave gaps between the numbers
+            let labels = self.record.numbered_like_last(numbers::compact(labels));
+            self.record.keep(number, labels);
+        }
     }
 
     fn ended(self, device: &dyn Device<E>, clustering: Clustering) -> Clustered {
