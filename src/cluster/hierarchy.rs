@@ -317,7 +317,6 @@ impl<E: Functional> Rounds<'_, E> {
             self.iteration += 1;
             let row = Row { iteration: self.iteration, round: Some(round), phase, energy: after, moves };
             (self.on_row)(row);
-            Ok(())
         })?;
         Ok(energy.map(|energy| (numbers::kept(&before, &after), energy)))
     }

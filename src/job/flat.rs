@@ -56,7 +56,7 @@ pub(super) fn run_coarse<E: Functional>(
         let fast = || coarse.fast_labels(items, cancel);
         let (labels, ending) =
             relocation.labels(labels, device, fast, cheaper, &mut |phase, energy, moves, labels| {
-                run.add_row(phase, energy, moves, labels)
+                run.add_row(phase, energy, moves, labels);
             })?;
         clustering.labels = run.record.numbered_like_last(labels);
         if ending == Ending::WorkLimit {
@@ -98,10 +98,7 @@ impl<E: Functional> Coarse<E> {
                 let relocation = Relocation { graph: items, quality, pairs: self.spec.pairs(), cancel };
                 let cheaper = labels_of_cheaper(items, self.spec, viewer, cancel);
                 let fast = || self.fast_labels(items, cancel);
-                let on_change = &mut |_, _, _, labels: &[u32]| {
-                    show(items, viewer, labels);
-                    Ok(())
-                };
+                let on_change = &mut |_, _, _, labels: &[u32]| show(items, viewer, labels);
                 Ok(relocation.labels(run.labels, device, fast, cheaper, on_change)?.0)
             }
             None => Ok(run.labels),
@@ -272,7 +269,7 @@ impl<'a, E: Functional> Run<'a, E> {
     }
 
     /// Adds a row after the phases, and keeps the labels if they are wanted.
-    fn add_row(&mut self, phase: Phase, energy: LatticeEnergy, moves: u64, labels: &[u32]) -> Result<()> {
+    fn add_row(&mut self, phase: Phase, energy: LatticeEnergy, moves: u64, labels: &[u32]) {
         let number = self.iterations.rows.last().map_or(0, |row| row.iteration + 1);
         let row = run::Row { iteration: number, round: None, phase, energy, moves };
         let row = iteration(row, finite(self.job.items.energy(energy)), self.started);

@@ -51,7 +51,6 @@ fn relocated(
     let labels = relocation.labels(labels.clone(), device, || Ok(labels), cheaper, &mut |phase, energy, _, labels| {
         assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
         changes.push((phase, energy.explained));
-        Ok(())
     });
     (labels.expect("no cancellation").0, changes)
 }
