@@ -197,7 +197,7 @@ impl Shaped {
 
     /// F in source units. It counts the squared distance of a triangle three times.
     fn energy(&self, energy: i128) -> f64 {
-        self.surface.source_of_lattice(energy as f64) / 3.0
+        self.surface.source_of_lattice(energy as f64, 0) / 3.0
     }
 
     /// Runs a job.

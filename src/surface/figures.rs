@@ -55,11 +55,6 @@ impl<E: OfFaces> Surface<E> {
         Figures { energy: self.in_source_units(energy), hexagon_ratio, l21: self.l21(labels, clusters) }
     }
 
-    /// A sum of weight × squared lattice length, in units of the finest component, in source units.
-    pub fn source_of_lattice(&self, energy: f64) -> f64 {
-        libm::ldexp(energy, self.units.weight_exponent - 2 * self.frame.exponent) * self.units.density
-    }
-
     /// A length in lattice units, given its share of the diagonal of the bounding box for that in the source; at most
     /// the diagonal.
     pub fn on_lattice(&self, share_of: impl FnOnce(f64) -> f64) -> f64 {
