@@ -14,7 +14,7 @@ pub mod words;
 use self::packed::Float;
 use super::functional::{Functional, RoughEnd, Side, Sums};
 
-pub use self::bound::RefinementSlack;
+pub use self::bound::{RefinementSlack, boundary_slack};
 pub use self::scatter::Axes;
 
 /// The energy of centroidal Voronoi diagrams of points with D coordinates.
@@ -34,8 +34,6 @@ impl<const D: usize> Functional for Cvd<D>
 where
     Axes<D>: scatter::Products,
 {
-    const NAME: &'static str = "cvd";
-
     const NO_PROXY: [i32; D] = [0; D];
 
     /// A cost has a relative error below (D + 9)·2⁻²⁴: each conversion and operation adds 2⁻²⁴, and only integers are
@@ -158,11 +156,6 @@ where
     fn source_term(centroid: [f64; D], area: f64, proxy: [f64; D]) -> f64 {
         let square = |axis: usize| (centroid[axis] - proxy[axis]) * (centroid[axis] - proxy[axis]);
         area * (1..D).fold(square(0), |sum, axis| sum + square(axis))
-    }
-
-    #[inline]
-    fn boundary_slack(own: u64, least_other: u64) -> u64 {
-        bound::boundary_slack(own, least_other)
     }
 }
 

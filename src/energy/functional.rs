@@ -6,9 +6,6 @@ use super::shape_kind::Kind as ShapeKind;
 
 /// The parts of an energy.
 pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
-    /// Its name in reports, and that of its file in `shaders/energy/`.
-    const NAME: &'static str;
-
     /// A proxy that is not read.
     const NO_PROXY: Self::Proxy;
 
@@ -80,10 +77,6 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
         let proxies = Self::source_proxies(faces.clone(), clusters);
         faces.map(move |(at, area, label)| (label, Self::source_term(at, area, proxies[label as usize])))
     }
-
-    /// By how much proxies may drift, together, before a face that stays could want to move in the boundary phase.
-    /// Takes its cost in its own cluster and the least in another.
-    fn boundary_slack(own: u64, least_other: u64) -> u64;
 }
 
 /// Exact sums over the faces of a cluster.
