@@ -6,8 +6,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Surface;
-use super::lattice::{COORDINATE_BITS, PIECE};
+use super::lattice::PIECE;
 use super::of_faces::OfFaces;
+use crate::mesh::Frame;
 
 /// Figures of a clustering.
 #[derive(Debug, Clone, Copy)]
@@ -24,9 +25,9 @@ pub struct Figures {
 }
 
 impl<E: OfFaces> Surface<E> {
-    /// Log₂ of the longest side of the bounding box in source units, rounded up.
-    pub fn longest_side_exponent(&self) -> i32 {
-        COORDINATE_BITS + 1 - self.frame.exponent
+    /// The frame of the lattice.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
     }
 
     /// Energy of labels (internal order, each below `clusters`) in source units: Σ area·|point − P|² with P the

@@ -103,9 +103,4 @@ impl Surface {
         let geometry = &self.geometry[face as usize];
         (geometry.area, self.normal(face as usize) * geometry.area, geometry.centroid)
     }
-
-    /// The frame of the lattice.
-    pub fn frame(&self) -> &crate::mesh::Frame {
-        &self.frame
-    }
 }
