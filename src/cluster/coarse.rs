@@ -102,11 +102,7 @@ pub struct Start {
 impl Start {
     /// From labels, which have this many clusters.
     pub fn of<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, clusters: usize) -> Self {
-        let mut component_of_cluster = vec![0; clusters];
-        for (number, component) in (0..).zip(&graph.components) {
-            component.range().for_each(|face| component_of_cluster[labels[face] as usize] = number);
-        }
-        Self { labels, component_of_cluster, is_bounded: false }
+        Self { component_of_cluster: graph.component_of_cluster(&labels, clusters), labels, is_bounded: false }
     }
 }
 
@@ -337,7 +333,7 @@ mod tests {
     use crate::cluster::relocation::tests::uneven;
     use crate::dev::sample::Sample;
     use crate::device::cpu::CpuDevice;
-    use crate::surface::tests::of_sample;
+    use crate::surface::tests::{assert_clusters_lie_in, of_sample};
 
     #[test]
     fn every_number_of_clusters_is_met_whatever_the_faces_weigh() {
@@ -350,13 +346,7 @@ mod tests {
                     let start =
                         plan.labels(&surface, &mut CpuDevice::new(), &Cancel::default()).expect("no cancellation");
                     assert_eq!(start.component_of_cluster.len(), clusters);
-                    let component_of_face = surface.component_of_face();
-                    let mut seen = vec![false; clusters];
-                    for (&label, &component) in start.labels.iter().zip(&component_of_face) {
-                        assert_eq!(start.component_of_cluster[label as usize], component);
-                        seen[label as usize] = true;
-                    }
-                    assert!(seen.iter().all(|&seen| seen), "{} {clusters}: a cluster is empty", sample.name());
+                    assert_clusters_lie_in(&surface, &start.labels, &start.component_of_cluster);
                     let mut shares = vec![0; surface.components.len()];
                     start.component_of_cluster.iter().for_each(|&component| shares[component as usize] += 1);
                     assert_eq!(shares, seeds::shares(&surface, clusters as u64).expect("as above"));

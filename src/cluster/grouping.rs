@@ -157,7 +157,7 @@ mod tests {
     use crate::device::cpu::CpuDevice;
     use crate::device::pieces::disconnected_clusters;
     use crate::device::plain::PlainDevice;
-    use crate::surface::tests::of_sample;
+    use crate::surface::tests::{assert_clusters_lie_in, of_sample};
 
     #[test]
     fn groups_are_small_connected_and_made_of_choices() {
@@ -204,13 +204,8 @@ mod tests {
             let Start { labels, component_of_cluster, .. } = start(&mut CpuDevice::new()).expect("a start");
             assert_eq!(start(&mut PlainDevice::default()).expect("a start").labels, labels);
             assert_eq!(component_of_cluster.len(), clusters as usize);
-            let mut sizes = vec![0; clusters as usize];
-            labels.iter().for_each(|&label| sizes[label as usize] += 1);
-            assert!(!sizes.contains(&0), "{clusters}");
+            assert_clusters_lie_in(&surface, &labels, &component_of_cluster);
             assert_eq!(disconnected_clusters(&surface, clusters as usize, &labels), 0, "{clusters} {improve}");
-            for (face, component) in surface.component_of_face().into_iter().enumerate() {
-                assert_eq!(component_of_cluster[labels[face] as usize], component);
-            }
         }
     }
 }

@@ -198,6 +198,7 @@ impl<E: Functional> Rounds<'_, E> {
     fn round(&mut self, steps: &mut dyn MergeSteps<E>) -> Result<Option<Vec<u32>>> {
         self.cancel.check()?;
         let Options { levels, clusters, .. } = self.options;
+        let items = self.builder.items;
         let round = self.builder.tree.rounds.len() as u32 + 1;
         let left = self.left;
         let stop = levels.iter().copied().filter(|&level| level < left).fold(self.target, u64::max);
@@ -222,7 +223,7 @@ impl<E: Functional> Rounds<'_, E> {
             self.merged = 0;
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { &mut self.on_row };
             let mut run = Run { round: Some(round), iteration: self.iteration, ..Run::new(steps, self.cancel, on_row) };
-            optimise(&mut run, self.builder.items, self.options, is_level, is_sequential)?;
+            optimise(&mut run, items, self.options, is_level, is_sequential)?;
             self.iteration = run.iteration;
             moves = steps.moves_since_merge()?;
             if let Some(quality) = self.options.relocation.filter(|_| is_level)
@@ -232,14 +233,16 @@ impl<E: Functional> Rounds<'_, E> {
                 (relocated, energy) = (Some(labels), Some(after));
             }
             self.builder.moves(&moves);
-            self.hubs.moved(self.builder.items, &moves);
-            relocated.iter().for_each(|labels| self.builder.relocated(labels));
+            self.hubs.moved(items, &moves);
+            if let Some(labels) = &relocated {
+                self.builder.component_of_cluster = items.component_of_cluster(labels, items.faces());
+            }
         }
         if is_level {
             self.paired_rounds = 0;
         }
         let energy = energy.map_or_else(|| steps.energy(), Ok)?;
-        self.builder.end_round(self.left, self.builder.items.energy(energy));
+        self.builder.end_round(self.left, items.energy(energy));
         let moves = moves.len() as u64;
         (self.on_round)(RoundRow { round, clusters: self.left, energy, merges, moves, is_level });
         Ok(relocated)

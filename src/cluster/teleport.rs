@@ -158,7 +158,7 @@ mod tests {
     use crate::device::dual_edge::Ties;
     use crate::device::{Device, pieces, plain};
     use crate::surface::Surface;
-    use crate::surface::tests::of_sample;
+    use crate::surface::tests::{assert_clusters_lie_in, of_sample};
 
     /// Labels after at most so many teleports.
     fn teleported(surface: &Surface, labels: &[u32], component_of_cluster: &[u32], most: usize) -> Vec<u32> {
@@ -196,11 +196,6 @@ mod tests {
         let labels = plain::grow(&surface, &start.labels(surface.faces()));
         let teleported = teleported(&surface, &labels, &start.component_of_cluster, 1000);
         assert_ne!(teleported, labels);
-        let mut is_used = vec![false; start.component_of_cluster.len()];
-        for (&label, component) in teleported.iter().zip(surface.component_of_face()) {
-            assert_eq!(start.component_of_cluster[label as usize], component);
-            is_used[label as usize] = true;
-        }
-        assert!(is_used.iter().all(|&used| used), "no cluster is empty");
+        assert_clusters_lie_in(&surface, &teleported, &start.component_of_cluster);
     }
 }

@@ -106,13 +106,6 @@ impl<'a, E: Functional> Builder<'a, E> {
         }
     }
 
-    /// Follows clusters into other components.
-    pub fn relocated(&mut self, labels: &[u32]) {
-        for (number, component) in (0..).zip(&self.items.components) {
-            component.range().for_each(|face| self.component_of_cluster[labels[face] as usize] = number);
-        }
-    }
-
     /// Ends a round with so many clusters and this energy, source units.
     pub fn end_round(&mut self, clusters: u64, energy: f64) {
         self.tree.rounds.push(Round {

@@ -94,4 +94,13 @@ impl<E: Functional> DualGraph<E> {
         }
         component_of_face
     }
+
+    /// The component that each of so many clusters lies in.
+    pub fn component_of_cluster(&self, labels: &[u32], clusters: usize) -> Vec<u32> {
+        let mut component_of_cluster = vec![0; clusters];
+        for (component, run) in (0..).zip(&self.components) {
+            labels[run.range()].iter().for_each(|&label| component_of_cluster[label as usize] = component);
+        }
+        component_of_cluster
+    }
 }

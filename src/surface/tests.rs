@@ -1,5 +1,7 @@
 //! Tests of surfaces.
 
+use std::collections::BTreeSet;
+
 use super::*;
 use crate::dev::sample::{Sample, generate};
 use crate::energy::cvd::wide;
@@ -21,6 +23,12 @@ fn mesh_of(positions: Vec<[f64; 3]>, faces: Faces) -> PolygonMesh {
 /// The surface of a sample.
 pub(crate) fn of_sample(sample: Sample, faces: u64) -> Surface {
     Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
+}
+
+/// Every cluster has faces, and all of them lie in its component.
+pub(crate) fn assert_clusters_lie_in(graph: &DualGraph, labels: &[u32], component_of_cluster: &[u32]) {
+    let found: BTreeSet<(u32, u32)> = labels.iter().copied().zip(graph.component_of_face()).collect();
+    assert_eq!(found, (0..).zip(component_of_cluster.iter().copied()).collect());
 }
 
 const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
