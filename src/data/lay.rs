@@ -104,17 +104,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     check_hubs(&neighbour_offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);
     let scales = lattice::scales(relative, &runs);
-    let mut components = Vec::with_capacity(runs.len());
-    let mut of_items = Vec::with_capacity(points.len());
-    for (run, &exponent) in runs.iter().zip(&scales.exponents) {
-        of_items.extend(run.clone().map(relative).map(lattice::weight(exponent)));
-        components.push(Component {
-            first_face: run.start as u32,
-            faces: run.len() as u32,
-            weight: of_items[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
-            energy_shift: (scales.finest - exponent) as u32,
-        });
-    }
+    let (of_items, components) = scales.weigh(relative, &runs);
     Ok(Laid {
         warnings: warnings(&frame, &spreads, points.len()),
         points: member_of.iter().map(|&member| points[member as usize]).collect(),

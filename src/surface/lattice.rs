@@ -6,6 +6,7 @@ use std::ops::{Add, Div, Mul, Range, Sub};
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::components::Component;
 use crate::mesh::{Frame, MeshView};
 use crate::power::factors;
 use crate::prefetch::{prefetch, with_lookahead};
@@ -278,8 +279,22 @@ pub fn scales(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> Scal
     Scales { exponents, finest }
 }
 
-/// The weights of areas in a component: the nearest integer to area × 2^exponent, at least 1.
-pub fn weight(exponent: i32) -> impl Fn(f64) -> u32 {
-    let [a, b] = factors(exponent);
-    move |area| ((area * a * b + 0.5) as u32).max(1)
+impl Scales {
+    /// The weights of faces, the nearest integer to area × 2^exponent, at least 1; and the components, given as runs of
+    /// faces, with what they sum up to.
+    pub fn weigh(&self, area: impl Fn(usize) -> f64, runs: &[Range<usize>]) -> (Vec<u32>, Vec<Component>) {
+        let mut weights = Vec::with_capacity(runs.last().map_or(0, |run| run.end));
+        let mut components = Vec::with_capacity(runs.len());
+        for (run, &exponent) in runs.iter().zip(&self.exponents) {
+            let [a, b] = factors(exponent);
+            weights.extend(run.clone().map(|face| ((area(face) * a * b + 0.5) as u32).max(1)));
+            components.push(Component {
+                first_face: run.start as u32,
+                faces: run.len() as u32,
+                weight: weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
+                energy_shift: (self.finest - exponent) as u32,
+            });
+        }
+        (weights, components)
+    }
 }

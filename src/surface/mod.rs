@@ -197,7 +197,7 @@ impl Surface {
         density_unit: Option<f64>,
     ) -> Self {
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
-        let (weights, components) = weigh(&geometry, runs, scales);
+        let (weights, components) = scales.weigh(|face| geometry[face].area, runs);
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
         // areas are in squared lengths
         let weight_exponent = -2 * frame.exponent - scales.finest;
@@ -259,23 +259,6 @@ impl Gathered {
             zero_area_faces: sums.iter().map(|sum| sum.1).sum(),
         }
     }
-}
-
-/// The weights of the faces, internal order, and what they sum up to.
-fn weigh(geometry: &[FaceGeometry], runs: &[Range<usize>], scales: &Scales) -> (Vec<u32>, Vec<Component>) {
-    let mut weights = Vec::with_capacity(geometry.len());
-    let mut components = Vec::with_capacity(runs.len());
-    for (run, &exponent) in runs.iter().zip(&scales.exponents) {
-        let weight_of = lattice::weight(exponent);
-        weights.extend(geometry[run.clone()].iter().map(|face| weight_of(face.area)));
-        components.push(Component {
-            first_face: run.start as u32,
-            faces: run.len() as u32,
-            weight: weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
-            energy_shift: (scales.finest - exponent) as u32,
-        });
-    }
-    (weights, components)
 }
 
 impl<E: Functional> Deref for Surface<E> {

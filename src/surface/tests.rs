@@ -265,11 +265,8 @@ fn energies_of_many_components_add_up() {
         let runs: Vec<_> = (0..components).map(|run| run..run + 1).collect();
         // the last component has next to no area
         let area = |face: usize| if face + 1 == components { 1e-30 } else { 1e12 };
-        let Scales { exponents, finest } = lattice::scales(area, &runs);
-        let weights = exponents.iter().enumerate().map(|(face, &exponent)| {
-            let weight = u128::from(lattice::weight(exponent)(area(face)));
-            weight << (finest - exponent)
-        });
-        assert!(weights.sum::<u128>() < 1 << 67, "{components}");
+        let (_, weighed) = lattice::scales(area, &runs).weigh(area, &runs);
+        let sums = weighed.iter().map(|component| u128::from(component.weight) << component.energy_shift);
+        assert!(sums.sum::<u128>() < 1 << 67, "{components}");
     }
 }
