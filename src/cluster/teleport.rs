@@ -121,12 +121,7 @@ impl<E: Functional> Split<E> {
     /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all
     /// faces lie at one place.
     fn of(graph: &DualGraph<E>, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
-        let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
-            let mut sums = E::Sums::default();
-            faces.for_each(|face| sums.add_face(graph.face(face as usize), 1));
-            sums
-        };
-        let whole = sums_of(&mut faces.iter().copied());
+        let whole = graph.sums_over(faces.iter().copied());
         let point = |face: u32| graph.points[face as usize];
         let farthest_from = |from: E::Proxy| {
             let farthest = faces.iter().max_by_key(|&&face| (E::cost(point(face), from), Reverse(face)));
@@ -138,7 +133,7 @@ impl<E: Functional> Split<E> {
         let mut halves = [whole, E::Sums::default()];
         for _ in 0..3 {
             centres = next;
-            let half = sums_of(&mut faces.iter().copied().filter(|&face| leaves(graph, centres, face)));
+            let half = graph.sums_over(faces.iter().copied().filter(|&face| leaves(graph, centres, face)));
             let mut rest = whole;
             rest.add(&half, -1);
             halves = [rest, half];

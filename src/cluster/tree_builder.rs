@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use crate::energy::{Functional, Merged, Sums};
+use crate::energy::{Functional, Merged};
 use crate::hierarchy::{FaceMove, Merge, Round, Tree};
 use crate::surface::{Items, Loose};
 
@@ -49,8 +49,7 @@ impl<'a, E: Functional> Builder<'a, E> {
             let cluster = internal[host as usize];
             let loose = &mut self.loose_in[cluster as usize];
             *loose += 1;
-            let mut alone = E::Sums::default();
-            alone.add_face(items.face(cluster as usize), 1);
+            let alone = items.sums_over([cluster]);
             let component = self.component_of_cluster[cluster as usize];
             let made = items.merged(&alone, &E::Sums::default(), self.moments[cluster as usize], component);
             let made = Merged { faces: 1 + *loose, cost: 0.0, energy: 0.0, ..made };

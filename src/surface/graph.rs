@@ -1,7 +1,7 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::components::Component;
-use crate::energy::{Energy, Functional};
+use crate::energy::{Energy, Functional, Sums};
 use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
@@ -70,6 +70,14 @@ impl<E: Functional> DualGraph<E> {
     #[inline]
     pub fn face(&self, face: usize) -> E::Item {
         E::item(self.points[face], self.weights[face])
+    }
+
+    /// The sums over some faces.
+    #[inline]
+    pub fn sums_over(&self, faces: impl IntoIterator<Item = u32>) -> E::Sums {
+        let mut sums = E::Sums::default();
+        faces.into_iter().for_each(|face| sums.add_face(self.face(face as usize), 1));
+        sums
     }
 
     /// Number of faces.
