@@ -65,8 +65,7 @@ const TELEPORTS_OF: usize = 20;
 /// Rounds of teleports at most.
 const MOST_TELEPORT_ROUNDS: u64 = 12;
 
-/// Rounds of merges in which both of two clusters must have chosen each other. Where thousands of clusters have one
-/// neighbour, as the triangles around a large polygon, one of them merges in such a round.
+/// Rounds of merges in which both of two clusters must have chosen each other; [`super::merging`] says why.
 const PAIRED_ROUNDS: u32 = 32;
 
 /// Starts have no more faces of the coarsest graph together than this, or than the mesh has; one there is in any case.

@@ -137,10 +137,8 @@ fn grouping<E: Functional>(graph: &DualGraph<E>) -> Grouping {
 
 /// The neighbour that each face would merge with at the lowest cost; the face itself where it has none.
 fn choices<E: Functional>(graph: &DualGraph<E>) -> Vec<u32> {
-    let end = |face: u32| RoughEnd::<E> {
-        weight: graph.weights[face as usize] as f32,
-        proxy: E::proxy_at(graph.points[face as usize]),
-    };
+    let end =
+        |face: u32| RoughEnd::<E> { weight: graph.weights[face as usize] as f32, proxy: graph.points[face as usize] };
     let choice = |face: u32| {
         let own = end(face);
         // costs are not negative: their bits are in their order

@@ -39,7 +39,7 @@ struct Split<E: Functional> {
     gain: u32,
     cluster: u32,
     /// The faces that are nearer to the second leave it.
-    centres: [E::Proxy; 2],
+    centres: [E::Point; 2],
 }
 
 impl<'a, E: Functional> Teleports<'a, E> {
@@ -112,7 +112,7 @@ impl<'a, E: Functional> Teleports<'a, E> {
 }
 
 /// Whether a face is nearer to the second centre.
-fn leaves<E: Functional>(graph: &DualGraph<E>, centres: [E::Proxy; 2], face: u32) -> bool {
+fn leaves<E: Functional>(graph: &DualGraph<E>, centres: [E::Point; 2], face: u32) -> bool {
     let [stay, leave] = centres.map(|centre| E::cost(graph.points[face as usize], centre));
     leave < stay
 }
@@ -123,9 +123,9 @@ impl<E: Functional> Split<E> {
     fn of(graph: &DualGraph<E>, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
         let whole = graph.sums_over(faces.iter().copied());
         let point = |face: u32| graph.points[face as usize];
-        let farthest_from = |from: E::Proxy| {
+        let farthest_from = |from: E::Point| {
             let farthest = faces.iter().max_by_key(|&&face| (E::cost(point(face), from), Reverse(face)));
-            farthest.map(|&face| E::proxy_at(point(face)))
+            farthest.map(|&face| point(face))
         };
         let first = farthest_from(whole.proxy()?)?;
         let mut next = [first, farthest_from(first)?];

@@ -41,10 +41,8 @@ where
     const ROUGH_MARGIN: f32 = 1.0 + (D + 16) as f32 / (1 << 22) as f32;
 
     type Item = Item<D>;
-    /// g.
+    /// g, or P.
     type Point = [i32; D];
-    /// P.
-    type Proxy = [i32; D];
     type Sums = ClusterSums<D>;
     type WideSums = wide::Sums<D>;
     type End = End<D>;
@@ -54,11 +52,6 @@ where
     #[inline]
     fn item(point: [i32; D], weight: u32) -> Item<D> {
         Item { point, weight }
-    }
-
-    #[inline]
-    fn proxy_at(point: [i32; D]) -> [i32; D] {
-        point
     }
 
     /// |g − P|².
@@ -224,10 +217,6 @@ where
             square += i64::from(proxy[axis]) * i64::from(proxy[axis]);
         }
         Some((proxy, 2 * along - i128::from(self.weight) * i128::from(square)))
-    }
-
-    fn point(&self) -> Option<[i32; D]> {
-        self.proxy()
     }
 
     #[inline]

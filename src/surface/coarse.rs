@@ -161,8 +161,8 @@ impl<E: Functional> Run<E> {
             others.dedup();
             run.rows.offsets.push(run.rows.items.len() as u32);
             run.rows.items.extend(others.drain(..).filter(|&other| other != group));
-            // every group has faces
-            run.points.extend(sums.point());
+            // a group, which has faces, lies where its proxy would
+            run.points.extend(sums.proxy());
             run.weights.push(sums.weight() as u32);
         }
         run

@@ -47,7 +47,7 @@ pub fn variational<E: Functional>(
 ) -> Result<Clustering> {
     let point = |face: u32| items.points[face as usize];
     let seed = |cluster: u32| seeds.face_of_cluster[cluster as usize];
-    let from_seed = |face: u32, cluster: u32| E::cost(point(face), E::proxy_at(point(seed(cluster))));
+    let from_seed = |face: u32, cluster: u32| E::cost(point(face), point(seed(cluster)));
     let initial = flood(items, from_seed, &seeds.face_of_cluster, cancel)?;
     let mut best = Clusters::new(items, initial.clone());
     let mut report = |iteration: u32, clusters: &Clusters<'_, E>, moves: usize| {

@@ -128,11 +128,11 @@ impl<'a, E: Functional> Sides<'a, E> {
         let point = |face: u32| graph.points[face as usize];
         let farthest = |from| (0..faces).max_by_key(|&face| (E::cost(point(face), from), Reverse(face)));
         let first = farthest(graph.sums_over(0..faces).proxy()?)?;
-        let second = farthest(E::proxy_at(point(first)))?;
+        let second = farthest(point(first))?;
         if point(first) == point(second) {
             return None;
         }
-        let ends = [first, second].map(|face| E::proxy_at(point(face)));
+        let ends = [first, second].map(point);
         let mut side_of: Vec<Option<bool>> = vec![None; faces as usize];
         let mut queue = BinaryHeap::from([Reverse((i64::MIN, first, false)), Reverse((i64::MIN, second, true))]);
         while let Some(Reverse((_, face, side))) = queue.pop() {
@@ -184,7 +184,7 @@ impl<'a, E: Functional> Sides<'a, E> {
 /// The faces in the order in which Prim's algorithm takes them, from face 0; and the parent of each, its own for the
 /// first.
 fn minimum_spanning_tree<E: Functional>(graph: &DualGraph<E>) -> (Vec<u32>, Vec<u32>) {
-    let end = |face: u32| graph.sums_over([face]).end(E::proxy_at(graph.points[face as usize]));
+    let end = |face: u32| graph.sums_over([face]).end(graph.points[face as usize]);
     let mut order = Vec::with_capacity(graph.faces());
     let mut parent_of: Vec<Option<u32>> = vec![None; graph.faces()];
     let mut queue = BinaryHeap::from([Reverse((0, 0, 0))]);
