@@ -224,8 +224,7 @@ impl<'a> Edges<'a> {
     /// Number of faces with two corners at one position.
     fn degenerate_faces(&self) -> u64 {
         if self.face_of_corner.is_empty() {
-            let is_degenerate = |&[a, b, c]: &[u32; 3]| u64::from((a == b) | (b == c) | (c == a));
-            return self.positions.as_chunks().0.iter().map(is_degenerate).sum();
+            return self.positions.as_chunks::<3>().0.iter().filter(|&corners| has_repeated(corners)).count() as u64;
         }
         (0..self.faces.len()).filter(|&face| has_repeated(self.corners(face))).count() as u64
     }

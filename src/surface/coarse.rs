@@ -76,7 +76,7 @@ impl<E: Functional> DualGraph<E> {
     /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a
     /// single face. Groups are connected.
     pub fn grouped(&self, heaviest: &[u64]) -> Grouping {
-        let mut groups = Groups::new(self.faces());
+        let mut groups = Groups { group_of_face: vec![NONE; self.faces()], faces: Vec::new(), weights: Vec::new() };
         for (component, &heaviest) in self.components.iter().zip(heaviest) {
             // no face weighs more, either
             let heaviest = heaviest.min(1 << 31);
@@ -177,10 +177,6 @@ struct Groups {
 }
 
 impl Groups {
-    fn new(faces: usize) -> Self {
-        Self { group_of_face: vec![NONE; faces], faces: Vec::new(), weights: Vec::new() }
-    }
-
     /// Puts every face of a component into a group.
     fn form<E: Functional>(&mut self, graph: &DualGraph<E>, component: &Component, heaviest: u64) {
         for face in component.range() {
