@@ -30,7 +30,7 @@ use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
-use crate::device::{Cancel, Device, DualEdge, MergeSteps, Steps};
+use crate::device::{Cancel, Device, DualEdge, Ending, MergeSteps, Steps};
 use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Items, number_by_first_face};
@@ -189,22 +189,16 @@ impl<E: Functional> CoarseStart<E> {
 
     /// The phases on a coarse graph, and a repair: a cluster in pieces has an energy that it cannot keep. Where
     /// iterations are limited, no energies are compared, and nothing is repaired.
-    fn settle(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
+    fn settle(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, cancel: &Cancel) -> Result<Ending> {
         if self.effort.iterations_a_graph < u32::MAX {
             return self.optimise(graph, steps, self.effort.iterations_a_graph, cancel);
         }
-        let on_row = &mut |_| {};
-        let mut run = Run::new(steps, cancel, on_row);
-        run.complete(graph, false, |run| run.optimise(graph, self.effort.refine))?;
-        Ok(())
+        Run::new(steps, cancel, &mut |_| {}).complete(graph, false, |run| run.optimise(graph, self.effort.refine))
     }
 
-    /// The phases on a coarse graph.
-    fn optimise(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
-        let on_row = &mut |_| {};
-        let mut run = Run { left: iterations, ..Run::new(steps, cancel, on_row) };
-        run.optimise(graph, self.effort.refine)?;
-        Ok(())
+    /// The phases on a coarse graph, with so many iterations at most.
+    fn optimise(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, left: u32, cancel: &Cancel) -> Result<Ending> {
+        Run { left, ..Run::new(steps, cancel, &mut |_| {}) }.optimise(graph, self.effort.refine)
     }
 
     /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces; and what they

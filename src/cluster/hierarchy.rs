@@ -356,11 +356,11 @@ fn optimise<E: Functional>(
     is_level: bool,
     is_sequential: bool,
 ) -> Result<()> {
-    run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
     if is_level {
         run.complete(items, options.allow_disconnected, |run| run.optimise(items, options.refine))?;
         return Ok(());
     }
+    run.left = options.iterations_a_round[usize::from(is_sequential)];
     run.optimise(items, options.refine)?;
     if items.moves == Moves::Free && !options.allow_disconnected {
         run.repair()?;
