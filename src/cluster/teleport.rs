@@ -1,7 +1,6 @@
 //! Teleports: moves that leave a local minimum (Cohen-Steiner et al. 2004, section 3.4).
 //!
-//! Moves of faces shift borders; a cluster never goes from where there are too many to where there are too few. A
-//! teleport merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many
+//! A teleport merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many
 //! are made at the same time, far from each other; what follows from them is optimised, and if the energy did not fall,
 //! all are taken back.
 

@@ -121,7 +121,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         if self.quality != Quality::Fast {
             let fast = fast()?;
             let mut other = Offers::new(self.graph, fast.clone());
-            swap::swap(&mut other, self.cancel, |_| ())?;
+            swap::swap(&mut other, self.cancel, |_| {})?;
             run.mix_in(Phase::FastStart, other)?;
             run.mix_in_start(Phase::SettledStart, fast)?;
         }
@@ -162,7 +162,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
     /// Labels after all clusters have settled and made swaps until none pays; on few faces, after trials and breaths,
     /// too. Also returns whether a bound on work ended that.
     pub fn improved(&self, labels: Vec<u32>) -> Result<(Vec<u32>, Ending)> {
-        let mut run = Improvement { of: self, best: Offers::new(self.graph, labels), on_change: &mut |_, _, _, _| () };
+        let mut run = Improvement { of: self, best: Offers::new(self.graph, labels), on_change: &mut |_, _, _, _| {} };
         settle_and_swap(&mut run.best, self.cancel)?;
         if self.graph.faces() <= FEW_IN_ALL {
             run.relax_and_breathe()?;
@@ -302,7 +302,7 @@ fn effective_faces<E: Functional>(graph: &DualGraph<E>) -> usize {
 fn settle_and_swap<E: Functional>(offers: &mut Offers<'_, E>, cancel: &Cancel) -> Result<()> {
     let all = offers.clusters.numbers().collect();
     settle(&mut offers.clusters, all, u32::MAX, cancel)?;
-    swap::swap(offers, cancel, |_| ())
+    swap::swap(offers, cancel, |_| {})
 }
 
 fn report<E: Functional>(phase: Phase, clusters: &mut Clusters<'_, E>, on_change: OnChange<'_>) {
