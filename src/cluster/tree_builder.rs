@@ -27,8 +27,7 @@ pub(crate) struct Builder<'a, E: Functional> {
 impl<'a, E: Functional> Builder<'a, E> {
     /// A tree with room for `merges` merges. Loose faces go to their hosts first, at no cost, in a round of their own.
     pub fn new(items: &'a Items<E>, merges: usize) -> Self {
-        let faces = items.faces() as u32;
-        let moments = (0..faces).map(|face| items.moment_of(face)).collect();
+        let moments = (0..items.faces()).map(|face| E::constant(items.face(face))).collect();
         let merges = Vec::with_capacity(merges + items.loose.len());
         let tree = Tree { faces: items.upload_faces() as u32, merges, ..Tree::default() };
         let component_of_cluster = items.component_of_face();
@@ -85,7 +84,7 @@ impl<'a, E: Functional> Builder<'a, E> {
     pub fn moves(&mut self, moves: &[(u32, u32, u32)]) {
         let upload = &self.items.upload_face;
         for &(face, from, to) in moves {
-            let moment = self.items.moment_of(face);
+            let moment = E::constant(self.items.face(face as usize));
             self.moments[from as usize] -= moment;
             self.moments[to as usize] += moment;
             self.tree.moves.push(FaceMove { face: upload[face as usize], to: upload[to as usize] });

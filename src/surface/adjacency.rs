@@ -29,7 +29,7 @@ pub struct Links<'a> {
     /// The inner half-edges of chains, sorted: the corner, and the faces before and after.
     chained: Vec<(u32, [u32; 2])>,
     /// Further links, both directions of each, sorted by face.
-    bridges: Vec<(u32, u32)>,
+    pub bridges: Vec<(u32, u32)>,
     /// Faces of edges that have more than two, maybe several times.
     crowded: Vec<u32>,
     /// Pairs of faces that share an edge and are not linked, since it is a feature.
@@ -115,11 +115,6 @@ impl<'a> Links<'a> {
             CHAINED => self.chain_at(corner as u32)[0],
             other => other,
         })
-    }
-
-    /// Further pairs of linked faces, both directions of each.
-    pub fn bridges(&self) -> &[(u32, u32)] {
-        &self.bridges
     }
 
     /// The faces before and after that of an inner half-edge of a chain.

@@ -37,11 +37,6 @@ impl<E: OfFaces> Surface<E> {
         self.in_source_units(self.lattice_energy(labels, clusters))
     }
 
-    /// Number of feature edges. Each two linked faces count, of an edge of more than two.
-    pub fn feature_edges(&self) -> u64 {
-        self.features.len() as u64
-    }
-
     /// Number of feature edges that have one cluster on both sides; labels in internal order.
     pub fn feature_edges_inside(&self, labels: &[u32]) -> u64 {
         let label = |face: u32| labels.get(face as usize);

@@ -100,11 +100,6 @@ impl<E: Functional> Items<E> {
         libm::ldexp(lattice, exponent) * self.units.density
     }
 
-    /// The share of a face in the constant part of the energy, in units of its component.
-    pub fn moment_of(&self, face: u32) -> i128 {
-        E::constant(self.face(face as usize))
-    }
-
     /// What becomes of two clusters of a component that merge. `moment` is the constant part of both.
     pub fn merged(&self, a: &E::Sums, b: &E::Sums, moment: i128, component: u32) -> Merged {
         let shift = self.components[component as usize].energy_shift;

@@ -181,7 +181,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
 
     /// Whether trials and breaths are worth it.
     fn tries_more(&self, clusters: usize, has_paid: bool) -> bool {
-        let is_small = self.is_small();
+        let is_small = self.graph.faces() <= SMALL;
         match self.quality {
             Quality::Fast => false,
             Quality::Default if is_small && clusters <= FEW_CLUSTERS => true,
@@ -189,10 +189,6 @@ impl<'a, E: Functional> Relocation<'a, E> {
             Quality::Best if is_small => true,
             Quality::Default | Quality::Best => has_paid || effective_faces(self.graph) < FEW_FACES * clusters,
         }
-    }
-
-    fn is_small(&self) -> bool {
-        self.graph.faces() <= SMALL
     }
 }
 
@@ -270,7 +266,7 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
     fn relax_and_breathe(&mut self) -> Result<()> {
         let (turns, rounds) = match self.of.quality {
             Quality::Best => (1, (FACES_IN_ROUNDS / self.of.graph.faces()).clamp(TRIALS, MOST_ROUNDS)),
-            Quality::Default | Quality::Fast => (if self.of.is_small() { MORE_TURNS } else { TURNS }, 1),
+            Quality::Default | Quality::Fast => (if self.of.graph.faces() <= SMALL { MORE_TURNS } else { TURNS }, 1),
         };
         let mut depth = breathe::FIRST;
         for _ in 0..turns {
