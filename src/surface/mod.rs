@@ -94,8 +94,8 @@ pub struct Surface<E: Functional = Energy> {
     moment_inside_faces: Option<f64>,
     /// Whether areas are relative to a density.
     has_density: bool,
-    /// Pairs of faces at feature edges, internal numbers; [`NO_FACE`] of a loose one. An edge of more than two faces has
-    /// a pair for each two that follow each other.
+    /// Pairs of faces at feature edges, internal numbers; [`NO_FACE`] of a loose one. An edge of more than two faces
+    /// has a pair for each two that follow each other.
     pub features: Vec<[u32; 2]>,
 }
 
