@@ -6,18 +6,12 @@ use super::*;
 use crate::dev::sample::{Sample, generate};
 use crate::energy::cvd::wide;
 use crate::energy::{LatticeEnergy, WideSums};
-use crate::mesh::{Adjusted, Faces, Format, Part};
+use crate::mesh::{Faces, Format};
 
 fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     let mut all = Faces::default();
     faces.iter().for_each(|corners| all.push(corners));
-    mesh_of(positions.to_vec(), all)
-}
-
-fn mesh_of(positions: Vec<[f64; 3]>, faces: Faces) -> PolygonMesh {
-    let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
-    let (warnings, adjusted) = (Vec::new(), Adjusted::default());
-    PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted }
+    PolygonMesh::of_one_part(Format::Obj, positions.to_vec(), all)
 }
 
 /// The surface of a sample.
@@ -224,7 +218,7 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
             }
         }
     }
-    let surface = Surface::build(&mesh_of(positions, faces)).expect("a surface");
+    let surface = Surface::build(&PolygonMesh::of_one_part(Format::Obj, positions, faces)).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let ratio = surface.figures(&internal, 3).hexagon_ratio.expect("most of the energy is visible");
     assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
@@ -254,7 +248,7 @@ fn bridges_join_every_component_once_and_near_ones_first() {
         positions.extend(SQUARE.map(|p| [p[0] + 3.0 * f64::from(part), p[1], p[2]]));
         faces.push(&[0, 1, 2, 3].map(|corner| corner + 4 * part));
     }
-    let line = bridged(&mesh_of(positions, faces));
+    let line = bridged(&PolygonMesh::of_one_part(Format::Obj, positions, faces));
     let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);
 }
