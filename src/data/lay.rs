@@ -103,8 +103,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     drop(internal);
     check_hubs(&neighbour_offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);
-    let scales = lattice::scales(relative, &runs);
-    let (of_items, components) = scales.weigh(relative, &runs);
+    let (of_items, components, finest) = lattice::weigh(relative, &runs);
     Ok(Laid {
         warnings: warnings(&frame, &spreads, points.len()),
         points: member_of.iter().map(|&member| points[member as usize]).collect(),
@@ -116,7 +115,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
         member: member_of,
         exponent: frame.exponent,
         centre: frame.centre,
-        weight_exponent: scales.finest + weights.exponent,
+        weight_exponent: finest + weights.exponent,
         components_found,
     })
 }

@@ -63,7 +63,7 @@ use adjacency::Links;
 use components::NO_COMPONENT;
 use density::Density;
 use features::Features;
-use lattice::{COORDINATE_BITS, FaceGeometry, PIECE, Scales};
+use lattice::{COORDINATE_BITS, FaceGeometry, PIECE};
 use of_faces::OfFaces as _;
 use weld::UNUSED;
 
@@ -180,17 +180,16 @@ impl Surface {
         // their memory is for the geometry
         drop((internal, links));
         let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
-        let scales = lattice::scales(|face| gathered.geometry[face].area, &runs);
         counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
         let density_unit = density.map(|density| density.unit);
-        let surface = Self::of(gathered, (&runs, &scales), rows, upload_face, counts, frame, density_unit);
+        let surface = Self::of(gathered, &runs, rows, upload_face, counts, frame, density_unit);
         Ok(Self { items: Items { loose, has_features: !features.is_empty(), ..surface.items }, features, ..surface })
     }
 
     /// Weighs the items that were gathered.
     fn of(
         gathered: Gathered,
-        (runs, scales): (&[Range<usize>], &Scales),
+        runs: &[Range<usize>],
         Rows { offsets: neighbour_offsets, items: neighbours }: Rows,
         upload_face: Vec<u32>,
         counts: Counts,
@@ -198,10 +197,10 @@ impl Surface {
         density_unit: Option<f64>,
     ) -> Self {
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
-        let (weights, components) = scales.weigh(|face| geometry[face].area, runs);
+        let (weights, components, exponent) = lattice::weigh(|face| geometry[face].area, runs);
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
         // areas are in squared lengths
-        let weight_exponent = -2 * frame.exponent - scales.finest;
+        let weight_exponent = -2 * frame.exponent - exponent;
         let units = Energy::units(&frame, weight_exponent, density_unit.unwrap_or(1.0));
         let items = Items::new(graph, upload_face, units);
         Self {

@@ -84,15 +84,13 @@ impl OfPoints {
         let gather = || {
             let geometry: Vec<FaceGeometry> = upload_face.iter().map(|&item| geometry[item as usize]).collect();
             let points = geometry.iter().map(|item| lattice::round_centroid(item.centroid)).collect();
-            let gathered = Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0 };
-            let scales = lattice::scales(|item| gathered.geometry[item].area, &runs);
-            (gathered, scales)
+            Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0 }
         };
         let of_items = || edges(triangles).chain(bridges.iter().copied());
         let internal = || of_items().map(|(a, b)| (internal[a as usize], internal[b as usize]));
-        let (rows, (gathered, scales)) = rayon::join(|| symmetric(items, internal), gather);
+        let (rows, gathered) = rayon::join(|| symmetric(items, internal), gather);
         let density_unit = weights.map(|weights| weights.largest);
-        let surface = Surface::of(gathered, (&runs, &scales), rows, upload_face, counts, frame, density_unit);
+        let surface = Surface::of(gathered, &runs, rows, upload_face, counts, frame, density_unit);
         Self { surface, item_of_point: weld.position_of_vertex }
     }
 }
