@@ -30,10 +30,10 @@ use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
-use crate::device::{Cancel, Device, DualEdge, MergeSteps, Steps};
+use crate::device::{Cancel, Device, DualEdge, Ending, MergeSteps, Steps};
 use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
-use crate::surface::{Coarse, DualGraph, Items};
+use crate::surface::{Coarse, DualGraph, Items, number_by_first_face};
 use crate::union_find;
 
 /// How much work a start may be.
@@ -65,8 +65,7 @@ const TELEPORTS_OF: usize = 20;
 /// Rounds of teleports at most.
 const MOST_TELEPORT_ROUNDS: u64 = 12;
 
-/// Rounds of merges in which both of two clusters must have chosen each other. Where thousands of clusters have one
-/// neighbour, as the triangles around a large polygon, one of them merges in such a round.
+/// Rounds of merges in which both of two clusters must have chosen each other; [`super::merging`] says why.
 const PAIRED_ROUNDS: u32 = 32;
 
 /// Starts have no more faces of the coarsest graph together than this, or than the mesh has; one there is in any case.
@@ -97,6 +96,13 @@ pub struct Start {
     pub component_of_cluster: Vec<u32>,
     /// Whether a bound on work cut steps short that led to it.
     pub is_bounded: bool,
+}
+
+impl Start {
+    /// From labels, which have this many clusters.
+    pub fn of<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, clusters: usize) -> Self {
+        Self { component_of_cluster: graph.component_of_cluster(&labels, clusters), labels, is_bounded: false }
+    }
 }
 
 impl<E: Functional> CoarseStart<E> {
@@ -183,22 +189,16 @@ impl<E: Functional> CoarseStart<E> {
 
     /// The phases on a coarse graph, and a repair: a cluster in pieces has an energy that it cannot keep. Where
     /// iterations are limited, no energies are compared, and nothing is repaired.
-    fn settle(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
+    fn settle(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, cancel: &Cancel) -> Result<Ending> {
         if self.effort.iterations_a_graph < u32::MAX {
             return self.optimise(graph, steps, self.effort.iterations_a_graph, cancel);
         }
-        let on_row = &mut |_| {};
-        let mut run = Run::new(steps, cancel, on_row);
-        run.complete(graph, false, |run| run.optimise(graph, self.effort.refine))?;
-        Ok(())
+        Run::new(steps, cancel, &mut |_| {}).complete(graph, false, |run| run.optimise(graph, self.effort.refine))
     }
 
-    /// The phases on a coarse graph.
-    fn optimise(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
-        let on_row = &mut |_| {};
-        let mut run = Run { left: iterations, ..Run::new(steps, cancel, on_row) };
-        run.optimise(graph, self.effort.refine)?;
-        Ok(())
+    /// The phases on a coarse graph, with so many iterations at most.
+    fn optimise(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, left: u32, cancel: &Cancel) -> Result<Ending> {
+        Run { left, ..Run::new(steps, cancel, &mut |_| {}) }.optimise(graph, self.effort.refine)
     }
 
     /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces; and what they
@@ -227,18 +227,8 @@ impl<E: Functional> CoarseStart<E> {
         }
         self.settle(graph, steps.as_mut(), cancel)?;
         let (energy, mut labels) = self.teleported(graph, component_of_cluster, steps.as_mut(), cancel)?;
-        drop(steps);
-        let mut number_of_cluster = vec![u32::MAX; component_of_cluster.len()];
-        let mut components = Vec::with_capacity(self.shares.iter().sum());
-        for label in &mut labels {
-            let number = &mut number_of_cluster[*label as usize];
-            if *number == u32::MAX {
-                *number = components.len() as u32;
-                components.push(component_of_cluster[*label as usize]);
-            }
-            *label = *number;
-        }
-        Ok((energy, Start { labels, component_of_cluster: components, is_bounded: false }))
+        number_by_first_face(&mut labels, component_of_cluster.len());
+        Ok((energy, Start::of(graph, labels, self.shares.iter().sum())))
     }
 
     /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the
@@ -334,14 +324,14 @@ mod tests {
     use super::*;
     use crate::cluster::quality::Quality;
     use crate::cluster::relocation::tests::uneven;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::device::cpu::CpuDevice;
-    use crate::surface::Surface;
+    use crate::surface::tests::{assert_clusters_lie_in, of_sample};
 
     #[test]
     fn every_number_of_clusters_is_met_whatever_the_faces_weigh() {
         for (sample, faces) in [(Sample::Sphere, 80), (Sample::Parts, 250), (Sample::Strip, 12), (Sample::Cube, 12)] {
-            let even = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+            let even = of_sample(sample, faces);
             for (surface, quality) in [(even, Quality::Default), (uneven(sample, faces), Quality::Best)] {
                 for clusters in surface.components.len()..=surface.faces() {
                     let plan = CoarseStart::new(&surface, clusters as u64, 3, quality.start(surface.moves))
@@ -349,13 +339,7 @@ mod tests {
                     let start =
                         plan.labels(&surface, &mut CpuDevice::new(), &Cancel::default()).expect("no cancellation");
                     assert_eq!(start.component_of_cluster.len(), clusters);
-                    let component_of_face = surface.component_of_face();
-                    let mut seen = vec![false; clusters];
-                    for (&label, &component) in start.labels.iter().zip(&component_of_face) {
-                        assert_eq!(start.component_of_cluster[label as usize], component);
-                        seen[label as usize] = true;
-                    }
-                    assert!(seen.iter().all(|&seen| seen), "{} {clusters}: a cluster is empty", sample.name());
+                    assert_clusters_lie_in(&surface, &start.labels, &start.component_of_cluster);
                     let mut shares = vec![0; surface.components.len()];
                     start.component_of_cluster.iter().for_each(|&component| shares[component as usize] += 1);
                     assert_eq!(shares, seeds::shares(&surface, clusters as u64).expect("as above"));

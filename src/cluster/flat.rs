@@ -30,11 +30,10 @@
 //! # F never rises, and the phase ends
 //!
 //! F = Σ_c Σ_{f∈c} w·|g − P_c|² over the lattice proxies. With the proxies held, every face that moves lowers its own
-//! term strictly and touches no other, whatever else moves; so does every pass of a flood, which therefore ends.
-//! Refitting P_c then minimises Σ w·|g − P|² over the lattice:
-//! the sum is M·|P − S/M|² plus a constant, each axis a parabola about S/M, and the lattice point nearest to the vertex
-//! of a parabola is its minimum there. So an iteration in which something moves lowers F, an integer that is not
-//! negative; there are finitely many labellings, none comes back, and the phase ends without a cap on iterations.
+//! term strictly and touches no other, whatever else moves; so does every pass of a flood, which therefore ends. The
+//! refit that follows never raises F (`docs/arithmetic.md`). So an iteration in which something moves lowers F, an
+//! integer that is not negative; there are finitely many labellings, none comes back, and the phase ends without a cap
+//! on iterations.
 //!
 //! # Why floods
 //!

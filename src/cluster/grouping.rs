@@ -137,10 +137,8 @@ fn grouping<E: Functional>(graph: &DualGraph<E>) -> Grouping {
 
 /// The neighbour that each face would merge with at the lowest cost; the face itself where it has none.
 fn choices<E: Functional>(graph: &DualGraph<E>) -> Vec<u32> {
-    let end = |face: u32| RoughEnd::<E> {
-        weight: graph.weights[face as usize] as f32,
-        proxy: E::proxy_at(graph.points[face as usize]),
-    };
+    let end =
+        |face: u32| RoughEnd::<E> { weight: graph.weights[face as usize] as f32, proxy: graph.points[face as usize] };
     let choice = |face: u32| {
         let own = end(face);
         // costs are not negative: their bits are in their order
@@ -153,20 +151,16 @@ fn choices<E: Functional>(graph: &DualGraph<E>) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::device::cpu::CpuDevice;
     use crate::device::pieces::disconnected_clusters;
     use crate::device::plain::PlainDevice;
-    use crate::surface::Surface;
-
-    fn surface(sample: Sample, faces: u64) -> Surface {
-        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
-    }
+    use crate::surface::tests::{assert_clusters_lie_in, of_sample};
 
     #[test]
     fn groups_are_small_connected_and_made_of_choices() {
         for sample in [Sample::Knot, Sample::Terrain, Sample::Parts] {
-            let surface = surface(sample, 3000);
+            let surface = of_sample(sample, 3000);
             let graph: &DualGraph = &surface;
             let Coarse { graph: coarse, group_of_face } = graph.contracted(grouping(graph));
             assert!(3 * coarse.faces() < 2 * graph.faces(), "{sample:?}: {} of {}", coarse.faces(), graph.faces());
@@ -187,7 +181,7 @@ mod tests {
     fn a_fan_around_one_face_ends_in_a_bounded_number_of_levels() {
         // a hub beside all others: three of them join it in a level
         let leaves = 5000u32;
-        let mut graph: DualGraph = surface(Sample::Knot, 6000).items.graph.clone();
+        let mut graph: DualGraph = of_sample(Sample::Knot, 6000).items.graph;
         let faces = leaves as usize + 1;
         graph.points.truncate(faces);
         graph.weights.truncate(faces);
@@ -200,7 +194,7 @@ mod tests {
 
     #[test]
     fn starts_have_all_clusters_in_one_piece_with_and_without_improvement_and_on_any_device() {
-        let surface = surface(Sample::Parts, 4000);
+        let surface = of_sample(Sample::Parts, 4000);
         for (clusters, improve) in [(20, false), (20, true), (150, true), (900, true)] {
             let start = |device: &mut dyn Device| {
                 Start::from_groups(&surface, clusters, Pairs::Eighth, improve, device, &Cancel::default())
@@ -208,13 +202,8 @@ mod tests {
             let Start { labels, component_of_cluster, .. } = start(&mut CpuDevice::new()).expect("a start");
             assert_eq!(start(&mut PlainDevice::default()).expect("a start").labels, labels);
             assert_eq!(component_of_cluster.len(), clusters as usize);
-            let mut sizes = vec![0; clusters as usize];
-            labels.iter().for_each(|&label| sizes[label as usize] += 1);
-            assert!(!sizes.contains(&0), "{clusters}");
+            assert_clusters_lie_in(&surface, &labels, &component_of_cluster);
             assert_eq!(disconnected_clusters(&surface, clusters as usize, &labels), 0, "{clusters} {improve}");
-            for (face, component) in surface.component_of_face().into_iter().enumerate() {
-                assert_eq!(component_of_cluster[labels[face] as usize], component);
-            }
         }
     }
 }

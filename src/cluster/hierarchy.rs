@@ -40,7 +40,7 @@ use std::time::{Duration, Instant};
 
 use super::fast;
 use super::hubs::Hubs;
-use super::merging::{PAIRED_ROUNDS, Pairs, chosen_pairs, half_chosen_pairs};
+use super::merging::{PAIRED_ROUNDS, Pairs, chosen, half_mutual};
 use super::numbers;
 use super::quality::Quality;
 use super::relocation::Relocation;
@@ -198,6 +198,7 @@ impl<E: Functional> Rounds<'_, E> {
     fn round(&mut self, steps: &mut dyn MergeSteps<E>) -> Result<Option<Vec<u32>>> {
         self.cancel.check()?;
         let Options { levels, clusters, .. } = self.options;
+        let items = self.builder.items;
         let round = self.builder.tree.rounds.len() as u32 + 1;
         let left = self.left;
         let stop = levels.iter().copied().filter(|&level| level < left).fold(self.target, u64::max);
@@ -222,7 +223,7 @@ impl<E: Functional> Rounds<'_, E> {
             self.merged = 0;
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { &mut self.on_row };
             let mut run = Run { round: Some(round), iteration: self.iteration, ..Run::new(steps, self.cancel, on_row) };
-            optimise(&mut run, self.builder.items, self.options, is_level, is_sequential)?;
+            optimise(&mut run, items, self.options, is_level, is_sequential)?;
             self.iteration = run.iteration;
             moves = steps.moves_since_merge()?;
             if let Some(quality) = self.options.relocation.filter(|_| is_level)
@@ -232,14 +233,16 @@ impl<E: Functional> Rounds<'_, E> {
                 (relocated, energy) = (Some(labels), Some(after));
             }
             self.builder.moves(&moves);
-            self.hubs.moved(self.builder.items, &moves);
-            relocated.iter().for_each(|labels| self.builder.relocated(labels));
+            self.hubs.moved(items, &moves);
+            if let Some(labels) = &relocated {
+                self.builder.component_of_cluster = items.component_of_cluster(labels, items.faces());
+            }
         }
         if is_level {
             self.paired_rounds = 0;
         }
         let energy = energy.map_or_else(|| steps.energy(), Ok)?;
-        self.builder.end_round(self.left, self.builder.items.energy(energy));
+        self.builder.end_round(self.left, items.energy(energy));
         let moves = moves.len() as u64;
         (self.on_round)(RoundRow { round, clusters: self.left, energy, merges, moves, is_level });
         Ok(relocated)
@@ -263,12 +266,12 @@ impl<E: Functional> Rounds<'_, E> {
         let Options { ties, pairs, .. } = *self.options;
         self.paired_rounds += 1;
         if self.paired_rounds <= PAIRED_ROUNDS && self.bounded_at.is_none() {
-            let pairs = chosen_pairs(steps, ties, pairs, most)?;
+            let pairs = chosen(steps.mutual_dual_edges(ties)?, pairs, most)?;
             return Ok(self.merge(steps, &pairs)?.len() as u64);
         }
         let mut merged_into = union_find::singletons(self.builder.items.faces());
         let mut merges = 0;
-        for (low, high) in half_chosen_pairs(steps, ties, pairs, most)? {
+        for (low, high) in chosen(half_mutual(&steps.optimal_dual_edges(ties)?), pairs, most)? {
             self.cancel.check()?;
             let [a, b] = [low, high].map(|cluster| union_find::root(&mut merged_into, cluster));
             if a != b {
@@ -317,7 +320,6 @@ impl<E: Functional> Rounds<'_, E> {
             self.iteration += 1;
             let row = Row { iteration: self.iteration, round: Some(round), phase, energy: after, moves };
             (self.on_row)(row);
-            Ok(())
         })?;
         Ok(energy.map(|energy| (numbers::kept(&before, &after), energy)))
     }
@@ -354,11 +356,11 @@ fn optimise<E: Functional>(
     is_level: bool,
     is_sequential: bool,
 ) -> Result<()> {
-    run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
     if is_level {
         run.complete(items, options.allow_disconnected, |run| run.optimise(items, options.refine))?;
         return Ok(());
     }
+    run.left = options.iterations_a_round[usize::from(is_sequential)];
     run.optimise(items, options.refine)?;
     if items.moves == Moves::Free && !options.allow_disconnected {
         run.repair()?;

@@ -1,9 +1,8 @@
 //! Hubs: faces with very many neighbours, such as a polygon with a triangle at each edge.
 //!
-//! The cluster of a hub has as many dual edges as the hub has neighbours, and each of its merges changes the costs of
-//! all. Optimisation after a merge beside a hub looks at the hub. Where one pair merges at a time, the work would grow
-//! with the square of that number. So such merges count the neighbours of hubs, and there is a bound in proportion to
-//! the faces.
+//! A merge of the cluster of a hub changes the costs of as many dual edges as the hub has neighbours, and optimisation
+//! after a merge beside a hub looks at the hub. Where one pair merges at a time, such merges count these neighbours,
+//! and there is a bound in proportion to the faces.
 
 use crate::energy::Functional;
 use crate::surface::DualGraph;

@@ -15,7 +15,7 @@ use utoipa::ToSchema;
 use super::coarse::{Start, merge_chosen};
 use super::numbers;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half, keep_first};
-use crate::device::{Cancel, Device, MergeSteps};
+use crate::device::{Cancel, Device, DualEdge};
 use crate::energy::Functional;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
@@ -35,21 +35,6 @@ pub enum Pairs {
     /// The cheapest, an eighth of the merges that are left before the next stop: more rounds, and none merges across an
     /// edge while cheaper merges wait. In place of cheaper-half for energies other than cvd
     Eighth,
-}
-
-impl Pairs {
-    /// Keeps those of some pairs that merge in a round, `most` at most, the cheapest first.
-    pub fn choose(self, mutual: &mut Vec<Rank<u32>>, most: usize) {
-        let most = match self {
-            Pairs::All => most,
-            Pairs::CheaperHalf => {
-                keep_cheaper_half(mutual);
-                most
-            }
-            Pairs::Eighth => an_eighth(most),
-        };
-        keep_first(mutual, most);
-    }
 }
 
 /// How many of the merges that are left happen in a round, so that none merges across an edge while cheaper ones wait.
@@ -76,7 +61,7 @@ pub fn merged<E: Functional>(
         cancel.check()?;
         let is_far = pairs == Pairs::Eighth && surplus >= clusters;
         let pairs = if is_far { Pairs::CheaperHalf } else { pairs };
-        let chosen = chosen_pairs(steps.as_mut(), Ties::Hash, pairs, surplus)?;
+        let chosen = chosen(steps.mutual_dual_edges(Ties::Hash)?, pairs, surplus)?;
         steps.merge_pairs(&chosen)?;
         surplus -= chosen.len();
     }
@@ -91,39 +76,26 @@ pub fn merged<E: Functional>(
     steps.labels()
 }
 
-/// The pairs that merge in a round, the cheapest first, where clusters are too many by `surplus`.
-pub(super) fn chosen_pairs<E: Functional>(
-    steps: &mut dyn MergeSteps<E>,
-    ties: Ties,
-    pairs: Pairs,
-    surplus: usize,
-) -> Result<Vec<(u32, u32)>> {
-    kept(steps.mutual_dual_edges(ties)?, pairs, surplus)
-}
-
-/// The same of pairs of which one chose the other; a cluster may be in several.
-pub(super) fn half_chosen_pairs<E: Functional>(
-    steps: &mut dyn MergeSteps<E>,
-    ties: Ties,
-    pairs: Pairs,
-    surplus: usize,
-) -> Result<Vec<(u32, u32)>> {
-    let edges = steps.optimal_dual_edges(ties)?;
-    let mut chosen: Vec<_> =
-        edges.iter().map(|edge| Rank::new(edge.cost, edge.cluster, edge.other, Ties::Hash)).collect();
-    // two that chose each other are there twice
-    chosen.sort_unstable();
-    chosen.dedup();
-    kept(chosen, pairs, surplus)
-}
-
-/// Those of some pairs that merge in a round.
-fn kept(mut of: Vec<Rank<u32>>, pairs: Pairs, surplus: usize) -> Result<Vec<(u32, u32)>> {
+/// Those of some pairs that merge in a round, the cheapest first, where clusters are too many by `surplus`.
+pub(super) fn chosen(mut of: Vec<Rank<u32>>, pairs: Pairs, surplus: usize) -> Result<Vec<(u32, u32)>> {
     if of.is_empty() {
         return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
     }
-    pairs.choose(&mut of, surplus);
+    if pairs == Pairs::CheaperHalf {
+        keep_cheaper_half(&mut of);
+    }
+    keep_first(&mut of, if pairs == Pairs::Eighth { an_eighth(surplus) } else { surplus });
     Ok(of.iter().map(Rank::ends).collect())
+}
+
+/// The pairs of which one chose the other; a cluster may be in several.
+pub(super) fn half_mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
+    let ranked = edges.iter().map(|edge| Rank::new(edge.cost, edge.cluster, edge.other, Ties::Hash));
+    let mut pairs: Vec<_> = ranked.collect();
+    // two that chose each other are there twice
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
 }
 
 impl Start {
@@ -138,14 +110,5 @@ impl Start {
     ) -> Result<Self> {
         let labels = numbers::compact(&merged(graph, clusters as usize, pairs, device, cancel)?);
         Ok(Self::of(graph, labels, clusters as usize))
-    }
-
-    /// From labels.
-    pub fn of<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>, clusters: usize) -> Self {
-        let mut component_of_cluster = vec![0; clusters];
-        for (number, component) in (0..).zip(&graph.components) {
-            component.range().for_each(|face| component_of_cluster[labels[face] as usize] = number);
-        }
-        Self { labels, component_of_cluster, is_bounded: false }
     }
 }

@@ -3,8 +3,6 @@
 //! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one
 //! before. So memory is in proportion to the faces that moved.
 
-use std::convert::Infallible;
-
 use super::numbers;
 use super::snapshots::Snapshots;
 use crate::surface::Loose;
@@ -39,34 +37,26 @@ impl Record {
         self.wanted.as_ref()?.next_after(self.passed)
     }
 
-    /// Keeps the labels of an iteration if they are wanted and were not kept before. Calls `labels` only then.
-    pub fn offer<E>(&mut self, iteration: u32, labels: impl FnOnce() -> Result<Vec<u32>, E>) -> Result<(), E> {
-        if self.next() != Some(iteration) {
-            return Ok(());
-        }
+    /// Whether the labels of an iteration are wanted and were not kept before.
+    pub fn wants(&self, iteration: u32) -> bool {
+        self.next() == Some(iteration)
+    }
+
+    /// Keeps the labels of an iteration that it wants.
+    pub fn keep(&mut self, iteration: u32, labels: Vec<u32>) {
         self.passed = Some(iteration);
-        let labels = labels()?;
         if self.snapshots.is_empty() {
             self.snapshots.push((iteration, Vec::new()));
             self.first.clone_from(&labels);
         } else if (self.snapshots.len() as u64 + 1) * labels.len() as u64 > MOST_LABELS {
             self.left_out += 1;
-            return Ok(());
+            return;
         } else {
             let pairs = labels.iter().zip(&self.last).enumerate();
             let differences = pairs.filter(|(_, (new, old))| new != old).map(|(face, (&new, _))| (face as u32, new));
             self.snapshots.push((iteration, differences.collect()));
         }
         self.last = labels;
-        Ok(())
-    }
-
-    /// The same with labels whose clusters are numbered in another way, which take the numbers of the last ones.
-    pub fn offer_like_last(&mut self, iteration: u32, labels: impl FnOnce() -> Vec<u32>) {
-        if self.next() == Some(iteration) {
-            let labels = self.numbered_like_last(labels());
-            let Ok(()) = self.offer(iteration, || Ok::<_, Infallible>(labels));
-        }
     }
 
     /// Labels with the numbers of the last ones that were kept: of clusters with the most faces in common.
@@ -170,15 +160,14 @@ mod tests {
     #[test]
     fn what_is_wanted_is_kept_once_and_comes_back() {
         let mut record = Record::new(Some(Snapshots::At(vec![0, 2, 9])));
-        let mut calls = 0;
+        let mut kept_ones = 0;
         for (iteration, labels) in [(0, [0, 1, 1]), (1, [0, 0, 1]), (2, [0, 0, 0]), (2, [1, 1, 1]), (3, [2, 2, 2])] {
-            let done: Result<(), ()> = record.offer(iteration, || {
-                calls += 1;
-                Ok(labels.to_vec())
-            });
-            assert_eq!(done, Ok(()));
+            if record.wants(iteration) {
+                kept_ones += 1;
+                record.keep(iteration, labels.to_vec());
+            }
         }
-        assert_eq!((calls, record.next(), record.beyond()), (2, Some(9), &[9][..]));
+        assert_eq!((kept_ones, record.next(), record.beyond()), (2, Some(9), &[9][..]));
         assert_eq!(kept(&record), [(0, vec![0, 1, 1]), (2, vec![0, 0, 0])]);
         record.renumber(&[2, 0, 1], &[Loose { face: 3, host: 2 }], &[7, 5]);
         assert_eq!(kept(&record), [(0, vec![5, 5, 7, 7]), (2, vec![7, 7, 7, 7])]);
@@ -189,8 +178,7 @@ mod tests {
         let mut record = Record::new(Some(Snapshots::Every(1)));
         let faces = MOST_LABELS as usize / 3 + 1;
         for iteration in 0..4 {
-            let done: Result<(), ()> = record.offer(iteration, || Ok(vec![0; faces]));
-            assert_eq!(done, Ok(()));
+            record.keep(iteration, vec![0; faces]);
         }
         assert_eq!((record.iterations(), record.left_out), (vec![0, 1], 2));
     }

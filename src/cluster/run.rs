@@ -89,10 +89,10 @@ impl<'a> Run<'a> {
 
     /// Keeps the labels if those of this iteration are wanted.
     fn keep_labels(&mut self) -> Result<()> {
-        match &mut self.record {
-            Some(record) => record.offer(self.iteration, || self.steps.labels()),
-            None => Ok(()),
+        if let Some(record) = self.record.as_mut().filter(|record| record.wants(self.iteration)) {
+            record.keep(self.iteration, self.steps.labels()?);
         }
+        Ok(())
     }
 
     /// Runs the boundary phase to its end, then refinement if `refine`, unless the limit was reached or the boundary

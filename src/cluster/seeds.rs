@@ -13,6 +13,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::device::FREE;
+use crate::device::dual_edge::keep_first;
 use crate::energy::Functional;
 use crate::error::names::{self, Name, more_than};
 use crate::error::{Error, Result};
@@ -247,10 +248,7 @@ fn random<E: Functional>(items: &Items<E>, component: usize, share: usize, seed:
     let range = items.components[component].range();
     let mut hashed: Vec<(u64, u32)> =
         range.map(|face| (hash(seed, u64::from(items.upload_face[face])), face as u32)).collect();
-    if share < hashed.len() {
-        hashed.select_nth_unstable(share);
-        hashed.truncate(share);
-    }
+    keep_first(&mut hashed, share);
     let mut faces: Vec<u32> = hashed.into_iter().map(|(_, face)| face).collect();
     faces.sort_unstable();
     faces

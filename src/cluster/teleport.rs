@@ -1,7 +1,6 @@
 //! Teleports: moves that leave a local minimum (Cohen-Steiner et al. 2004, section 3.4).
 //!
-//! Moves of faces shift borders; a cluster never goes from where there are too many to where there are too few. A
-//! teleport merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many
+//! A teleport merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many
 //! are made at the same time, far from each other; what follows from them is optimised, and if the energy did not fall,
 //! all are taken back.
 
@@ -12,7 +11,7 @@ use rayon::prelude::*;
 use crate::device::DualEdge;
 use crate::device::dual_edge::{Rank, mutual};
 use crate::energy::{Functional, Sums};
-use crate::surface::DualGraph;
+use crate::surface::{DualGraph, Rows};
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
 const TRIED_SPLITS: usize = 64;
@@ -25,7 +24,7 @@ const CHUNK: usize = 64;
 pub struct Teleports<'a, E: Functional> {
     graph: &'a DualGraph<E>,
     component_of_cluster: &'a [u32],
-    faces_of_cluster: Vec<Vec<u32>>,
+    faces_of_cluster: Rows,
     /// The mutual pairs of clusters, the cheapest first.
     pairs: Vec<(u32, u32)>,
     /// The splits of each component, those that gain most first.
@@ -39,17 +38,16 @@ struct Split<E: Functional> {
     gain: u32,
     cluster: u32,
     /// The faces that are nearer to the second leave it.
-    centres: [E::Proxy; 2],
+    centres: [E::Point; 2],
 }
 
 impl<'a, E: Functional> Teleports<'a, E> {
     /// The teleports of some labels. Every face is labelled; `edges` are the best dual edges.
     pub fn of(graph: &'a DualGraph<E>, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
-        let mut faces_of_cluster = vec![Vec::new(); component_of_cluster.len()];
-        (0..).zip(labels).for_each(|(face, &label)| faces_of_cluster[label as usize].push(face));
+        let faces_of_cluster = Rows::grouped(labels, component_of_cluster.len());
         let split = |cluster: u32| {
             let component = component_of_cluster[cluster as usize] as usize;
-            let (faces, shift) = (&faces_of_cluster[cluster as usize], graph.components[component].energy_shift);
+            let (faces, shift) = (faces_of_cluster.of(cluster), graph.components[component].energy_shift);
             Split::of(graph, faces, cluster, shift).map(|split| (component, split))
         };
         let all = (0..component_of_cluster.len() as u32).into_par_iter().with_min_len(CHUNK);
@@ -92,16 +90,16 @@ impl<'a, E: Functional> Teleports<'a, E> {
             };
             for cluster in [into, from, split.cluster] {
                 is_taken[cluster as usize] = true;
-                for &face in &self.faces_of_cluster[cluster as usize] {
+                for &face in self.faces_of_cluster.of(cluster) {
                     for &near in self.graph.neighbours_of(face) {
                         is_taken[labels[near as usize] as usize] = true;
                     }
                 }
             }
-            for &face in &self.faces_of_cluster[from as usize] {
+            for &face in self.faces_of_cluster.of(from) {
                 labels[face as usize] = into;
             }
-            for &face in &self.faces_of_cluster[split.cluster as usize] {
+            for &face in self.faces_of_cluster.of(split.cluster) {
                 if leaves(self.graph, split.centres, face) {
                     labels[face as usize] = from;
                 }
@@ -113,7 +111,7 @@ impl<'a, E: Functional> Teleports<'a, E> {
 }
 
 /// Whether a face is nearer to the second centre.
-fn leaves<E: Functional>(graph: &DualGraph<E>, centres: [E::Proxy; 2], face: u32) -> bool {
+fn leaves<E: Functional>(graph: &DualGraph<E>, centres: [E::Point; 2], face: u32) -> bool {
     let [stay, leave] = centres.map(|centre| E::cost(graph.points[face as usize], centre));
     leave < stay
 }
@@ -122,16 +120,11 @@ impl<E: Functional> Split<E> {
     /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all
     /// faces lie at one place.
     fn of(graph: &DualGraph<E>, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
-        let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
-            let mut sums = E::Sums::default();
-            faces.for_each(|face| sums.add_face(graph.face(face as usize), 1));
-            sums
-        };
-        let whole = sums_of(&mut faces.iter().copied());
+        let whole = graph.sums_over(faces.iter().copied());
         let point = |face: u32| graph.points[face as usize];
-        let farthest_from = |from: E::Proxy| {
+        let farthest_from = |from: E::Point| {
             let farthest = faces.iter().max_by_key(|&&face| (E::cost(point(face), from), Reverse(face)));
-            farthest.map(|&face| E::proxy_at(point(face)))
+            farthest.map(|&face| point(face))
         };
         let first = farthest_from(whole.proxy()?)?;
         let mut next = [first, farthest_from(first)?];
@@ -139,7 +132,7 @@ impl<E: Functional> Split<E> {
         let mut halves = [whole, E::Sums::default()];
         for _ in 0..3 {
             centres = next;
-            let half = sums_of(&mut faces.iter().copied().filter(|&face| leaves(graph, centres, face)));
+            let half = graph.sums_over(faces.iter().copied().filter(|&face| leaves(graph, centres, face)));
             let mut rest = whole;
             rest.add(&half, -1);
             halves = [rest, half];
@@ -154,15 +147,12 @@ impl<E: Functional> Split<E> {
 mod tests {
     use super::*;
     use crate::cluster::seeds;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::device::cpu::CpuDevice;
     use crate::device::dual_edge::Ties;
     use crate::device::{Device, pieces, plain};
     use crate::surface::Surface;
-
-    fn surface(sample: Sample, faces: u64) -> Surface {
-        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
-    }
+    use crate::surface::tests::{assert_clusters_lie_in, of_sample};
 
     /// Labels after at most so many teleports.
     fn teleported(surface: &Surface, labels: &[u32], component_of_cluster: &[u32], most: usize) -> Vec<u32> {
@@ -176,7 +166,7 @@ mod tests {
     #[test]
     fn a_teleport_fills_a_gap() {
         // a strip in three clusters of which the first has half of the faces
-        let surface = surface(Sample::Strip, 64);
+        let surface = of_sample(Sample::Strip, 64);
         let labels: Vec<u32> = surface.upload_face.iter().map(|&face| [0, 0, 1, 2][face as usize / 16]).collect();
         let teleported = teleported(&surface, &labels, &[0; 3], 1);
         assert_eq!(pieces::disconnected_clusters(&surface, 3, &teleported), 0);
@@ -194,17 +184,12 @@ mod tests {
 
     #[test]
     fn components_keep_their_numbers_of_clusters() {
-        let surface = surface(Sample::Parts, 1500);
+        let surface = of_sample(Sample::Parts, 1500);
         let shares = seeds::shares(&surface, 150).expect("that many are possible");
         let start = seeds::stratified(&surface, &shares, 1);
         let labels = plain::grow(&surface, &start.labels(surface.faces()));
         let teleported = teleported(&surface, &labels, &start.component_of_cluster, 1000);
         assert_ne!(teleported, labels);
-        let mut is_used = vec![false; start.component_of_cluster.len()];
-        for (&label, component) in teleported.iter().zip(surface.component_of_face()) {
-            assert_eq!(start.component_of_cluster[label as usize], component);
-            is_used[label as usize] = true;
-        }
-        assert!(is_used.iter().all(|&used| used), "no cluster is empty");
+        assert_clusters_lie_in(&surface, &teleported, &start.component_of_cluster);
     }
 }

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use crate::energy::{Functional, Merged, Sums};
+use crate::energy::{Functional, Merged};
 use crate::hierarchy::{FaceMove, Merge, Round, Tree};
 use crate::surface::{Items, Loose};
 
@@ -27,8 +27,7 @@ pub(crate) struct Builder<'a, E: Functional> {
 impl<'a, E: Functional> Builder<'a, E> {
     /// A tree with room for `merges` merges. Loose faces go to their hosts first, at no cost, in a round of their own.
     pub fn new(items: &'a Items<E>, merges: usize) -> Self {
-        let faces = items.faces() as u32;
-        let moments = (0..faces).map(|face| items.moment_of(face)).collect();
+        let moments = (0..items.faces()).map(|face| E::constant(items.face(face))).collect();
         let merges = Vec::with_capacity(merges + items.loose.len());
         let tree = Tree { faces: items.upload_faces() as u32, merges, ..Tree::default() };
         let component_of_cluster = items.component_of_face();
@@ -49,8 +48,7 @@ impl<'a, E: Functional> Builder<'a, E> {
             let cluster = internal[host as usize];
             let loose = &mut self.loose_in[cluster as usize];
             *loose += 1;
-            let mut alone = E::Sums::default();
-            alone.add_face(items.face(cluster as usize), 1);
+            let alone = items.sums_over([cluster]);
             let component = self.component_of_cluster[cluster as usize];
             let made = items.merged(&alone, &E::Sums::default(), self.moments[cluster as usize], component);
             let made = Merged { faces: 1 + *loose, cost: 0.0, energy: 0.0, ..made };
@@ -86,7 +84,7 @@ impl<'a, E: Functional> Builder<'a, E> {
     pub fn moves(&mut self, moves: &[(u32, u32, u32)]) {
         let upload = &self.items.upload_face;
         for &(face, from, to) in moves {
-            let moment = self.items.moment_of(face);
+            let moment = E::constant(self.items.face(face as usize));
             self.moments[from as usize] -= moment;
             self.moments[to as usize] += moment;
             self.tree.moves.push(FaceMove { face: upload[face as usize], to: upload[to as usize] });
@@ -103,13 +101,6 @@ impl<'a, E: Functional> Builder<'a, E> {
             self.loose_in[from as usize] -= 1;
             self.loose_in[to as usize] += 1;
             self.tree.moves.push(FaceMove { face: loose.face, to: self.items.upload_face[to as usize] });
-        }
-    }
-
-    /// Follows clusters into other components.
-    pub fn relocated(&mut self, labels: &[u32]) {
-        for (number, component) in (0..).zip(&self.items.components) {
-            component.range().for_each(|face| self.component_of_cluster[labels[face] as usize] = number);
         }
     }
 

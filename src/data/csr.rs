@@ -89,7 +89,7 @@ impl Csr {
             })
         };
         let rows = rows::symmetric(members.len(), edges);
-        check_neighbours(rows.neighbours.len() as u64)?;
+        check_neighbours(rows.items.len() as u64)?;
         Ok(rows)
     }
 }

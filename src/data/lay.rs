@@ -98,22 +98,12 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     let member_of = by_component(sorted, &components);
     let runs = components.runs(&member_of);
     let internal = inverse(&member_of, points.len());
-    let Rows { offsets: neighbour_offsets, neighbours } = neighbours.compressed(&member_of, &internal, &bridges)?;
+    let Rows { offsets: neighbour_offsets, items: neighbours } =
+        neighbours.compressed(&member_of, &internal, &bridges)?;
     drop(internal);
     check_hubs(&neighbour_offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);
-    let scales = lattice::scales(relative, &runs);
-    let mut components = Vec::with_capacity(runs.len());
-    let mut of_items = Vec::with_capacity(points.len());
-    for (run, &exponent) in runs.iter().zip(&scales.exponents) {
-        of_items.extend(run.clone().map(relative).map(lattice::weight(exponent)));
-        components.push(Component {
-            first_face: run.start as u32,
-            faces: run.len() as u32,
-            weight: of_items[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
-            energy_shift: (scales.finest - exponent) as u32,
-        });
-    }
+    let (of_items, components, finest) = lattice::weigh(relative, &runs);
     Ok(Laid {
         warnings: warnings(&frame, &spreads, points.len()),
         points: member_of.iter().map(|&member| points[member as usize]).collect(),
@@ -125,7 +115,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
         member: member_of,
         exponent: frame.exponent,
         centre: frame.centre,
-        weight_exponent: scales.finest + weights.exponent,
+        weight_exponent: finest + weights.exponent,
         components_found,
     })
 }

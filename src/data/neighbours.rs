@@ -57,29 +57,18 @@ impl Neighbours<'_> {
                 row.extend(bridges[first..].iter().take_while(|bridge| bridge.0 == member).map(|bridge| bridge.1));
                 row.iter_mut().for_each(|other| *other = internal[*other as usize]);
                 row.sort_unstable();
-                rows.offsets.push(rows.neighbours.len() as u32);
-                rows.neighbours.extend_from_slice(&row);
+                rows.offsets.push(rows.items.len() as u32);
+                rows.items.extend_from_slice(&row);
             }
             rows
         };
-        let pieces: Vec<Rows> = member_of.par_chunks(PIECE).map(piece).collect();
-        let mut rows = Rows {
-            offsets: Vec::with_capacity(internal.len() + 1),
-            neighbours: Vec::with_capacity(pieces.iter().map(|piece| piece.neighbours.len()).sum()),
-        };
-        for piece in pieces {
-            let first = rows.neighbours.len() as u32;
-            rows.offsets.extend(piece.offsets.iter().map(|offset| first + offset));
-            rows.neighbours.extend(piece.neighbours);
-        }
-        rows.offsets.push(rows.neighbours.len() as u32);
-        Ok(rows)
+        Ok(Rows::joined(member_of.par_chunks(PIECE).map(piece).collect()))
     }
 
     /// How many neighbours all members have together.
     fn count(&self, members: usize) -> u64 {
         match self {
-            Self::Rows(rows) => rows.neighbours.len() as u64,
+            Self::Rows(rows) => rows.items.len() as u64,
             Self::Grid(grid) => {
                 let of_member = |beside: &mut Vec<u32>, member: u32| {
                     beside.clear();

@@ -179,7 +179,7 @@ fn a_lattice_of_d_coordinates_has_as_many_bits_as_its_squares_leave() {
 /// Sums of the heaviest cluster at the corners of the lattice, against the same in 128 bits.
 fn check_extremes<const D: usize>(dimensions: usize)
 where
-    Cvd<D>: Functional<Item = crate::energy::cvd::Item<D>, Point = [i32; D], Proxy = [i32; D]>,
+    Cvd<D>: Functional<Item = crate::energy::cvd::Item<D>, Point = [i32; D]>,
 {
     let most = (1 << bits(dimensions)) - 1;
     let corner = |sign: i32| std::array::from_fn(|axis| if axis < dimensions { sign * most } else { 0 });

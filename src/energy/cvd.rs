@@ -14,7 +14,7 @@ pub mod words;
 use self::packed::Float;
 use super::functional::{Functional, RoughEnd, Side, Sums};
 
-pub use self::bound::RefinementSlack;
+pub use self::bound::{RefinementSlack, boundary_slack};
 pub use self::scatter::Axes;
 
 /// The energy of centroidal Voronoi diagrams of points with D coordinates.
@@ -34,8 +34,6 @@ impl<const D: usize> Functional for Cvd<D>
 where
     Axes<D>: scatter::Products,
 {
-    const NAME: &'static str = "cvd";
-
     const NO_PROXY: [i32; D] = [0; D];
 
     /// A cost has a relative error below (D + 9)·2⁻²⁴: each conversion and operation adds 2⁻²⁴, and only integers are
@@ -43,10 +41,8 @@ where
     const ROUGH_MARGIN: f32 = 1.0 + (D + 16) as f32 / (1 << 22) as f32;
 
     type Item = Item<D>;
-    /// g.
+    /// g, or P.
     type Point = [i32; D];
-    /// P.
-    type Proxy = [i32; D];
     type Sums = ClusterSums<D>;
     type WideSums = wide::Sums<D>;
     type End = End<D>;
@@ -56,11 +52,6 @@ where
     #[inline]
     fn item(point: [i32; D], weight: u32) -> Item<D> {
         Item { point, weight }
-    }
-
-    #[inline]
-    fn proxy_at(point: [i32; D]) -> [i32; D] {
-        point
     }
 
     /// |g − P|².
@@ -159,11 +150,6 @@ where
         let square = |axis: usize| (centroid[axis] - proxy[axis]) * (centroid[axis] - proxy[axis]);
         area * (1..D).fold(square(0), |sum, axis| sum + square(axis))
     }
-
-    #[inline]
-    fn boundary_slack(own: u64, least_other: u64) -> u64 {
-        bound::boundary_slack(own, least_other)
-    }
 }
 
 /// The sums over the faces of a cluster.
@@ -231,10 +217,6 @@ where
             square += i64::from(proxy[axis]) * i64::from(proxy[axis]);
         }
         Some((proxy, 2 * along - i128::from(self.weight) * i128::from(square)))
-    }
-
-    fn point(&self) -> Option<[i32; D]> {
-        self.proxy()
     }
 
     #[inline]

@@ -6,11 +6,8 @@ use super::shape_kind::Kind as ShapeKind;
 
 /// The parts of an energy.
 pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
-    /// Its name in reports, and that of its file in `shaders/energy/`.
-    const NAME: &'static str;
-
     /// A proxy that is not read.
-    const NO_PROXY: Self::Proxy;
+    const NO_PROXY: Self::Point;
 
     /// [Rough](Self::rough_merge_cost) merge costs that differ by more than this factor are in the order of the packed
     /// ones.
@@ -18,10 +15,8 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
 
     /// What the energy sees of a face: a point and a weight.
     type Item: Copy + Debug + Send + Sync;
-    /// An item without its weight.
+    /// An item without its weight; and the proxy of a cluster, which faces are compared with.
     type Point: Copy + Debug + PartialEq + Send + Sync;
-    /// What stands for a cluster when a face is compared with it.
-    type Proxy: Copy + Debug + PartialEq + Send + Sync;
     /// The sums over the faces of a cluster.
     type Sums: Sums<Self>;
     /// The sums in 128 bits, as their definition reads: for the plain device.
@@ -36,11 +31,8 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     /// What the energy sees of a face.
     fn item(point: Self::Point, weight: u32) -> Self::Item;
 
-    /// The proxy that fits one point alone.
-    fn proxy_at(point: Self::Point) -> Self::Proxy;
-
     /// The cost of a face of weight 1 in a cluster; below 2⁵⁸.
-    fn cost(point: Self::Point, proxy: Self::Proxy) -> u64;
+    fn cost(point: Self::Point, proxy: Self::Point) -> u64;
 
     /// The share of a face in the part of the energy that no labels change, in units of its component.
     fn constant(item: Self::Item) -> i128;
@@ -63,7 +55,7 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     fn bid(gain: i64, weight: u32) -> u32;
 
     /// How far a proxy has moved, rounded down: a face's distances change by no more than 1 above that.
-    fn drift(from: Self::Proxy, to: Self::Proxy) -> u64;
+    fn drift(from: Self::Point, to: Self::Point) -> u64;
 
     /// The proxies of clusters in f64, from source positions: for reports, never for labels. Takes the point (in f64),
     /// the area and the label of each face; sums go in the order of the faces.
@@ -80,10 +72,6 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
         let proxies = Self::source_proxies(faces.clone(), clusters);
         faces.map(move |(at, area, label)| (label, Self::source_term(at, area, proxies[label as usize])))
     }
-
-    /// By how much proxies may drift, together, before a face that stays could want to move in the boundary phase.
-    /// Takes its cost in its own cluster and the least in another.
-    fn boundary_slack(own: u64, least_other: u64) -> u64;
 }
 
 /// Exact sums over the faces of a cluster.
@@ -101,13 +89,10 @@ pub trait Sums<E: Functional>: Copy + Debug + Default + PartialEq + Send + Sync 
     fn weight(&self) -> u64;
 
     /// The proxy that minimises the energy. None without faces.
-    fn proxy(&self) -> Option<E::Proxy>;
+    fn proxy(&self) -> Option<E::Point>;
 
     /// The proxy, and what it explains of the energy ([`LatticeEnergy`]) in units of the component. None without faces.
-    fn fit(&self) -> Option<(E::Proxy, i128)>;
-
-    /// The point of these faces as one face of a coarser graph. None without faces.
-    fn point(&self) -> Option<E::Point>;
+    fn fit(&self) -> Option<(E::Point, i128)>;
 
     /// What the proxy explains of the energy; nothing without faces.
     fn explained(&self) -> i128 {
@@ -122,7 +107,7 @@ pub trait Sums<E: Functional>: Copy + Debug + Default + PartialEq + Send + Sync 
     }
 
     /// What a merge cost reads of the cluster that has this proxy.
-    fn end(&self, proxy: E::Proxy) -> E::End;
+    fn end(&self, proxy: E::Point) -> E::End;
 
     /// The mean place of the faces, on the lattice.
     fn mean(&self) -> E::Position;
@@ -170,7 +155,7 @@ pub struct RoughEnd<E: Functional> {
     /// M.
     pub weight: f32,
     /// P.
-    pub proxy: E::Proxy,
+    pub proxy: E::Point,
 }
 
 /// A cluster as a bidding face sees it.

@@ -35,8 +35,8 @@ pub type ClusterSums = <Energy as Functional>::Sums;
 /// An energy whose numbers a gpu has as words.
 pub use self::shared::Words;
 
-/// By how much proxies may drift before a face could have a bid in refinement.
-pub use cvd::RefinementSlack;
+/// By how much proxies may drift before a face could move in the boundary phase, or have a bid in refinement.
+pub use cvd::{RefinementSlack, boundary_slack};
 
 /// Which words a face, sums and a proxy take on a gpu.
 pub use cvd::words;

@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use super::Geometry;
 use crate::mesh::Faces;
+use crate::surface::Rows;
 
 /// A mesh cut apart along the boundaries of its clusters.
 #[derive(Debug)]
@@ -27,19 +28,7 @@ impl Split {
     /// Cuts a mesh of `clusters` clusters apart; `labels` has one a face, each below `clusters`.
     pub fn new(geometry: &Geometry<'_>, labels: &[u32], clusters: usize) -> Self {
         let mesh = geometry.faces;
-        let mut face_starts = vec![0u32; clusters + 1];
-        for &label in labels {
-            face_starts[label as usize + 1] += 1;
-        }
-        for cluster in 0..clusters {
-            face_starts[cluster + 1] += face_starts[cluster];
-        }
-        let mut next = face_starts.clone();
-        let mut faces = vec![0u32; labels.len()];
-        for (face, &label) in labels.iter().enumerate() {
-            faces[next[label as usize] as usize] = face as u32;
-            next[label as usize] += 1;
-        }
+        let Rows { offsets: face_starts, items: faces } = Rows::grouped(labels, clusters);
 
         // the last vertex made of a point; one of an earlier cluster is below the start of this one
         const NONE: u32 = u32::MAX;

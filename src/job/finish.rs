@@ -17,6 +17,7 @@ use crate::hierarchy::stored::{Mask, Stored};
 use crate::report::{Energy, Report, Timings};
 use crate::surface::Surface;
 use crate::surface::figures::Figures;
+use crate::surface::lattice::COORDINATE_BITS;
 use crate::surface::of_faces::OfFaces;
 
 /// Makes the results of what a device gave.
@@ -138,7 +139,8 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
 fn out_of_range<E: OfFaces>(surface: &Surface<E>, energy: f64) -> Option<String> {
     /// Lengths below 2 to this power have energies that f64 cannot hold exactly.
     const SMALL: i32 = -240;
-    let exponent = surface.longest_side_exponent();
+    // log₂ of the longest side of the bounding box, rounded up
+    let exponent = COORDINATE_BITS + 1 - surface.frame().exponent;
     let what = if !energy.is_finite() {
         "too large for f64 and null"
     } else if energy < f64::MIN_POSITIVE && exponent < SMALL {

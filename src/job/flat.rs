@@ -56,7 +56,7 @@ pub(super) fn run_coarse<E: Functional>(
         let fast = || coarse.fast_labels(items, cancel);
         let (labels, ending) =
             relocation.labels(labels, device, fast, cheaper, &mut |phase, energy, moves, labels| {
-                run.add_row(phase, energy, moves, labels)
+                run.add_row(phase, energy, moves, labels);
             })?;
         clustering.labels = run.record.numbered_like_last(labels);
         if ending == Ending::WorkLimit {
@@ -98,10 +98,7 @@ impl<E: Functional> Coarse<E> {
                 let relocation = Relocation { graph: items, quality, pairs: self.spec.pairs(), cancel };
                 let cheaper = labels_of_cheaper(items, self.spec, viewer, cancel);
                 let fast = || self.fast_labels(items, cancel);
-                let on_change = &mut |_, _, _, labels: &[u32]| {
-                    show(items, viewer, labels);
-                    Ok(())
-                };
+                let on_change = &mut |_, _, _, labels: &[u32]| show(items, viewer, labels);
                 Ok(relocation.labels(run.labels, device, fast, cheaper, on_change)?.0)
             }
             None => Ok(run.labels),
@@ -269,16 +266,18 @@ impl<'a, E: Functional> Run<'a, E> {
     }
 
     /// Adds a row after the phases, and keeps the labels if they are wanted.
-    fn add_row(&mut self, phase: Phase, energy: LatticeEnergy, moves: u64, labels: &[u32]) -> Result<()> {
+    fn add_row(&mut self, phase: Phase, energy: LatticeEnergy, moves: u64, labels: &[u32]) {
         let number = self.iterations.rows.last().map_or(0, |row| row.iteration + 1);
         let row = run::Row { iteration: number, round: None, phase, energy, moves };
         let row = iteration(row, finite(self.job.items.energy(energy)), self.started);
         (self.on_row)(Row::Iteration(row.clone()));
         self.iterations.add(row);
         show(self.job.items, self.job.prepared.viewer.as_deref(), labels);
-        // clusters that move as a whole leave gaps between the numbers
-        self.record.offer_like_last(number, || numbers::compact(labels));
-        Ok(())
+        if self.record.wants(number) {
+            // clusters that move as a whole leave gaps between the numbers
+            let labels = self.record.numbered_like_last(numbers::compact(labels));
+            self.record.keep(number, labels);
+        }
     }
 
     fn ended(self, device: &dyn Device<E>, clustering: Clustering) -> Clustered {

@@ -241,7 +241,7 @@ fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
         degenerate_faces: counts.degenerate_faces,
         loose_faces: counts.loose_faces,
         duplicate_faces: counts.duplicate_faces,
-        feature_edges: surface.feature_edges(),
+        feature_edges: surface.features.len() as u64,
         parts,
     })
 }

@@ -197,7 +197,7 @@ impl Shaped {
 
     /// F in source units. It counts the squared distance of a triangle three times.
     fn energy(&self, energy: i128) -> f64 {
-        self.surface.source_of_lattice(energy as f64) / 3.0
+        self.surface.source_of_lattice(energy as f64, 0) / 3.0
     }
 
     /// Runs a job.
@@ -225,7 +225,9 @@ impl Shaped {
             if let Some(viewer) = prepared.viewer.as_ref().filter(|viewer| viewer.is_due()) {
                 viewer.show(self.surface.in_upload_order(labels));
             }
-            let Ok(()) = record.offer(number, || Ok::<_, std::convert::Infallible>(labels.to_vec()));
+            if record.wants(number) {
+                record.keep(number, labels.to_vec());
+            }
             number += 1;
         };
         let run::Clustering { initial, labels, shapes, energies, ending } =

@@ -59,6 +59,14 @@ pub struct PolygonMesh {
     pub adjusted: Adjusted,
 }
 
+impl PolygonMesh {
+    /// A mesh in one part, with nothing unusual.
+    pub fn of_one_part(format: Format, positions: Vec<[f64; 3]>, faces: Faces) -> Self {
+        let parts = vec![Part { faces: faces.len() as u64, ..Part::default() }];
+        Self { format, positions, faces, parts, warnings: Vec::new(), adjusted: Adjusted::default() }
+    }
+}
+
 /// What a reader changed or left out of a mesh.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Adjusted {

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::polygons::Polygons;
 use super::text::{self, Words, line_number, with_line_feeds};
-use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, ReadMesh, Source, without_mark};
+use super::{Format, Limits, Opened, PolygonMesh, ReadMesh, Source, without_mark};
 use crate::error::{Error, Quoted, Result};
 
 /// Bytes of a piece.
@@ -246,13 +246,8 @@ impl<'a> Rows<'a> {
         if self.unread > 0 {
             warnings.push(format!("lines after the last face were ignored: {}", self.unread));
         }
-        Ok(mesh(positions, faces, warnings).into())
+        Ok(PolygonMesh { warnings, ..PolygonMesh::of_one_part(Format::Off, positions, faces) }.into())
     }
-}
-
-fn mesh(positions: Vec<[f64; 3]>, faces: Faces, warnings: Vec<String>) -> PolygonMesh {
-    let parts = vec![Part { faces: faces.len() as u64, ..Part::default() }];
-    PolygonMesh { format: Format::Off, positions, faces, parts, warnings, adjusted: Adjusted::default() }
 }
 
 fn no_faces(vertices: u64) -> Error {

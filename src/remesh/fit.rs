@@ -17,7 +17,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::closest::{closest, point};
-use super::geometry::{Geometry, Rows};
+use super::geometry::Geometry;
+use crate::surface::Rows;
 
 /// Least squares run as often.
 const ROUNDS: usize = 2;
@@ -135,7 +136,7 @@ impl Nearest {
 impl Fit<'_> {
     /// Moves vertices. The first vertices are those of the cells.
     pub fn run(&self, positions: &mut [DVec3]) {
-        let cells = self.triangles_of_cells.len();
+        let cells = self.triangles_of_cells.count();
         let mut corners: Vec<(u32, u32)> = Vec::with_capacity(3 * self.triangles.len());
         for (triangle, vertices) in (0..).zip(self.triangles) {
             corners
@@ -163,7 +164,7 @@ impl Fit<'_> {
                 rows[cell].iter().map(|&(_, triangle)| Candidate::new(corners(triangle))).collect();
             let mut found = vec![Found::default(); around.len()];
             let mut bounds = vec![0.0; around.len()];
-            for &triangle in self.triangles_of_cells.row(cell) {
+            for &triangle in self.triangles_of_cells.of(cell as u32) {
                 let target = self.geometry.centroids[triangle as usize];
                 if let Some(Nearest { slot, weights, error, .. }) = Nearest::new(&around, &mut bounds, target) {
                     found[slot].add(scale * self.geometry.weights[triangle as usize], weights, error);

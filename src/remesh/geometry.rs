@@ -1,56 +1,9 @@
-//! What vertices are placed by: areas, centroids, normals and sizes of the triangles, and which triangles each cell
-//! has.
+//! What vertices are placed by: areas, centroids, normals and sizes of the triangles.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::complex::CutSurface;
-
-/// Rows of numbers, one row after the other.
-#[derive(Debug)]
-pub struct Rows {
-    begin: Vec<u32>,
-    items: Vec<u32>,
-}
-
-impl Rows {
-    /// Row r has the items i, ascending, for which `row_of` has r.
-    pub fn new(rows: usize, row_of: &[u32]) -> Self {
-        let mut begin = vec![0; rows + 1];
-        row_of.iter().for_each(|&row| begin[row as usize + 1] += 1);
-        for row in 0..rows {
-            begin[row + 1] += begin[row];
-        }
-        let mut next = begin.clone();
-        let mut items = vec![0; row_of.len()];
-        for (item, &row) in (0..).zip(row_of) {
-            let at = &mut next[row as usize];
-            items[*at as usize] = item;
-            *at += 1;
-        }
-        Self { begin, items }
-    }
-
-    /// Number of rows.
-    pub fn len(&self) -> usize {
-        self.begin.len() - 1
-    }
-
-    /// The items of all rows.
-    pub fn items(&self) -> &[u32] {
-        &self.items
-    }
-
-    /// Where a row is among the items of all rows.
-    pub fn range(&self, row: usize) -> std::ops::Range<usize> {
-        self.begin[row] as usize..self.begin[row + 1] as usize
-    }
-
-    /// The items of a row.
-    pub fn row(&self, row: usize) -> &[u32] {
-        &self.items[self.range(row)]
-    }
-}
 
 /// Area, centroid, unit normal and size of the triangles, in the frame of their surface.
 #[derive(Debug)]

@@ -42,10 +42,11 @@ use utoipa::ToSchema;
 use crate::complex::{Complex, CutSurface, check_labels};
 use crate::error::Result;
 use crate::mesh::PolygonMesh;
+use crate::surface::Rows;
 use cells::Cells;
 use dual::{Dual, dual};
 use fit::Fit;
-use geometry::{Geometry, Rows};
+use geometry::Geometry;
 use place::{Cloth, OnSurface};
 use points::Spot;
 
@@ -139,14 +140,14 @@ pub struct VertexCounts {
 /// Labels do not fit the mesh ([`check_labels`]), or the mesh is too large to number.
 pub fn remesh(mesh: &PolygonMesh, labels: &[u32], clusters: u64, placement: Placement) -> Result<Remesh> {
     check_labels(mesh, labels, clusters)?;
-    let of_clusters = Rows::new(clusters as usize, labels);
-    let surface = CutSurface::in_order(mesh, of_clusters.items().iter().copied())?;
+    let of_clusters = Rows::grouped(labels, clusters as usize);
+    let surface = CutSurface::in_order(mesh, of_clusters.items.iter().copied())?;
     drop(of_clusters);
     let halves = &surface.halves;
     let (geometry, mut cells) =
         rayon::join(|| Geometry::new(&surface), || Cells::pieces(halves, surface.labels(labels), clusters as usize));
     let crossing = cells.divide_into_disks(halves, &geometry);
-    let triangles_of_cells = Rows::new(cells.clusters.len(), &cells.of_triangle);
+    let triangles_of_cells = Rows::grouped(&cells.of_triangle, cells.clusters.len());
     let cloth = Cloth { surface: &surface, geometry: &geometry, triangles_of_cells: &triangles_of_cells };
     let complex = Complex::new(halves, &cells.of_triangle, &crossing);
 

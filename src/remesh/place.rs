@@ -6,9 +6,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::closest::{closest, point};
-use super::geometry::{Geometry, Rows};
+use super::geometry::Geometry;
 use super::quadric;
 use crate::complex::CutSurface;
+use crate::surface::Rows;
 
 /// Where the vertex of a cluster stands.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -40,7 +41,7 @@ impl Cloth<'_> {
     /// The vertex of each cell before anything is fitted; 0 without triangles.
     pub fn positions(&self, placement: Placement) -> Vec<DVec3> {
         let of_cell = |cell: usize| {
-            let triangles = self.triangles_of_cells.row(cell);
+            let triangles = self.triangles_of_cells.of(cell as u32);
             if triangles.is_empty() {
                 return DVec3::ZERO;
             }
@@ -51,13 +52,13 @@ impl Cloth<'_> {
                 Placement::Fit => quadric::minimum(self.surface, self.geometry, triangles, mean),
             }
         };
-        (0..self.triangles_of_cells.len()).into_par_iter().map(of_cell).collect()
+        (0..self.triangles_of_cells.count()).into_par_iter().map(of_cell).collect()
     }
 
     /// The nearest point of a cell's triangles. No triangle is nearer than its centroid less its reach, so most are not
     /// looked at.
     pub fn nearest(&self, cell: usize, to: DVec3) -> Option<OnSurface> {
-        let triangles = self.triangles_of_cells.row(cell);
+        let triangles = self.triangles_of_cells.of(cell as u32);
         let to_centroid = |triangle: u32| self.geometry.centroids[triangle as usize].distance_squared(to);
         let enough = triangles.iter().map(|&triangle| to_centroid(triangle)).fold(f64::INFINITY, f64::min).sqrt();
         let mut best = (f64::INFINITY, None);
@@ -87,11 +88,11 @@ impl Cloth<'_> {
     pub fn turn_back(&self, triangles: &[[u32; 3]], positions: &mut [DVec3], is_free: Option<&[bool]>) -> u64 {
         /// Times that a vertex goes half way back.
         const TURNS: usize = 5;
-        let cells = self.triangles_of_cells.len();
+        let cells = self.triangles_of_cells.count();
         let normal = |cell: usize| {
             let of_triangle =
                 |&triangle: &u32| self.geometry.weights[triangle as usize] * self.geometry.normals[triangle as usize];
-            self.triangles_of_cells.row(cell).iter().map(of_triangle).sum::<DVec3>().normalize_or_zero()
+            self.triangles_of_cells.of(cell as u32).iter().map(of_triangle).sum::<DVec3>().normalize_or_zero()
         };
         let normals: Vec<DVec3> = (0..cells).into_par_iter().map(normal).collect();
         let against = |positions: &[DVec3]| -> Vec<[u32; 3]> {
@@ -112,7 +113,7 @@ impl Cloth<'_> {
             vertices.dedup();
             for vertex in vertices.into_iter().map(|vertex| vertex as usize).filter(|&vertex| is_free[vertex]) {
                 let of_cell = || match vertex < cells {
-                    true => self.on_surface(vertex, self.geometry.mean(self.triangles_of_cells.row(vertex))),
+                    true => self.on_surface(vertex, self.geometry.mean(self.triangles_of_cells.of(vertex as u32))),
                     false => begin[vertex],
                 };
                 let home = *home[vertex].get_or_insert_with(of_cell);

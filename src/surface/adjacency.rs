@@ -29,7 +29,7 @@ pub struct Links<'a> {
     /// The inner half-edges of chains, sorted: the corner, and the faces before and after.
     chained: Vec<(u32, [u32; 2])>,
     /// Further links, both directions of each, sorted by face.
-    bridges: Vec<(u32, u32)>,
+    pub bridges: Vec<(u32, u32)>,
     /// Faces of edges that have more than two, maybe several times.
     crowded: Vec<u32>,
     /// Pairs of faces that share an edge and are not linked, since it is a feature.
@@ -115,11 +115,6 @@ impl<'a> Links<'a> {
             CHAINED => self.chain_at(corner as u32)[0],
             other => other,
         })
-    }
-
-    /// Further pairs of linked faces, both directions of each.
-    pub fn bridges(&self) -> &[(u32, u32)] {
-        &self.bridges
     }
 
     /// The faces before and after that of an inner half-edge of a chain.
@@ -224,8 +219,7 @@ impl<'a> Edges<'a> {
     /// Number of faces with two corners at one position.
     fn degenerate_faces(&self) -> u64 {
         if self.face_of_corner.is_empty() {
-            let is_degenerate = |&[a, b, c]: &[u32; 3]| u64::from((a == b) | (b == c) | (c == a));
-            return self.positions.as_chunks().0.iter().map(is_degenerate).sum();
+            return self.positions.as_chunks::<3>().0.iter().filter(|&corners| has_repeated(corners)).count() as u64;
         }
         (0..self.faces.len()).filter(|&face| has_repeated(self.corners(face))).count() as u64
     }

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::components::Component;
 use super::graph::DualGraph;
+use super::rows::Rows;
 use crate::energy::{Functional, Sums};
 
 /// No group yet.
@@ -42,20 +43,19 @@ impl<E: Functional> Coarse<E> {
 #[derive(Debug)]
 pub struct Grouping {
     group_of_face: Vec<u32>,
-    /// One past the last group of each component.
-    ends: Vec<u32>,
+    /// First group of each component, and one past the last.
+    offsets: Vec<u32>,
 }
 
 impl Grouping {
     /// Number of groups.
     pub fn groups(&self) -> u32 {
-        self.ends.last().copied().unwrap_or(0)
+        self.offsets.last().copied().unwrap_or(0)
     }
 
     /// Groups of each component.
     pub fn groups_of_components(&self) -> impl Iterator<Item = u32> + '_ {
-        let starts = std::iter::once(0).chain(self.ends.iter().copied());
-        self.ends.iter().zip(starts).map(|(end, start)| end - start)
+        self.offsets.windows(2).map(|ends| ends[1] - ends[0])
     }
 }
 
@@ -76,7 +76,7 @@ impl<E: Functional> DualGraph<E> {
     /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a
     /// single face. Groups are connected.
     pub fn grouped(&self, heaviest: &[u64]) -> Grouping {
-        let mut groups = Groups::new(self.faces());
+        let mut groups = Groups { group_of_face: vec![NONE; self.faces()], faces: Vec::new(), weights: Vec::new() };
         for (component, &heaviest) in self.components.iter().zip(heaviest) {
             // no face weighs more, either
             let heaviest = heaviest.min(1 << 31);
@@ -88,66 +88,45 @@ impl<E: Functional> DualGraph<E> {
 
     /// Connected groups, fewer than a number and each inside of a component, which are numbered anew.
     pub fn grouping(&self, mut group_of_face: Vec<u32>, groups: usize) -> Grouping {
-        number(&mut group_of_face, groups);
+        number_by_first_face(&mut group_of_face, groups);
         // a component's faces follow those of the ones before it, and so do its groups
-        let mut ends = Vec::with_capacity(self.components.len());
+        let mut offsets = vec![0];
+        let mut end = 0;
         for component in &self.components {
-            let first = ends.last().copied().unwrap_or(0);
-            ends.push(group_of_face[component.range()].iter().fold(first, |end, &group| end.max(group + 1)));
+            end = group_of_face[component.range()].iter().fold(end, |end, &group| end.max(group + 1));
+            offsets.push(end);
         }
-        Grouping { group_of_face, ends }
+        Grouping { group_of_face, offsets }
     }
 
     /// The graph whose faces are the groups.
     pub fn contracted(&self, grouping: Grouping) -> Coarse<E> {
         let groups = grouping.groups() as usize;
-        let Grouping { group_of_face, ends } = grouping;
-        // the faces of each group, one after the other
-        let mut first = vec![0u32; groups + 1];
-        for &group in &group_of_face {
-            first[group as usize + 1] += 1;
-        }
-        for group in 0..groups {
-            first[group + 1] += first[group];
-        }
-        let mut members = vec![0u32; self.faces()];
-        let mut next = first.clone();
-        for (face, &group) in group_of_face.iter().enumerate() {
-            members[next[group as usize] as usize] = face as u32;
-            next[group as usize] += 1;
-        }
-        let faces_of = |group: usize| &members[first[group] as usize..first[group + 1] as usize];
+        let Grouping { group_of_face, offsets } = grouping;
+        let faces = Rows::grouped(&group_of_face, groups);
         let runs: Vec<Run<E>> = (0..groups.div_ceil(RUN))
             .into_par_iter()
             .map(|run| {
                 let groups = run * RUN..((run + 1) * RUN).min(groups);
-                Run::of(self, &group_of_face, groups.map(|group| (group as u32, faces_of(group))))
+                Run::of(self, &group_of_face, groups.map(|group| (group as u32, faces.of(group as u32))))
             })
             .collect();
 
-        let starts = std::iter::once(0).chain(ends.iter().copied());
-        let components = self.components.iter().zip(ends.iter().zip(starts));
-        let components = components.map(|(component, (&end, first_face))| Component {
-            first_face,
-            faces: end - first_face,
+        let components = self.components.iter().zip(offsets.windows(2)).map(|(component, ends)| Component {
+            first_face: ends[0],
+            faces: ends[1] - ends[0],
             ..*component
         });
-        let mut graph = Self {
-            points: Vec::with_capacity(groups),
-            weights: Vec::with_capacity(groups),
-            neighbour_offsets: Vec::with_capacity(groups + 1),
-            neighbours: Vec::with_capacity(runs.iter().map(|run| run.neighbours.len()).sum()),
-            components: components.collect(),
-            moves: self.moves,
-        };
-        graph.neighbour_offsets.push(0);
+        let components = components.collect();
+        let (mut points, mut weights) = (Vec::with_capacity(groups), Vec::with_capacity(groups));
+        let mut pieces = Vec::with_capacity(runs.len());
         for run in runs {
-            let before = graph.neighbours.len() as u32;
-            graph.points.extend(run.points);
-            graph.weights.extend(run.weights);
-            graph.neighbour_offsets.extend(run.ends.into_iter().map(|end| before + end));
-            graph.neighbours.extend(run.neighbours);
+            points.extend(run.points);
+            weights.extend(run.weights);
+            pieces.push(run.rows);
         }
+        let Rows { offsets: neighbour_offsets, items: neighbours } = Rows::joined(pieces);
+        let graph = Self { points, weights, neighbour_offsets, neighbours, components, moves: self.moves };
         Coarse { graph, group_of_face }
     }
 }
@@ -156,10 +135,8 @@ impl<E: Functional> DualGraph<E> {
 struct Run<E: Functional> {
     points: Vec<E::Point>,
     weights: Vec<u32>,
-    /// Ascending for each group.
-    neighbours: Vec<u32>,
-    /// Where the neighbours of each group end.
-    ends: Vec<u32>,
+    /// Ascending for each group, without the end of the last.
+    rows: Rows,
 }
 
 impl<E: Functional> Run<E> {
@@ -171,8 +148,7 @@ impl<E: Functional> Run<E> {
         let mut run = Self {
             points: Vec::with_capacity(groups.len()),
             weights: Vec::with_capacity(groups.len()),
-            neighbours: Vec::with_capacity(6 * groups.len()),
-            ends: Vec::with_capacity(groups.len()),
+            rows: Rows { offsets: Vec::with_capacity(groups.len()), items: Vec::with_capacity(6 * groups.len()) },
         };
         let mut others = Vec::new();
         for (group, faces) in groups {
@@ -183,10 +159,10 @@ impl<E: Functional> Run<E> {
             }
             others.sort_unstable();
             others.dedup();
-            run.neighbours.extend(others.drain(..).filter(|&other| other != group));
-            run.ends.push(run.neighbours.len() as u32);
-            // every group has faces
-            run.points.extend(sums.point());
+            run.rows.offsets.push(run.rows.items.len() as u32);
+            run.rows.items.extend(others.drain(..).filter(|&other| other != group));
+            // a group, which has faces, lies where its proxy would
+            run.points.extend(sums.proxy());
             run.weights.push(sums.weight() as u32);
         }
         run
@@ -201,10 +177,6 @@ struct Groups {
 }
 
 impl Groups {
-    fn new(faces: usize) -> Self {
-        Self { group_of_face: vec![NONE; faces], faces: Vec::new(), weights: Vec::new() }
-    }
-
     /// Puts every face of a component into a group.
     fn form<E: Functional>(&mut self, graph: &DualGraph<E>, component: &Component, heaviest: u64) {
         for face in component.range() {
@@ -251,8 +223,8 @@ impl Groups {
     }
 }
 
-/// Numbers groups in the order of their first faces.
-fn number(group_of_face: &mut [u32], groups: usize) {
+/// Numbers groups, given by numbers below `groups`, in the order of their first faces.
+pub fn number_by_first_face(group_of_face: &mut [u32], groups: usize) {
     let mut number_of_group = vec![NONE; groups];
     let mut groups = 0;
     for group in group_of_face {
@@ -267,13 +239,10 @@ fn number(group_of_face: &mut [u32], groups: usize) {
 #[cfg(test)]
 mod tests {
     use super::Coarse;
-    use crate::dev::sample::{Sample, generate};
+    use crate::dev::sample::Sample;
     use crate::energy::Energy;
-    use crate::surface::{DualGraph, Surface};
-
-    fn surface(sample: Sample, faces: u64) -> Surface {
-        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
-    }
+    use crate::surface::DualGraph;
+    use crate::surface::tests::of_sample;
 
     /// Two groups are neighbours exactly if faces of them are; the neighbours of each come in order, each once.
     fn assert_neighbours_are_those_of_the_faces(graph: &DualGraph, coarse: &Coarse<Energy>) {
@@ -293,7 +262,7 @@ mod tests {
     #[test]
     fn groups_are_connected_light_and_keep_what_adds_up() {
         for (sample, faces) in [(Sample::Sphere, 2000), (Sample::Plane, 900), (Sample::Parts, 500)] {
-            let surface = surface(sample, faces);
+            let surface = of_sample(sample, faces);
             let heaviest: Vec<u64> = surface.components.iter().map(|component| component.weight / 12).collect();
             let coarse = surface.contracted(surface.grouped(&heaviest));
             let component_of_face = surface.component_of_face();
@@ -324,7 +293,7 @@ mod tests {
 
     #[test]
     fn nothing_is_grouped_that_would_be_too_heavy() {
-        let surface = surface(Sample::Sphere, 300);
+        let surface = of_sample(Sample::Sphere, 300);
         let coarse = surface.contracted(surface.grouped(&[1]));
         assert_eq!(coarse.group_of_face, (0..surface.faces() as u32).collect::<Vec<_>>());
         assert_eq!(coarse.graph.points, surface.points);

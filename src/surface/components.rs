@@ -44,7 +44,7 @@ pub fn label(faces: usize, links: &Links<'_>) -> Components {
     let mut sets = union_find::forest(faces, |face| {
         links.beside(face as usize).map(move |other| select_unpredictable(other < face, other, face))
     });
-    for &(face, other) in links.bridges() {
+    for &(face, other) in &links.bridges {
         union_find::join(&mut sets, face, other);
     }
     let (of_face, count) = union_find::numbered(sets);

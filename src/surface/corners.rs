@@ -9,7 +9,8 @@ use crate::mesh::{Faces, MeshView};
 /// Corners of all faces, internal order; corners at one place are one vertex.
 #[derive(Debug, Clone)]
 pub struct Corners {
-    faces: Faces,
+    /// The faces; their corners are numbers of vertices.
+    pub faces: Faces,
     positions: Vec<DVec3>,
 }
 
@@ -18,21 +19,6 @@ impl Corners {
     #[inline]
     pub fn of(&self, face: u32) -> &[u32] {
         self.faces.corners(face as usize)
-    }
-
-    /// Those of all faces.
-    pub fn count(&self) -> usize {
-        self.faces.all_corners().len()
-    }
-
-    /// Whether every face has three.
-    pub fn are_of_triangles(&self) -> bool {
-        self.faces.are_triangles()
-    }
-
-    /// Number of faces.
-    pub fn faces(&self) -> u32 {
-        self.faces.len() as u32
     }
 
     /// Number of vertices.

@@ -25,13 +25,6 @@ pub struct Wanted<'a> {
     pub curvature_exponent: Option<f64>,
 }
 
-impl Wanted<'_> {
-    /// Whether there is anything.
-    pub fn is_any(&self) -> bool {
-        self.weights.is_some() || self.curvature_exponent.is_some()
-    }
-}
-
 /// The density of every face, upload order.
 #[derive(Debug)]
 pub struct Density {
@@ -44,7 +37,7 @@ pub struct Density {
 impl Density {
     /// The density of a mesh, if there is one. Weights must be one a face or one a vertex, finite and above 0.
     pub fn of(mesh: MeshView<'_>, weld: &Weld, frame: &Frame, wanted: Wanted<'_>) -> Result<Option<Self>> {
-        if !wanted.is_any() {
+        if wanted == Wanted::default() {
             return Ok(None);
         }
         let mut density = match wanted.weights {

@@ -6,8 +6,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Surface;
-use super::lattice::{COORDINATE_BITS, PIECE};
+use super::lattice::PIECE;
 use super::of_faces::OfFaces;
+use crate::mesh::Frame;
 
 /// Figures of a clustering.
 #[derive(Debug, Clone, Copy)]
@@ -24,9 +25,9 @@ pub struct Figures {
 }
 
 impl<E: OfFaces> Surface<E> {
-    /// Log₂ of the longest side of the bounding box in source units, rounded up.
-    pub fn longest_side_exponent(&self) -> i32 {
-        COORDINATE_BITS + 1 - self.frame.exponent
+    /// The frame of the lattice.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
     }
 
     /// Energy of labels (internal order, each below `clusters`) in source units: Σ area·|point − P|² with P the
@@ -34,11 +35,6 @@ impl<E: OfFaces> Surface<E> {
     /// density where there is one.
     pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         self.in_source_units(self.lattice_energy(labels, clusters))
-    }
-
-    /// Number of feature edges. Each two linked faces count, of an edge of more than two.
-    pub fn feature_edges(&self) -> u64 {
-        self.features.len() as u64
     }
 
     /// Number of feature edges that have one cluster on both sides; labels in internal order.
@@ -53,11 +49,6 @@ impl<E: OfFaces> Surface<E> {
         let energy = self.lattice_energy(labels, clusters);
         let hexagon_ratio = self.tiling(clusters).map(|tiling| energy / tiling);
         Figures { energy: self.in_source_units(energy), hexagon_ratio, l21: self.l21(labels, clusters) }
-    }
-
-    /// A sum of weight × squared lattice length, in units of the finest component, in source units.
-    pub fn source_of_lattice(&self, energy: f64) -> f64 {
-        libm::ldexp(energy, self.units.weight_exponent - 2 * self.frame.exponent) * self.units.density
     }
 
     /// A length in lattice units, given its share of the diagonal of the bounding box for that in the source; at most

@@ -1,7 +1,7 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::components::Component;
-use crate::energy::{Energy, Functional};
+use crate::energy::{Energy, Functional, Sums};
 use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
@@ -72,6 +72,14 @@ impl<E: Functional> DualGraph<E> {
         E::item(self.points[face], self.weights[face])
     }
 
+    /// The sums over some faces.
+    #[inline]
+    pub fn sums_over(&self, faces: impl IntoIterator<Item = u32>) -> E::Sums {
+        let mut sums = E::Sums::default();
+        faces.into_iter().for_each(|face| sums.add_face(self.face(face as usize), 1));
+        sums
+    }
+
     /// Number of faces.
     pub fn faces(&self) -> usize {
         self.weights.len()
@@ -93,5 +101,14 @@ impl<E: Functional> DualGraph<E> {
             component_of_face[run.range()].fill(component as u32);
         }
         component_of_face
+    }
+
+    /// The component that each of so many clusters lies in.
+    pub fn component_of_cluster(&self, labels: &[u32], clusters: usize) -> Vec<u32> {
+        let mut component_of_cluster = vec![0; clusters];
+        for (component, run) in (0..).zip(&self.components) {
+            labels[run.range()].iter().for_each(|&label| component_of_cluster[label as usize] = component);
+        }
+        component_of_cluster
     }
 }

@@ -91,26 +91,21 @@ impl<E: Functional> Items<E> {
 
     /// F in source units (weight × length²), exact until this one conversion; infinite when f64 cannot hold it.
     pub fn energy(&self, energy: LatticeEnergy) -> f64 {
-        let lattice = (self.moment - energy.explained) as f64;
-        libm::ldexp(lattice, self.energy_exponent()) * self.units.density
+        self.source_of_lattice((self.moment - energy.explained) as f64, 0)
     }
 
-    /// Log₂ of an energy of 1 in source units, of the finest component.
-    fn energy_exponent(&self) -> i32 {
-        self.units.weight_exponent - 2 * self.units.exponent
-    }
-
-    /// The share of a face in the constant part of the energy, in units of its component.
-    pub fn moment_of(&self, face: u32) -> i128 {
-        E::constant(self.face(face as usize))
+    /// A sum of weight × squared lattice length in source units; of a component with this `energy_shift`.
+    pub fn source_of_lattice(&self, lattice: f64, energy_shift: u32) -> f64 {
+        let exponent = self.units.weight_exponent - 2 * self.units.exponent + energy_shift as i32;
+        libm::ldexp(lattice, exponent) * self.units.density
     }
 
     /// What becomes of two clusters of a component that merge. `moment` is the constant part of both.
     pub fn merged(&self, a: &E::Sums, b: &E::Sums, moment: i128, component: u32) -> Merged {
-        let shift = self.components[component as usize].energy_shift as i32;
+        let shift = self.components[component as usize].energy_shift;
         let mut sums = *a;
         sums.add(b, 1);
-        let energy = |lattice: i128| libm::ldexp(lattice as f64, self.energy_exponent() + shift) * self.units.density;
+        let energy = |lattice: i128| self.source_of_lattice(lattice as f64, shift);
         let position = self.units.source_position(sums.mean());
         let mut proxy = [0.0; 3];
         proxy.iter_mut().zip(position.as_ref()).for_each(|(to, from)| *to = *from);
@@ -118,7 +113,7 @@ impl<E: Functional> Items<E> {
             cost: energy(a.rise(b)),
             energy: energy(moment - sums.explained()),
             faces: sums.faces(),
-            weight: libm::ldexp(sums.weight() as f64, self.units.weight_exponent + shift) * self.units.density,
+            weight: libm::ldexp(sums.weight() as f64, self.units.weight_exponent + shift as i32) * self.units.density,
             proxy,
             shape: None,
         }

@@ -1,15 +1,12 @@
-//! From f64 to integers. `docs/arithmetic.md` has all bounds.
-//!
-//! Positions are centred on their bounding box and scaled by a power of two so that the box reaches 2²⁷ at most; a
-//! face's centroid is rounded to the nearest lattice point, its area × 2^exponent to the nearest integer, at least 1.
-//! The exponent is a component's own, so that a small part beside a large one keeps its resolution; exponents differ by
-//! 30 at most, so that energies of all components add up exactly in 128 bits.
+//! From f64 to integers: centroids become points of the lattice, areas weights. `docs/arithmetic.md` says how, and has
+//! all bounds.
 
 use std::ops::{Add, Div, Mul, Range, Sub};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::components::Component;
 use crate::mesh::{Frame, MeshView};
 use crate::power::factors;
 use crate::prefetch::{prefetch, with_lookahead};
@@ -244,18 +241,28 @@ pub fn round_centroid(centroid: DVec3) -> [i32; 3] {
     })
 }
 
-/// How areas become weights.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Scales {
-    /// Power of two between areas in lattice units and weights, one a component.
-    pub exponents: Vec<i32>,
-    /// The largest of them.
-    pub finest: i32,
+/// The weights of faces: the nearest integer to area × 2^exponent, at least 1. The components, given as runs of faces,
+/// with what they sum up to. The exponent of the component with the finest unit.
+pub fn weigh(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> (Vec<u32>, Vec<Component>, i32) {
+    let (exponents, finest) = exponents(&area, runs);
+    let mut weights = Vec::with_capacity(runs.last().map_or(0, |run| run.end));
+    let mut components = Vec::with_capacity(runs.len());
+    for (run, exponent) in runs.iter().zip(exponents) {
+        let [a, b] = factors(exponent);
+        weights.extend(run.clone().map(|face| ((area(face) * a * b + 0.5) as u32).max(1)));
+        components.push(Component {
+            first_face: run.start as u32,
+            faces: run.len() as u32,
+            weight: weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
+            energy_shift: (finest - exponent) as u32,
+        });
+    }
+    (weights, components, finest)
 }
 
-/// Chooses the exponent of each component, given as a run of faces. Exponents of C components differ by at most
-/// [`MAX_EXPONENT_SPREAD`] and 33 − ⌈log₂ C⌉: then Σ over all of M·2^`energy_shift` is below 2⁶⁷.
-pub fn scales(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> Scales {
+/// The power of two between areas and weights of each component, and the largest of them. Exponents of C components
+/// differ by at most [`MAX_EXPONENT_SPREAD`] and 33 − ⌈log₂ C⌉: then Σ over all of M·2^`energy_shift` is below 2⁶⁷.
+fn exponents(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> (Vec<i32>, i32) {
     let spread = MAX_EXPONENT_SPREAD.min(33 - runs.len().next_power_of_two().trailing_zeros() as i32);
     let wanted: Vec<Option<i32>> = runs
         .iter()
@@ -278,12 +285,6 @@ pub fn scales(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> Scal
     let allowed = coarsest + spread;
     let finest = wanted.iter().flatten().map(|&exponent| exponent.min(allowed)).max().unwrap_or(0);
     // a component without area gets the smallest unit: its faces weigh 1, as little as can be
-    let exponents = wanted.into_iter().map(|exponent| exponent.unwrap_or(finest).min(allowed)).collect();
-    Scales { exponents, finest }
-}
-
-/// The weights of areas in a component: the nearest integer to area × 2^exponent, at least 1.
-pub fn weight(exponent: i32) -> impl Fn(f64) -> u32 {
-    let [a, b] = factors(exponent);
-    move |area| ((area * a * b + 0.5) as u32).max(1)
+    let exponents = wanted.into_iter().map(|exponent| exponent.unwrap_or(finest).min(allowed));
+    (exponents.collect(), finest)
 }

@@ -1,7 +1,6 @@
 //! Loose faces: faces without area that shared edges connect with no face that has area. They are no items of the
-//! clustering, and each
-//! has the label of its *host*: the first face at one of its vertices, else the face with the nearest centroid among
-//! those beside it along the curve ([`NEAR`]).
+//! clustering, and each has the label of its *host*: the first face at one of its vertices, else the face with the
+//! nearest centroid among those beside it along the curve ([`NEAR`]).
 //!
 //! They have no extent, and as components they would take clusters of their own. Where a mesh has no other faces, none
 //! is loose.

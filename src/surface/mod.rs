@@ -3,13 +3,11 @@
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
 //! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become components
 //! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
-//! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours.
-//! Faces without area that share no edge are left out (`loose`).
-//! Where detail shall get smaller clusters, areas are first
-//! multiplied by a `density`, which may come from the `curvature`. [`points`] makes a surface whose items are the
-//! points of a triangle mesh in place of its faces. Everything up to the lattice is scalar f64 with + − × ÷ √ (and one
-//! power, from the `libm` crate) in a fixed order, so the result is the same on every machine and for any number of
-//! threads.
+//! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours. Faces without area
+//! that share no edge are left out (`loose`). Areas are first multiplied by a `density`, if there is one, which may
+//! come from the `curvature`. [`points`] makes a surface of the points of a triangle mesh in place of its faces.
+//! Everything up to the lattice is scalar f64 in a fixed order, so the result is the same on every machine and for any
+//! number of threads.
 //!
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!
@@ -40,7 +38,7 @@ mod seen;
 pub(crate) mod weld;
 
 pub use adjacency::{MOST_CORNERS, MOST_POSITIONS};
-pub use coarse::{Coarse, Grouping};
+pub use coarse::{Coarse, Grouping, number_by_first_face};
 pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
@@ -65,7 +63,7 @@ use adjacency::Links;
 use components::NO_COMPONENT;
 use density::Density;
 use features::Features;
-use lattice::{COORDINATE_BITS, FaceGeometry, PIECE, Scales};
+use lattice::{COORDINATE_BITS, FaceGeometry, PIECE};
 use of_faces::OfFaces as _;
 use weld::UNUSED;
 
@@ -96,8 +94,9 @@ pub struct Surface<E: Functional = Energy> {
     moment_inside_faces: Option<f64>,
     /// Whether areas are relative to a density.
     has_density: bool,
-    /// Pairs of faces at feature edges, internal numbers; [`NO_FACE`] of a loose one.
-    features: Vec<[u32; 2]>,
+    /// Pairs of faces at feature edges, internal numbers; [`NO_FACE`] of a loose one. An edge of more than two faces
+    /// has a pair for each two that follow each other.
+    pub features: Vec<[u32; 2]>,
 }
 
 impl Surface {
@@ -175,35 +174,33 @@ impl Surface {
         let runs = components.runs(&upload_face);
         drop(components);
         let internal = order::inverse(&upload_face, faces);
-        let rows = links.compressed(&upload_face, &internal);
+        let (rows, repeating) = links.compressed(&upload_face, &internal);
         let features: Vec<_> = links.features.iter().map(|pair| pair.map(|face| internal[face as usize])).collect();
-        counts.duplicate_faces = links.duplicates(&rows.repeating);
+        counts.duplicate_faces = links.duplicates(&repeating);
         // their memory is for the geometry
         drop((internal, links));
         let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
-        let scales = lattice::scales(|face| gathered.geometry[face].area, &runs);
         counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
-        let neighbours = (rows.offsets, rows.neighbours);
         let density_unit = density.map(|density| density.unit);
-        let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
+        let surface = Self::of(gathered, &runs, rows, upload_face, counts, frame, density_unit);
         Ok(Self { items: Items { loose, has_features: !features.is_empty(), ..surface.items }, features, ..surface })
     }
 
     /// Weighs the items that were gathered.
     fn of(
         gathered: Gathered,
-        (runs, scales): (&[Range<usize>], &Scales),
-        (neighbour_offsets, neighbours): (Vec<u32>, Vec<u32>),
+        runs: &[Range<usize>],
+        Rows { offsets: neighbour_offsets, items: neighbours }: Rows,
         upload_face: Vec<u32>,
         counts: Counts,
         frame: Frame,
         density_unit: Option<f64>,
     ) -> Self {
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
-        let (weights, components) = weigh(&geometry, runs, scales);
+        let (weights, components, exponent) = lattice::weigh(|face| geometry[face].area, runs);
         let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
         // areas are in squared lengths
-        let weight_exponent = -2 * frame.exponent - scales.finest;
+        let weight_exponent = -2 * frame.exponent - exponent;
         let units = Energy::units(&frame, weight_exponent, density_unit.unwrap_or(1.0));
         let items = Items::new(graph, upload_face, units);
         Self {
@@ -264,23 +261,6 @@ impl Gathered {
     }
 }
 
-/// The weights of the faces, internal order, and what they sum up to.
-fn weigh(geometry: &[FaceGeometry], runs: &[Range<usize>], scales: &Scales) -> (Vec<u32>, Vec<Component>) {
-    let mut weights = Vec::with_capacity(geometry.len());
-    let mut components = Vec::with_capacity(runs.len());
-    for (run, &exponent) in runs.iter().zip(&scales.exponents) {
-        let weight_of = lattice::weight(exponent);
-        weights.extend(geometry[run.clone()].iter().map(|face| weight_of(face.area)));
-        components.push(Component {
-            first_face: run.start as u32,
-            faces: run.len() as u32,
-            weight: weights[run.clone()].iter().map(|&weight| u64::from(weight)).sum(),
-            energy_shift: (scales.finest - exponent) as u32,
-        });
-    }
-    (weights, components)
-}
-
 impl<E: Functional> Deref for Surface<E> {
     type Target = Items<E>;
 
@@ -290,4 +270,4 @@ impl<E: Functional> Deref for Surface<E> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -10,7 +10,7 @@
 use super::components::Components;
 use super::density::{self, Wanted};
 use super::lattice::{self, COORDINATE_BITS, FaceGeometry};
-use super::rows::{Rows, symmetric};
+use super::rows::symmetric;
 use super::weld::{self, UNUSED, Weld};
 use super::{Counts, Gathered, Surface, bridge, order};
 use crate::error::{Error, Result};
@@ -84,16 +84,13 @@ impl OfPoints {
         let gather = || {
             let geometry: Vec<FaceGeometry> = upload_face.iter().map(|&item| geometry[item as usize]).collect();
             let points = geometry.iter().map(|item| lattice::round_centroid(item.centroid)).collect();
-            let gathered = Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0 };
-            let scales = lattice::scales(|item| gathered.geometry[item].area, &runs);
-            (gathered, scales)
+            Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0 }
         };
         let of_items = || edges(triangles).chain(bridges.iter().copied());
         let internal = || of_items().map(|(a, b)| (internal[a as usize], internal[b as usize]));
-        let (Rows { offsets, neighbours }, (gathered, scales)) = rayon::join(|| symmetric(items, internal), gather);
-        let neighbours = (offsets, neighbours);
+        let (rows, gathered) = rayon::join(|| symmetric(items, internal), gather);
         let density_unit = weights.map(|weights| weights.largest);
-        let surface = Surface::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
+        let surface = Surface::of(gathered, &runs, rows, upload_face, counts, frame, density_unit);
         Self { surface, item_of_point: weld.position_of_vertex }
     }
 }

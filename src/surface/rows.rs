@@ -1,20 +1,55 @@
-//! Neighbours as compressed rows, made of edges.
+//! Compressed rows: lists of numbers, one list after the other.
 
-/// The neighbours of each item.
+/// Rows of numbers, such as the neighbours of each item.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Rows {
-    /// First neighbour of each item in `neighbours`, and one past the last: items + 1 numbers.
+    /// Where each row begins in `items`, and the end of the last: rows + 1 numbers.
     pub offsets: Vec<u32>,
-    /// Neighbours, those of an item one after the other.
-    pub neighbours: Vec<u32>,
+    /// The numbers of all rows.
+    pub items: Vec<u32>,
 }
 
 impl Rows {
-    /// The neighbours of an item.
+    /// The numbers of a row.
     #[inline]
-    pub fn of(&self, item: u32) -> &[u32] {
-        let item = item as usize;
-        &self.neighbours[self.offsets[item] as usize..self.offsets[item + 1] as usize]
+    pub fn of(&self, row: u32) -> &[u32] {
+        let row = row as usize;
+        &self.items[self.offsets[row] as usize..self.offsets[row + 1] as usize]
+    }
+
+    /// How many rows there are.
+    pub fn count(&self) -> usize {
+        self.offsets.len() - 1
+    }
+
+    /// Row r has the items i, ascending, for which `row_of` has r, a number below `rows`.
+    pub(crate) fn grouped(row_of: &[u32], rows: usize) -> Self {
+        let mut offsets = vec![0; rows + 1];
+        row_of.iter().for_each(|&row| offsets[row as usize + 1] += 1);
+        (0..rows).for_each(|row| offsets[row + 1] += offsets[row]);
+        let mut next = offsets.clone();
+        let mut items = vec![0; row_of.len()];
+        for (item, &row) in (0..).zip(row_of) {
+            let at = &mut next[row as usize];
+            items[*at as usize] = item;
+            *at += 1;
+        }
+        Self { offsets, items }
+    }
+
+    /// The rows of pieces, one after the other. The offsets of a piece lack the end of its last row.
+    pub(crate) fn joined(pieces: Vec<Self>) -> Self {
+        let mut rows = Self {
+            offsets: Vec::with_capacity(pieces.iter().map(|piece| piece.offsets.len()).sum::<usize>() + 1),
+            items: Vec::with_capacity(pieces.iter().map(|piece| piece.items.len()).sum()),
+        };
+        for piece in pieces {
+            let first = rows.items.len() as u32;
+            rows.offsets.extend(piece.offsets.iter().map(|offset| first + offset));
+            rows.items.extend(piece.items);
+        }
+        rows.offsets.push(rows.items.len() as u32);
+        rows
     }
 }
 
@@ -54,5 +89,5 @@ pub fn symmetric<E: Iterator<Item = (u32, u32)>>(items: usize, edges: impl Fn() 
     offsets[items] = kept as u32;
     neighbours.truncate(kept);
     neighbours.shrink_to_fit();
-    Rows { offsets, neighbours }
+    Rows { offsets, items: neighbours }
 }

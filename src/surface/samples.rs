@@ -73,6 +73,7 @@ impl Samples {
 impl Surface {
     /// Samples of faces with these corners, on a surface with normals.
     pub fn samples(&self, corners: &Corners) -> Samples {
+        let faces = corners.faces.len() as u32;
         let of_face = |face: u32| {
             let vertices = corners.of(face);
             let count = vertices.len().min(MOST);
@@ -82,14 +83,14 @@ impl Surface {
                 round_centroid((ends[0] + ends[1]) / 2.0)
             })
         };
-        let offsets = (!corners.are_of_triangles()).then(|| {
-            let ends = (0..corners.faces()).scan(0, |sum, face| {
+        let offsets = (!corners.faces.are_triangles()).then(|| {
+            let ends = (0..faces).scan(0, |sum, face| {
                 *sum += corners.of(face).len().min(MOST) as u32;
                 Some(*sum)
             });
             std::iter::once(0).chain(ends).collect::<Vec<u32>>()
         });
-        let points = (0..corners.faces()).into_par_iter().flat_map_iter(of_face).collect();
+        let points = (0..faces).into_par_iter().flat_map_iter(of_face).collect();
         let normals = self
             .normals
             .par_iter()
@@ -101,10 +102,5 @@ impl Surface {
     pub fn area_normal_and_place(&self, face: u32) -> (f64, DVec3, DVec3) {
         let geometry = &self.geometry[face as usize];
         (geometry.area, self.normal(face as usize) * geometry.area, geometry.centroid)
-    }
-
-    /// The frame of the lattice.
-    pub fn frame(&self) -> &crate::mesh::Frame {
-        &self.frame
     }
 }

@@ -1,18 +1,28 @@
+//! Tests of surfaces.
+
+use std::collections::BTreeSet;
+
 use super::*;
+use crate::dev::sample::{Sample, generate};
 use crate::energy::cvd::wide;
 use crate::energy::{LatticeEnergy, WideSums};
-use crate::mesh::{Adjusted, Faces, Format, Part};
+use crate::mesh::{Faces, Format};
 
 fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     let mut all = Faces::default();
     faces.iter().for_each(|corners| all.push(corners));
-    mesh_of(positions.to_vec(), all)
+    PolygonMesh::of_one_part(Format::Obj, positions.to_vec(), all)
 }
 
-fn mesh_of(positions: Vec<[f64; 3]>, faces: Faces) -> PolygonMesh {
-    let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
-    let (warnings, adjusted) = (Vec::new(), Adjusted::default());
-    PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted }
+/// The surface of a sample.
+pub(crate) fn of_sample(sample: Sample, faces: u64) -> Surface {
+    Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
+}
+
+/// Every cluster has faces, and all of them lie in its component.
+pub(crate) fn assert_clusters_lie_in(graph: &DualGraph, labels: &[u32], component_of_cluster: &[u32]) {
+    let found: BTreeSet<(u32, u32)> = labels.iter().copied().zip(graph.component_of_face()).collect();
+    assert_eq!(found, (0..).zip(component_of_cluster.iter().copied()).collect());
 }
 
 const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -152,7 +162,7 @@ fn small_components_keep_their_resolution() {
 
 #[test]
 fn the_lattice_energy_is_the_energy_from_the_source() {
-    let mesh = crate::dev::sample::generate(crate::dev::sample::Sample::Knot, 2000).expect("a sample");
+    let mesh = generate(Sample::Knot, 2000).expect("a sample");
     let mut ratios = Vec::new();
     for (scale, power) in [(1.0, 0), (libm::ldexp(1.0, -300), -300), (libm::ldexp(1.0, 270), 270)] {
         let mut mesh = mesh.clone();
@@ -208,7 +218,7 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
             }
         }
     }
-    let surface = Surface::build(&mesh_of(positions, faces)).expect("a surface");
+    let surface = Surface::build(&PolygonMesh::of_one_part(Format::Obj, positions, faces)).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let ratio = surface.figures(&internal, 3).hexagon_ratio.expect("most of the energy is visible");
     assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
@@ -222,7 +232,7 @@ fn bridged(mesh: &PolygonMesh) -> Surface {
 
 #[test]
 fn bridges_join_every_component_once_and_near_ones_first() {
-    let mesh = crate::dev::sample::generate(crate::dev::sample::Sample::Parts, 1000).expect("a sample");
+    let mesh = generate(Sample::Parts, 1000).expect("a sample");
     let plain = Surface::build(&mesh).expect("a surface");
     let whole = bridged(&mesh);
     let parts = plain.components.len();
@@ -238,7 +248,7 @@ fn bridges_join_every_component_once_and_near_ones_first() {
         positions.extend(SQUARE.map(|p| [p[0] + 3.0 * f64::from(part), p[1], p[2]]));
         faces.push(&[0, 1, 2, 3].map(|corner| corner + 4 * part));
     }
-    let line = bridged(&mesh_of(positions, faces));
+    let line = bridged(&PolygonMesh::of_one_part(Format::Obj, positions, faces));
     let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);
 }
@@ -249,11 +259,8 @@ fn energies_of_many_components_add_up() {
         let runs: Vec<_> = (0..components).map(|run| run..run + 1).collect();
         // the last component has next to no area
         let area = |face: usize| if face + 1 == components { 1e-30 } else { 1e12 };
-        let Scales { exponents, finest } = lattice::scales(area, &runs);
-        let weights = exponents.iter().enumerate().map(|(face, &exponent)| {
-            let weight = u128::from(lattice::weight(exponent)(area(face)));
-            weight << (finest - exponent)
-        });
-        assert!(weights.sum::<u128>() < 1 << 67, "{components}");
+        let (_, weighed, _) = lattice::weigh(area, &runs);
+        let sums = weighed.iter().map(|component| u128::from(component.weight) << component.energy_shift);
+        assert!(sums.sum::<u128>() < 1 << 67, "{components}");
     }
 }

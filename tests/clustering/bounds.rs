@@ -86,10 +86,7 @@ fn clustered(surface: &Surface, clusters: u64, quality: Quality) -> (Vec<u32>, u
     let relocation = Relocation { graph: surface, quality, pairs: Pairs::CheaperHalf, cancel: &cancel };
     let flat = || fast::labels(surface, clusters, 0, &cancel);
     let cheaper = std::iter::empty();
-    let labels = relocation.labels(run.expect("a run").labels, device, flat, cheaper, &mut |_, _, _, _| {
-        rows += 1;
-        Ok(())
-    });
+    let labels = relocation.labels(run.expect("a run").labels, device, flat, cheaper, &mut |_, _, _, _| rows += 1);
     (labels.expect("labels").0, rows)
 }
 

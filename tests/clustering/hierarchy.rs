@@ -249,8 +249,7 @@ fn at_levels_clusters_move_to_other_components_and_cuts_follow() {
         let mut labels = vec![0; internal.len()];
         cut.labels.iter().zip(&internal).for_each(|(&label, &face)| labels[face as usize] = label);
         assert_eq!(disconnected_clusters(&surface, level as usize, &labels), 0);
-        let mut component_of_cluster = vec![0; level as usize];
-        labels.iter().zip(&component_of_face).for_each(|(&label, &at)| component_of_cluster[label as usize] = at);
+        let component_of_cluster = surface.component_of_cluster(&labels, level as usize);
         assert_eq!(energy(&moved).explained, plain::explained(&surface, &component_of_cluster, &labels), "{level}");
         let shares = |outcome: &Outcome| {
             let mut shares: Vec<(u32, u32)> = outcome

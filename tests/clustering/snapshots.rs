@@ -41,10 +41,7 @@ fn energy(prepared: &Prepared, labels: &[u32]) -> f64 {
     let surface = prepared.subject.mesh().expect("a mesh");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let clusters = internal.iter().max().map_or(0, |&label| label as usize + 1);
-    let mut component_of_cluster = vec![0; clusters];
-    for (number, component) in surface.components.iter().enumerate() {
-        component.range().for_each(|face| component_of_cluster[internal[face] as usize] = number as u32);
-    }
+    let component_of_cluster = surface.component_of_cluster(&internal, clusters);
     surface.energy(LatticeEnergy { explained: plain::explained(surface, &component_of_cluster, &internal) })
 }
 

@@ -100,7 +100,7 @@ fn energies_of_rounds_are_those_of_their_cuts_from_scratch() {
                         best.energy - prices[0].of_kind(best.kind)
                     };
                     let energy: f64 = members(&internal, clusters, |_| true).iter().map(of).sum();
-                    surface.source_of_lattice(energy * 4096.0) / 3.0
+                    surface.source_of_lattice(energy * 4096.0, 0) / 3.0
                 };
                 let tree = tree(&outcome);
                 let last = tree.rounds.last().expect("a round").energy;

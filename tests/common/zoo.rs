@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
 use tesserae_mesh::dev::sample::{Sample, generate};
-use tesserae_mesh::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
+use tesserae_mesh::mesh::{Faces, Format, PolygonMesh};
 
 /// Whether sweeps are as long as `make test-long` makes them, in place of shorter ones.
 pub fn is_long() -> bool {
@@ -17,15 +17,7 @@ pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     for corners in faces {
         all.push(corners);
     }
-    let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
-    PolygonMesh {
-        format: Format::Obj,
-        positions: positions.to_vec(),
-        faces: all,
-        parts,
-        warnings: Vec::new(),
-        adjusted: Adjusted::default(),
-    }
+    PolygonMesh::of_one_part(Format::Obj, positions.to_vec(), all)
 }
 
 /// A mesh of triangles between points at random: non-manifold edges, duplicates and slivers galore.

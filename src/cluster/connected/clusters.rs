@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::connection::Connection;
 use super::totals::Totals;
 use crate::device::Ending;
+use crate::device::dual_edge::from_into;
 use crate::energy::{Bounds, Functional, LatticeEnergy, Sums};
 use crate::surface::DualGraph;
 
@@ -164,11 +165,11 @@ impl<'a, E: Functional> Clusters<'a, E> {
         })
     }
 
-    /// Merges two neighbouring clusters. The one with fewer faces (the larger number of equal ones) becomes part of the
-    /// other, and its number free. Returns the other.
+    /// Merges two neighbouring clusters, in the order of [`from_into`]. The number of the first gets free. Returns the
+    /// other.
     pub fn merge(&mut self, a: u32, b: u32) -> u32 {
-        let size = |cluster: u32| self.faces(cluster).len();
-        let (into, from) = if size(a) > size(b) || (size(a) == size(b) && a < b) { (a, b) } else { (b, a) };
+        let pair @ (low, high) = (a.min(b), a.max(b));
+        let (from, into) = from_into(pair, [low, high].map(|cluster| self.faces(cluster).len() as u32));
         let faces = self.faces(from).to_vec();
         self.relabel(faces.into_iter().map(|face| (face, into)));
         into

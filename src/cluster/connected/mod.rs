@@ -7,8 +7,8 @@
 //!
 //! Where a piece lowers F in the cluster that it was cut from, phases and repairs would repeat without end. So after
 //! [`REPAIRS`] of them faces move one after the other, each only where F falls and its cluster stays connected
-//! ([`mod@settle`] has the definition and the proof). That includes the moves of the boundary phase:
-//! a face that is nearer to another proxy has a positive gain.
+//! ([`mod@settle`] has the definition). That includes the moves of the boundary phase: a face that is nearer to another
+//! proxy has a positive gain.
 //!
 //! Where [`Moves`] are connected, that is all there is, from the start: no free phase. Labels that come in pieces, as
 //! teleports and references make them, are repaired before or after.

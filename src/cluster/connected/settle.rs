@@ -8,10 +8,8 @@
 //! exactly, and its cluster is seen to stay connected ([`super::connection`]). Passes end with one in which nothing
 //! moves, or where the clusters have [no work left](Clusters::spend).
 //!
-//! F is an integer that falls with every move. Clusters stay connected: none loses a face that it needs, and each gains
-//! only neighbouring faces. None gets empty: a face that is alone in its cluster does not move.
-//!
-//! As code: [`crate::device::plain::ConnectedMoves`]. `docs/uneven.md` says why a detour or a search is enough.
+//! As code: [`crate::device::plain::ConnectedMoves`]. `docs/uneven.md` says why clusters stay connected, why none gets
+//! empty and why passes end.
 
 use std::cmp::Reverse;
 
@@ -138,12 +136,12 @@ fn best_move<E: Functional>(clusters: &Clusters<'_, E>, face: u32) -> Option<u32
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dev::sample::{Sample, generate};
-    use crate::surface::Surface;
+    use crate::dev::sample::Sample;
+    use crate::surface::tests::of_sample;
 
     #[test]
     fn boundary_faces_are_the_same_along_lists_and_among_all() {
-        let surface = Surface::build(&generate(Sample::Parts, 20_000).expect("a mesh")).expect("a surface");
+        let surface = of_sample(Sample::Parts, 20_000);
         let labels = (0..surface.faces() as u32).map(|face| face / 300).collect();
         let clusters = Clusters::new(&surface, labels);
         let all = clusters.numbers();

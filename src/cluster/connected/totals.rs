@@ -11,7 +11,7 @@ pub struct Totals<E: Functional> {
     /// The part of F that no labels change.
     constant: i128,
     /// The proxy, and what it explains ([`Sums::fit`]).
-    pub fit: (E::Proxy, i128),
+    pub fit: (E::Point, i128),
     /// The `energy_shift` of its component.
     pub shift: u32,
 }

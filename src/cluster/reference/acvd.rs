@@ -114,7 +114,7 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
             now: 1,
         };
         for face in 0..items.faces() as u32 {
-            queries.queue_edges(face, |low, high| low < high);
+            queries.queue_edges(face);
         }
         queries
     }
@@ -168,18 +168,15 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
         self.now += 1;
         self.changed_at[a as usize] = self.now;
         self.changed_at[b as usize] = self.now;
-        self.queue_edges(face, |_, _| true);
+        self.queue_edges(face);
         true
     }
 
-    /// Queues the boundary edges of a face for which `wanted(face, neighbour)`.
-    fn queue_edges(&mut self, face: u32, wanted: impl Fn(u32, u32) -> bool) {
+    /// Queues the boundary edges of a face.
+    fn queue_edges(&mut self, face: u32) {
         let items = self.items;
         let first = items.neighbour_offsets[face as usize];
         for (at, &near) in items.neighbours_of(face).iter().enumerate() {
-            if !wanted(face, near) {
-                continue;
-            }
             let edge = match face < near {
                 true => Some(Edge { low: face, place: first + at as u32 }),
                 // the same edge, seen from the other face

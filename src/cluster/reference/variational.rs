@@ -29,7 +29,7 @@ use crate::cluster::run::{Phase, Row};
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::device::{Cancel, Ending, FREE};
 use crate::energy::Functional;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::surface::Items;
 
 /// Faces between checks for cancellation.
@@ -45,17 +45,18 @@ pub fn variational<E: Functional>(
     on_row: &mut dyn FnMut(Row),
     record: &mut Record,
 ) -> Result<Clustering> {
-    let row = |iteration: u32, clusters: &Clusters<'_, E>, moves: u64| {
-        let energy = clusters.energy();
-        Row { iteration, round: None, phase: Phase::Regrow, energy, moves }
-    };
     let point = |face: u32| items.points[face as usize];
     let seed = |cluster: u32| seeds.face_of_cluster[cluster as usize];
-    let from_seed = |face: u32, cluster: u32| E::cost(point(face), E::proxy_at(point(seed(cluster))));
+    let from_seed = |face: u32, cluster: u32| E::cost(point(face), point(seed(cluster)));
     let initial = flood(items, from_seed, &seeds.face_of_cluster, cancel)?;
     let mut best = Clusters::new(items, initial.clone());
-    on_row(row(0, &best, 0));
-    record.offer(0, || Ok::<_, Error>(best.labels().to_vec()))?;
+    let mut report = |iteration: u32, clusters: &Clusters<'_, E>, moves: usize| {
+        on_row(Row { iteration, round: None, phase: Phase::Regrow, energy: clusters.energy(), moves: moves as u64 });
+        if record.wants(iteration) {
+            record.keep(iteration, clusters.labels().to_vec());
+        }
+    };
+    report(0, &best, 0);
     for iteration in 1..=options.max_iterations.unwrap_or(u32::MAX) {
         let from_proxy = |face: u32, cluster: u32| E::cost(point(face), best.totals(cluster).fit.0);
         let next = Clusters::new(items, flood(items, from_proxy, &central_faces(&best, from_proxy), cancel)?);
@@ -64,8 +65,7 @@ pub fn variational<E: Functional>(
         }
         let moves = next.labels().iter().zip(best.labels()).filter(|(new, old)| new != old).count();
         best = next;
-        on_row(row(iteration, &best, moves as u64));
-        record.offer(iteration, || Ok::<_, Error>(best.labels().to_vec()))?;
+        report(iteration, &best, moves);
     }
     Ok(Clustering { initial, labels: best.labels().to_vec(), ending: Ending::IterationLimit })
 }

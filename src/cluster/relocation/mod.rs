@@ -79,7 +79,7 @@ const MOST_ROUNDS: usize = 60;
 const FACES_IN_ROUNDS: usize = 4_000_000;
 
 /// Called with each change of the clusters: its kind, F after it, faces that moved, and their labels.
-pub type OnChange<'a> = &'a mut dyn FnMut(Phase, LatticeEnergy, u64, &[u32]) -> Result<()>;
+pub type OnChange<'a> = &'a mut dyn FnMut(Phase, LatticeEnergy, u64, &[u32]);
 
 /// A relocation: what it works with.
 pub struct Relocation<'a, E: Functional> {
@@ -121,7 +121,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         if self.quality != Quality::Fast {
             let fast = fast()?;
             let mut other = Offers::new(self.graph, fast.clone());
-            swap::swap(&mut other, self.cancel, |_| Ok(()))?;
+            swap::swap(&mut other, self.cancel, |_| {})?;
             run.mix_in(Phase::FastStart, other)?;
             run.mix_in_start(Phase::SettledStart, fast)?;
         }
@@ -135,7 +135,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
         if tries_more {
             run.relax_and_breathe()?;
         }
-        Ok((numbers::compact(run.best.clusters.labels()), run.best.clusters.ending()))
+        Ok(run.ended())
     }
 
     /// Swaps, trials and breaths from labels of a hierarchy, mixed with a flat start, which `flat` computes where it is
@@ -156,19 +156,18 @@ impl<'a, E: Functional> Relocation<'a, E> {
             }
             run.relax_and_breathe()?;
         }
-        Ok(numbers::compact(run.best.clusters.labels()))
+        Ok(run.ended().0)
     }
 
     /// Labels after all clusters have settled and made swaps until none pays; on few faces, after trials and breaths,
     /// too. Also returns whether a bound on work ended that.
     pub fn improved(&self, labels: Vec<u32>) -> Result<(Vec<u32>, Ending)> {
-        let mut run =
-            Improvement { of: self, best: Offers::new(self.graph, labels), on_change: &mut |_, _, _, _| Ok(()) };
+        let mut run = Improvement { of: self, best: Offers::new(self.graph, labels), on_change: &mut |_, _, _, _| {} };
         settle_and_swap(&mut run.best, self.cancel)?;
         if self.graph.faces() <= FEW_IN_ALL {
             run.relax_and_breathe()?;
         }
-        Ok((numbers::compact(run.best.clusters.labels()), run.best.clusters.ending()))
+        Ok(run.ended())
     }
 
     /// Whether bounds show that no swap pays, and nothing else is worth it.
@@ -182,7 +181,7 @@ impl<'a, E: Functional> Relocation<'a, E> {
 
     /// Whether trials and breaths are worth it.
     fn tries_more(&self, clusters: usize, has_paid: bool) -> bool {
-        let is_small = self.is_small();
+        let is_small = self.graph.faces() <= SMALL;
         match self.quality {
             Quality::Fast => false,
             Quality::Default if is_small && clusters <= FEW_CLUSTERS => true,
@@ -190,10 +189,6 @@ impl<'a, E: Functional> Relocation<'a, E> {
             Quality::Best if is_small => true,
             Quality::Default | Quality::Best => has_paid || effective_faces(self.graph) < FEW_FACES * clusters,
         }
-    }
-
-    fn is_small(&self) -> bool {
-        self.graph.faces() <= SMALL
     }
 }
 
@@ -213,6 +208,11 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
         let fall = run.best.clusters.energy().explained - before;
         let has_paid = fall > 0 && fall > run.best.clusters.total() / 1000;
         Ok((run, has_paid))
+    }
+
+    /// The labels, and whether a bound on work cut steps short.
+    fn ended(&self) -> (Vec<u32>, Ending) {
+        (numbers::compact(self.best.clusters.labels()), self.best.clusters.ending())
     }
 
     fn swap(&mut self) -> Result<()> {
@@ -237,7 +237,10 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
                 }
             }
         }
-        if best.clusters.energy() > before { report(phase, &mut best.clusters, on_change) } else { Ok(()) }
+        if best.clusters.energy() > before {
+            report(phase, &mut best.clusters, on_change);
+        }
+        Ok(())
     }
 
     /// The same with another start, settled and after its own swaps.
@@ -253,7 +256,7 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
             if trial::round(&mut self.best, self.of.cancel)? == 0 {
                 break;
             }
-            report(Phase::Trial, &mut self.best.clusters, self.on_change)?;
+            report(Phase::Trial, &mut self.best.clusters, self.on_change);
             self.swap()?;
         }
         Ok(())
@@ -263,14 +266,14 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
     fn relax_and_breathe(&mut self) -> Result<()> {
         let (turns, rounds) = match self.of.quality {
             Quality::Best => (1, (FACES_IN_ROUNDS / self.of.graph.faces()).clamp(TRIALS, MOST_ROUNDS)),
-            Quality::Default | Quality::Fast => (if self.of.is_small() { MORE_TURNS } else { TURNS }, 1),
+            Quality::Default | Quality::Fast => (if self.of.graph.faces() <= SMALL { MORE_TURNS } else { TURNS }, 1),
         };
         let mut depth = breathe::FIRST;
         for _ in 0..turns {
             self.relax(rounds)?;
             for _ in 0..rounds {
                 if breathe(&mut self.best, &mut depth, self.of.cancel)? {
-                    report(Phase::Breathe, &mut self.best.clusters, self.on_change)?;
+                    report(Phase::Breathe, &mut self.best.clusters, self.on_change);
                 }
             }
         }
@@ -295,12 +298,12 @@ fn effective_faces<E: Functional>(graph: &DualGraph<E>) -> usize {
 fn settle_and_swap<E: Functional>(offers: &mut Offers<'_, E>, cancel: &Cancel) -> Result<()> {
     let all = offers.clusters.numbers().collect();
     settle(&mut offers.clusters, all, u32::MAX, cancel)?;
-    swap::swap(offers, cancel, |_| Ok(()))
+    swap::swap(offers, cancel, |_| {})
 }
 
-fn report<E: Functional>(phase: Phase, clusters: &mut Clusters<'_, E>, on_change: OnChange<'_>) -> Result<()> {
+fn report<E: Functional>(phase: Phase, clusters: &mut Clusters<'_, E>, on_change: OnChange<'_>) {
     let moves = clusters.take_moves();
-    on_change(phase, clusters.energy(), moves, clusters.labels())
+    on_change(phase, clusters.energy(), moves, clusters.labels());
 }
 
 #[cfg(test)]

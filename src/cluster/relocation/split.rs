@@ -103,10 +103,7 @@ impl<'a, E: Functional> Sides<'a, E> {
     /// The best cut of a minimum spanning tree.
     fn by_tree(graph: &'a DualGraph<E>) -> Self {
         let (order, parent) = minimum_spanning_tree(graph);
-        let mut below: Vec<E::Sums> = vec![E::Sums::default(); graph.faces()];
-        for (face, sums) in below.iter_mut().enumerate() {
-            sums.add_face(graph.face(face), 1);
-        }
+        let mut below: Vec<E::Sums> = (0..graph.faces() as u32).map(|face| graph.sums_over([face])).collect();
         for &face in order[1..].iter().rev() {
             let sums = below[face as usize];
             below[parent[face as usize] as usize].add(&sums, 1);
@@ -128,16 +125,14 @@ impl<'a, E: Functional> Sides<'a, E> {
     /// Growth from two ends; None where all faces lie at one place.
     fn by_growth(graph: &'a DualGraph<E>) -> Option<Self> {
         let faces = graph.faces() as u32;
-        let mut sums = E::Sums::default();
-        (0..faces as usize).for_each(|face| sums.add_face(graph.face(face), 1));
         let point = |face: u32| graph.points[face as usize];
         let farthest = |from| (0..faces).max_by_key(|&face| (E::cost(point(face), from), Reverse(face)));
-        let first = farthest(sums.proxy()?)?;
-        let second = farthest(E::proxy_at(point(first)))?;
+        let first = farthest(graph.sums_over(0..faces).proxy()?)?;
+        let second = farthest(point(first))?;
         if point(first) == point(second) {
             return None;
         }
-        let ends = [first, second].map(|face| E::proxy_at(point(face)));
+        let ends = [first, second].map(point);
         let mut side_of: Vec<Option<bool>> = vec![None; faces as usize];
         let mut queue = BinaryHeap::from([Reverse((i64::MIN, first, false)), Reverse((i64::MIN, second, true))]);
         while let Some(Reverse((_, face, side))) = queue.pop() {
@@ -189,11 +184,7 @@ impl<'a, E: Functional> Sides<'a, E> {
 /// The faces in the order in which Prim's algorithm takes them, from face 0; and the parent of each, its own for the
 /// first.
 fn minimum_spanning_tree<E: Functional>(graph: &DualGraph<E>) -> (Vec<u32>, Vec<u32>) {
-    let end = |face: u32| {
-        let mut sums = E::Sums::default();
-        sums.add_face(graph.face(face as usize), 1);
-        sums.end(E::proxy_at(graph.points[face as usize]))
-    };
+    let end = |face: u32| graph.sums_over([face]).end(graph.points[face as usize]);
     let mut order = Vec::with_capacity(graph.faces());
     let mut parent_of: Vec<Option<u32>> = vec![None; graph.faces()];
     let mut queue = BinaryHeap::from([Reverse((0, 0, 0))]);

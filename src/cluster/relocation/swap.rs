@@ -39,7 +39,7 @@ const CHUNK: usize = 1 << 13;
 pub fn swap<E: Functional>(
     offers: &mut Offers<'_, E>,
     cancel: &Cancel,
-    mut on_round: impl FnMut(&mut Clusters<'_, E>) -> Result<()>,
+    mut on_round: impl FnMut(&mut Clusters<'_, E>),
 ) -> Result<()> {
     for _ in 0..ROUNDS {
         cancel.check()?;
@@ -52,7 +52,7 @@ pub fn swap<E: Functional>(
             changed.extend([offers.clusters.merge(a, b), split, offers.split(split)]);
         }
         settle(&mut offers.clusters, changed, u32::MAX, cancel)?;
-        on_round(&mut offers.clusters)?;
+        on_round(&mut offers.clusters);
     }
     offers.clusters.faces_left = 0;
     Ok(())

@@ -5,15 +5,16 @@ use std::collections::BTreeSet;
 use super::split::Split;
 use super::*;
 use crate::cluster::seeds;
-use crate::dev::sample::{Sample, generate};
+use crate::dev::sample::Sample;
 use crate::device::cpu::CpuDevice;
 use crate::device::pieces::disconnected_clusters;
 use crate::device::plain::{self, PlainDevice};
+use crate::surface::tests::of_sample;
 use crate::surface::{Component, Surface};
 
 /// One face in five weighs a million times as much as the others, in units that differ by component.
 pub(in crate::cluster) fn uneven(sample: Sample, faces: u64) -> Surface {
-    let mut surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+    let mut surface = of_sample(sample, faces);
     let graph = &mut surface.items.graph;
     for (number, component) in graph.components.iter_mut().enumerate() {
         component.energy_shift = number as u32 % 3;
@@ -50,7 +51,6 @@ fn relocated(
     let labels = relocation.labels(labels.clone(), device, || Ok(labels), cheaper, &mut |phase, energy, _, labels| {
         assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
         changes.push((phase, energy.explained));
-        Ok(())
     });
     (labels.expect("no cancellation").0, changes)
 }
@@ -99,7 +99,7 @@ fn relocation_lowers_f_and_keeps_the_number_of_clusters_and_their_connection_on_
 
 #[test]
 fn bounds_show_that_no_swap_pays_on_an_even_sphere_and_do_not_where_one_pays() {
-    let even = Surface::build(&generate(Sample::Icosphere, 5120).expect("a mesh")).expect("a surface");
+    let even = of_sample(Sample::Icosphere, 5120);
     let (settled, _) = relocated(&even, start(&even, 80), Quality::Fast, &mut CpuDevice::new());
     assert!(!swap::may_pay(&even, &settled, 80));
     let uneven = uneven(Sample::Parts, 3000);
@@ -157,7 +157,7 @@ fn every_number_of_clusters_can_be_made() {
 
 #[test]
 fn effective_faces_are_all_where_they_are_equal_and_the_heavy_ones_else() {
-    let mut surface = Surface::build(&generate(Sample::Cube, 300).expect("a mesh")).expect("a surface");
+    let mut surface = of_sample(Sample::Cube, 300);
     surface.items.graph.weights.fill(5);
     assert_eq!(effective_faces(&surface), surface.faces());
     surface.items.graph.weights.iter_mut().for_each(|weight| *weight = 1);

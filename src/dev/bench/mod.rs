@@ -253,12 +253,7 @@ fn sweep(
 ) -> Result<Option<Sweep>> {
     let Some(surface) = prepared.subject.mesh() else { return Ok(None) };
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
-    let mut component_of_cluster = vec![0; clusters as usize];
-    for (component, of_component) in surface.components.iter().enumerate() {
-        internal[of_component.range()]
-            .iter()
-            .for_each(|&label| component_of_cluster[label as usize] = component as u32);
-    }
+    let component_of_cluster = surface.component_of_cluster(&internal, clusters as usize);
     {
         let mut steps = gpu.open(&surface.graph, &component_of_cluster)?;
         steps.set_labels(&internal)?;

@@ -100,7 +100,7 @@ fn measured(mesh: &PolygonMesh, given: Given) -> Result<Row> {
         name: given.name,
         labels: given.labels,
         types: Kind::USUAL.map(|kind| clustering.shapes.iter().filter(|shape| shape.kind() == kind).count()),
-        l2: surface.source_of_lattice(clustering.energies[1] as f64) / 3.0,
+        l2: surface.source_of_lattice(clustering.energies[1] as f64, 0) / 3.0,
         l21: surface.l21(&clustering.labels, clusters).unwrap_or(f64::NAN),
     })
 }

@@ -4,7 +4,7 @@ use super::active_faces::{ActiveFaces, Evaluation};
 use super::clusters::Clusters;
 use super::nearby::{Nearby, Rival};
 use super::{Move, Partition};
-use crate::energy::{Functional, Sums};
+use crate::energy::{Functional, Sums, boundary_slack};
 
 /// What boundary phases keep between passes.
 #[derive(Debug)]
@@ -64,7 +64,7 @@ fn rival<E: Functional>(
     let point = graph.points[face as usize];
     let own = clusters.cached(labels.near_boundary(face)).cost(point);
     let other = clusters.cached(cluster).cost(point);
-    (own <= other).then(|| E::boundary_slack(own, other))
+    (own <= other).then(|| boundary_slack(own, other))
 }
 
 /// The move of a face to the nearest cluster among its neighbours' (the smaller number of equally near ones), if that
@@ -83,6 +83,6 @@ fn decide<E: Functional>(partition: &Partition<'_, E>, face: u32) -> Evaluation<
     if distance < own {
         Evaluation { decision: Some(Move { face, from, to }), bound: nearby.active() }
     } else {
-        Evaluation { decision: None, bound: nearby.bound(E::boundary_slack(own, distance)) }
+        Evaluation { decision: None, bound: nearby.bound(boundary_slack(own, distance)) }
     }
 }

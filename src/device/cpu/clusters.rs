@@ -26,7 +26,7 @@ const FITS: usize = 1 << 15;
 #[derive(Debug, Clone, Copy)]
 pub struct CachedProxy<E: Functional> {
     /// Of a cluster without faces, its last one.
-    pub proxy: E::Proxy,
+    pub proxy: E::Point,
     /// How far the proxy has moved: the sum of its ways in steps of [`DRIFT_STEP`], each rounded up by up to a step, so
     /// that every change adds to it; at least 2. [`FAR`] is added when the weight falls below `least_weight`, and when
     /// the cluster ends.
@@ -153,13 +153,13 @@ impl<E: Functional> Clusters<E> {
         let changed = self.change_log.take(Cursor::Proxies);
         for changed in changed.chunks(FITS) {
             let fits = changed.par_iter().with_min_len(ITEMS).map(|&cluster| self.sums[cluster as usize].fit());
-            let fits: Vec<Option<(E::Proxy, i128)>> = fits.collect();
+            let fits: Vec<Option<(E::Point, i128)>> = fits.collect();
             changed.iter().zip(fits).for_each(|(&cluster, fit)| self.store_fit(cluster, fit));
         }
     }
 
     /// Stores what [`Sums::fit`] gives for a cluster.
-    fn store_fit(&mut self, cluster: u32, fit: Option<(E::Proxy, i128)>) {
+    fn store_fit(&mut self, cluster: u32, fit: Option<(E::Point, i128)>) {
         let cluster = cluster as usize;
         let cached = &mut self.cached[slot(cluster as u32) as usize];
         // a cluster without faces keeps its last proxy, which is not read

@@ -5,6 +5,7 @@
 
 /// The slack of a face that stays in its cluster in the boundary phase: the distance to the nearest other proxy less
 /// that to its own. Takes squared distances.
+#[inline]
 pub fn boundary_slack(own: u64, nearest_other: u64) -> u64 {
     // distances are below 2²⁹, so that the error of a root is far below 1
     let difference = root(nearest_other) - root(own);

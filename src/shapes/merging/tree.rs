@@ -296,6 +296,6 @@ impl<'a> Growing<'a> {
     }
 
     fn in_source_units(&self, energy: f64) -> f64 {
-        self.surface.source_of_lattice(energy * f64::from(1u32 << (2 * SHIFT))) / 3.0
+        self.surface.source_of_lattice(energy * f64::from(1u32 << (2 * SHIFT)), 0) / 3.0
     }
 }

@@ -33,7 +33,7 @@ pub(super) fn add(surface: &Surface, corners: &Corners, labels: &[u32], rows: &m
         }
     }
     // the vertices of an edge, a face at it, and whether the face runs along it from the first to the second
-    let mut edges: Vec<([u32; 2], u32, bool)> = (0..corners.faces())
+    let mut edges: Vec<([u32; 2], u32, bool)> = (0..corners.faces.len() as u32)
         .flat_map(|face| corners.edges_of(face).map(move |[a, b]| ([a.min(b), a.max(b)], face, a < b)))
         .filter(|&([a, b], ..)| a != b && is_shared[a as usize] && is_shared[b as usize])
         .collect();

@@ -1,6 +1,6 @@
 use super::*;
 use crate::dev::sample::generate_part;
-use crate::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
+use crate::mesh::{Faces, Format, PolygonMesh};
 use crate::shapes::run::as_given;
 
 /// The true patches of a part, and the shapes that are reported of them from a start that is somewhat off.
@@ -103,9 +103,7 @@ fn bend_of_a_roof(right: [u32; 4], thin: Option<[u32; 3]>) -> f64 {
     faces.push(&[0, 1, 3, 2]);
     faces.push(&right);
     thin.iter().for_each(|corners| faces.push(corners));
-    let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
-    let (warnings, adjusted) = (Vec::new(), Adjusted::default());
-    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted };
+    let mesh = PolygonMesh::of_one_part(Format::Obj, positions, faces);
     let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
     let labels: Vec<u32> = surface.items.upload_face.iter().map(|&face| u32::from(face == 1)).collect();
     let plane = Shape::Plane { point: DVec3::ZERO, normal: DVec3::X };
@@ -146,9 +144,7 @@ fn slice(turn: f64, noise: f64, kinds: &[Kind], profile: impl Fn(f64) -> [f64; 2
         faces.push(&[a, a + 1, b + 1]);
         faces.push(&[a, b + 1, b]);
     }
-    let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
-    let (warnings, adjusted) = (Vec::new(), Adjusted::default());
-    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted };
+    let mesh = PolygonMesh::of_one_part(Format::Obj, positions, faces);
     let surface = Surface::build(&mesh).expect("a surface").with_normals((&mesh).into());
     let corners = surface.corners((&mesh).into());
     let samples = surface.samples(&corners);

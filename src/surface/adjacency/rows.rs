@@ -7,51 +7,32 @@ use rayon::prelude::*;
 
 use super::{CHAINED, Links, NONE, has_repeated};
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
-
-/// Links as compressed rows.
-#[derive(Default)]
-pub struct Rows {
-    /// First neighbour of each face in `neighbours`, and one past the last.
-    pub offsets: Vec<u32>,
-    /// Linked faces, internal numbers.
-    pub neighbours: Vec<u32>,
-    /// Upload faces that are linked to one face more than once.
-    pub repeating: Vec<u32>,
-}
+use crate::surface::rows::Rows;
 
 impl Links<'_> {
-    /// The links as compressed rows in internal order, which is given in both directions.
-    pub fn compressed(&self, upload_face: &[u32], internal: &[u32]) -> Rows {
+    /// The links as compressed rows in internal order, which is given in both directions. Also returns the upload faces
+    /// that are linked to one face more than once.
+    pub fn compressed(&self, upload_face: &[u32], internal: &[u32]) -> (Rows, Vec<u32>) {
         /// Faces of a piece.
         const PIECE: usize = 4096;
-        let pieces: Vec<Rows> = upload_face.par_chunks(PIECE).map(|faces| self.rows_of(faces, internal)).collect();
-        let mut rows = Rows {
-            offsets: Vec::with_capacity(upload_face.len() + 1),
-            neighbours: Vec::with_capacity(pieces.iter().map(|piece| piece.neighbours.len()).sum()),
-            repeating: Vec::new(),
-        };
-        for piece in pieces {
-            let first = rows.neighbours.len() as u32;
-            rows.offsets.extend(piece.offsets.iter().map(|offset| first + offset));
-            rows.neighbours.extend(piece.neighbours);
-            rows.repeating.extend(piece.repeating);
-        }
-        rows.offsets.push(rows.neighbours.len() as u32);
-        rows
+        let pieces = upload_face.par_chunks(PIECE).map(|faces| self.rows_of(faces, internal));
+        let (rows, repeating): (Vec<_>, Vec<_>) = pieces.unzip();
+        (Rows::joined(rows), repeating.concat())
     }
 
-    /// The rows of some upload faces; without the end of the last.
-    fn rows_of(&self, faces: &[u32], internal: &[u32]) -> Rows {
-        let mut rows = Rows { neighbours: Vec::with_capacity(3 * faces.len()), ..Rows::default() };
+    /// The same for some upload faces; the offsets lack the end of the last row.
+    fn rows_of(&self, faces: &[u32], internal: &[u32]) -> (Rows, Vec<u32>) {
+        let mut rows = Rows { items: Vec::with_capacity(3 * faces.len()), ..Rows::default() };
+        let mut repeating = Vec::new();
         let is_plain = self.edges.faces.are_triangles() && self.chained.is_empty() && self.bridges.is_empty();
         let positions = self.edges.positions.as_chunks::<3>().0;
         let linked = self.linked.as_chunks::<3>().0;
         let mut edges = Vec::new();
         for (&face, ahead) in with_lookahead(faces) {
             self.prefetch(ahead, internal);
-            let first = rows.neighbours.len();
+            let first = rows.items.len();
             rows.offsets.push(first as u32);
-            let mut push = |other: u32| rows.neighbours.push(internal[other as usize]);
+            let mut push = |other: u32| rows.items.push(internal[other as usize]);
             if is_plain {
                 let of_face = &linked[face as usize];
                 let others = by_ends(positions[face as usize]).map(|corner| of_face[corner].load(Ordering::Relaxed));
@@ -70,11 +51,11 @@ impl Links<'_> {
                 let bridges = self.bridges.partition_point(|&(other, _)| other < face);
                 self.bridges[bridges..].iter().take_while(|bridge| bridge.0 == face).for_each(|bridge| push(bridge.1));
             }
-            if has_repeated(&rows.neighbours[first..]) {
-                rows.repeating.push(face);
+            if has_repeated(&rows.items[first..]) {
+                repeating.push(face);
             }
         }
-        rows
+        (rows, repeating)
     }
 
     /// Requests what the rows of later faces read: their corners and links, and then the numbers of linked faces.
