@@ -1,5 +1,5 @@
-//! Eigenvectors of small symmetric matrices, by Jacobi's method; the smallest eigenvalue alone by Newton's, in a seventh
-//! of the time.
+//! Eigenvectors of small symmetric matrices, by Jacobi's method. The smallest eigenvalue alone is by Newton's, in a
+//! seventh of the time.
 //!
 //! It needs + − × ÷ √ alone, in a fixed order, so that every machine computes the same bits. That of
 //! `remesh/quadric.rs` rounds otherwise, and the bytes of remeshes hang on it.
@@ -7,15 +7,40 @@
 /// Sweeps at most. Matrices of moments take 3 to 6.
 const SWEEPS: usize = 12;
 
-/// The eigenvalues of a symmetric matrix, and its eigenvectors as columns, in no particular order.
-pub fn eigen<const N: usize>(of: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
+/// The second eigenvalue over the largest, from which on rounding moves the smallest by less than 10⁻⁹ of the largest.
+const FLATTEST: f64 = 1e-6;
+
+/// Steps of Newton's method. Matrices of moments take 3 to 6.
+const STEPS: usize = 8;
+
+/// The eigenvalues of a symmetric matrix, and its eigenvectors as columns, in no particular order: turns axes until it
+/// is diagonal. Its upper half counts.
+pub fn eigen<const N: usize>(mut of: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
     let mut vectors = std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
-    let values = diagonal(of, |p, q, turn| {
-        for row in &mut vectors {
-            (row[p], row[q]) = turn.of(row[p], row[q]);
+    for _ in 0..SWEEPS {
+        let (mut beside, mut along) = (0.0, 0.0);
+        for p in 0..N {
+            along += of[p][p] * of[p][p];
+            for q in p + 1..N {
+                beside += of[p][q] * of[p][q];
+            }
         }
-    });
-    (values, vectors)
+        // what is left turns no vector by as much as its rounding
+        if beside <= along * (f64::EPSILON * f64::EPSILON / 16.0) {
+            break;
+        }
+        for p in 0..N {
+            for q in p + 1..N {
+                if of[p][q] != 0.0 {
+                    let turn = turned(&mut of, p, q);
+                    for row in &mut vectors {
+                        (row[p], row[q]) = turn.of(row[p], row[q]);
+                    }
+                }
+            }
+        }
+    }
+    (std::array::from_fn(|at| of[at][at]), vectors)
 }
 
 /// The smallest eigenvalue of a matrix that has none below 0, and its eigenvector.
@@ -25,8 +50,9 @@ pub fn smallest<const N: usize>(of: [[f64; N]; N]) -> (f64, [f64; N]) {
     (values[least].max(0.0), vectors.map(|row| row[least]))
 }
 
-/// The smallest eigenvalue alone. The characteristic polynomial rises up to it, ever less, so that Newton's method from 0
-/// on comes to it from below. Where the two smaller ones are next to nothing, or next to each other, it is Jacobi's.
+/// The smallest eigenvalue alone. The characteristic polynomial rises up to it, ever less steeply, so that steps of
+/// Newton's method from 0 on come to it from below. Where the two smaller eigenvalues are next to nothing, or next to
+/// each other, it is that of Jacobi's method.
 pub fn smallest_value(of: [[f64; 3]; 3]) -> f64 {
     let [[a, d, e], [_, b, f], [_, _, c]] = of;
     let trace = a + b + c;
@@ -47,12 +73,6 @@ pub fn smallest_value(of: [[f64; 3]; 3]) -> f64 {
     smallest(of).0
 }
 
-/// The second eigenvalue over the largest, from which on rounding moves the smallest by less than 10⁻⁹ of the largest.
-const FLATTEST: f64 = 1e-6;
-
-/// Steps of Newton's method. Matrices of moments take 3 to 6.
-const STEPS: usize = 8;
-
 /// A turn of two axes.
 struct Turn {
     sine: f64,
@@ -64,33 +84,6 @@ impl Turn {
     fn of(&self, a: f64, b: f64) -> (f64, f64) {
         (self.cosine * a - self.sine * b, self.sine * a + self.cosine * b)
     }
-}
-
-/// Turns axes until a matrix is diagonal, and calls `tell` with each turn. Returns the diagonal. The upper half of the
-/// matrix counts.
-#[inline]
-fn diagonal<const N: usize>(mut of: [[f64; N]; N], mut tell: impl FnMut(usize, usize, &Turn)) -> [f64; N] {
-    for _ in 0..SWEEPS {
-        let (mut beside, mut along) = (0.0, 0.0);
-        for p in 0..N {
-            along += of[p][p] * of[p][p];
-            for q in p + 1..N {
-                beside += of[p][q] * of[p][q];
-            }
-        }
-        // what is left turns no vector by as much as its rounding
-        if beside <= along * (f64::EPSILON * f64::EPSILON / 16.0) {
-            break;
-        }
-        for p in 0..N {
-            for q in p + 1..N {
-                if of[p][q] != 0.0 {
-                    tell(p, q, &turned(&mut of, p, q));
-                }
-            }
-        }
-    }
-    std::array::from_fn(|at| of[at][at])
 }
 
 /// Turns the axes p < q so that the element between them gets 0.
