@@ -197,8 +197,8 @@ impl<E: Functional> CoarseStart<E> {
     }
 
     /// The phases on a coarse graph, with so many iterations at most.
-    fn optimise(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, left: u32, cancel: &Cancel) -> Result<Ending> {
-        Run { left, ..Run::new(steps, cancel, &mut |_| {}) }.optimise(graph, self.effort.refine)
+    fn optimise(&self, graph: &DualGraph<E>, steps: &mut dyn Steps, most: u32, cancel: &Cancel) -> Result<Ending> {
+        Run { left: most, ..Run::new(steps, cancel, &mut |_| {}) }.optimise(graph, self.effort.refine)
     }
 
     /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces; and what they

@@ -160,14 +160,14 @@ mod tests {
     #[test]
     fn what_is_wanted_is_kept_once_and_comes_back() {
         let mut record = Record::new(Some(Snapshots::At(vec![0, 2, 9])));
-        let mut kept_ones = 0;
+        let mut wanted = 0;
         for (iteration, labels) in [(0, [0, 1, 1]), (1, [0, 0, 1]), (2, [0, 0, 0]), (2, [1, 1, 1]), (3, [2, 2, 2])] {
             if record.wants(iteration) {
-                kept_ones += 1;
+                wanted += 1;
                 record.keep(iteration, labels.to_vec());
             }
         }
-        assert_eq!((kept_ones, record.next(), record.beyond()), (2, Some(9), &[9][..]));
+        assert_eq!((wanted, record.next(), record.beyond()), (2, Some(9), &[9][..]));
         assert_eq!(kept(&record), [(0, vec![0, 1, 1]), (2, vec![0, 0, 0])]);
         record.renumber(&[2, 0, 1], &[Loose { face: 3, host: 2 }], &[7, 5]);
         assert_eq!(kept(&record), [(0, vec![5, 5, 7, 7]), (2, vec![7, 7, 7, 7])]);

@@ -1,5 +1,7 @@
 //! The shape that a cluster takes: a fit, judged by the sum of costs over its faces, in integers.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 
 use super::best::{Allowed, FEWEST_FACES};
@@ -28,19 +30,57 @@ pub(super) fn cost(faces: Faces<'_>, members: &[u32], proxy: &Proxy) -> i128 {
     members.iter().map(|&face| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)))).sum()
 }
 
-/// The best shape of some faces that is better than the one so far, given by its type and costs; with a tolerance, of
-/// those within it.
+/// A cluster to which a shape is fitted.
+pub(super) struct Cluster<'m> {
+    pub component: u32,
+    /// Its faces.
+    pub members: &'m [u32],
+    pub moments: &'m Moments,
+    /// Its axis, if its shape so far has one.
+    pub axis: Option<DVec3>,
+}
+
+/// Sums over the faces of a cluster, which follow their moves.
+pub(super) struct Sums {
+    pub moments: Moments,
+    /// Once a curved type was tried.
+    higher: OnceLock<Higher>,
+}
+
+impl Sums {
+    /// Of these faces.
+    pub fn of(faces: &Faces<'_>, members: &[u32]) -> Self {
+        Self { moments: Moments::of_all(faces, members), higher: OnceLock::new() }
+    }
+
+    /// The higher moments, given the faces.
+    pub fn higher(&self, faces: &Faces<'_>, members: &[u32]) -> Higher {
+        *self.higher.get_or_init(|| Higher::of_all(faces, members))
+    }
+
+    /// Counts a face in, or out.
+    pub fn count(&mut self, faces: &Faces<'_>, face: u32, is_in: bool) {
+        let moments = Moments::of(faces, face);
+        self.moments.add(&if is_in { moments } else { moments.negated() });
+        if let Some(sums) = self.higher.get_mut() {
+            let higher = Higher::of(faces, face);
+            sums.add(&if is_in { higher } else { higher.negated() });
+        }
+    }
+}
+
+/// The best shape of a cluster that is better than the one so far, given by its type and costs; with a tolerance, of
+/// those within it. `higher` is called if a curved type is tried.
 pub(super) fn fitted(
     faces: Faces<'_>,
     allowed: Allowed<'_>,
-    component: u32,
-    members: &[u32],
-    axis: Option<DVec3>,
+    cluster: &Cluster<'_>,
+    higher: impl FnOnce() -> Higher,
     so_far: Option<(Kind, i128)>,
 ) -> Option<Fitted> {
-    let moments = Moments::of_all(&faces, members);
-    let higher = || (members.len() as u32 >= FEWEST_FACES).then(|| Higher::of_all(&faces, members));
-    let candidates = allowed.fits(component, &moments, higher, axis.as_slice());
+    let Cluster { component, members, moments, axis } = *cluster;
+    let higher = || (members.len() as u32 >= FEWEST_FACES).then(higher);
+    let candidates = allowed.fits(component, moments, higher, axis.as_slice());
     let prices = &allowed.prices[component as usize];
     let with_price = |kind: Kind, cost: i128| cost + prices.exact(kind);
     let mut least = so_far.map(|(kind, cost)| with_price(kind, cost));

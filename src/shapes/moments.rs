@@ -59,6 +59,12 @@ impl Moments {
         }
     }
 
+    /// Those that add up to none with these.
+    pub fn negated(&self) -> Self {
+        let Self { weight, first, second } = *self;
+        Self { weight: -weight, first: first.map(|sum| -sum), second: second.map(|sum| -sum) }
+    }
+
     /// Adds those of other faces.
     pub fn add(&mut self, other: &Self) {
         self.weight += other.weight;
@@ -74,6 +80,17 @@ impl Moments {
 }
 
 impl Higher {
+    /// Those that add up to none with these.
+    pub fn negated(&self) -> Self {
+        let Self { normal, normals, third, fourth } = *self;
+        Self {
+            normal: normal.map(|sum| -sum),
+            normals: normals.map(|sum| -sum),
+            third: third.map(|sum| -sum),
+            fourth: fourth.map(|sum| -sum),
+        }
+    }
+
     /// Those of a face.
     pub fn of(faces: &Faces, face: u32) -> Self {
         let mut moments = Self::default();

@@ -69,8 +69,8 @@ pub struct Clusters<'a> {
     pub costs: Vec<i128>,
     /// Clusters that gained or lost a face since the last fit.
     pub has_changed: Vec<bool>,
-    /// Moves as they were made, if they are kept: (face, from, to).
-    pub log: Option<Vec<(u32, u32, u32)>>,
+    /// Moves as they were made since the last fits: (face, from, to).
+    pub log: Vec<(u32, u32, u32)>,
     tolerance: Option<Tolerance<'a>>,
     sizes: Vec<u32>,
     connection: Connection,
@@ -91,7 +91,7 @@ impl<'a> Clusters<'a> {
             proxies: fits.iter().map(|fit| fit.proxy).collect(),
             costs: fits.iter().map(|fit| fit.cost).collect(),
             has_changed: vec![true; fits.len()],
-            log: None,
+            log: Vec::new(),
             tolerance,
             sizes,
             connection,
@@ -263,9 +263,7 @@ impl<'a> Clusters<'a> {
         self.has_changed[from as usize] = true;
         self.has_changed[to as usize] = true;
         self.connection.moved(self.faces.graph, face);
-        if let Some(log) = &mut self.log {
-            log.push((face, from, to));
-        }
+        self.log.push((face, from, to));
     }
 }
 

@@ -21,10 +21,9 @@ use super::best::Allowed;
 use super::central::Central;
 use super::dissolve::{Dissolved, dissolved};
 use super::faces::{Faces, members};
-use super::fitted::{Fitted, cost, fitted};
+use super::fitted::{Cluster, Fitted, Sums, cost, fitted};
 use super::kind::Kind;
 use super::merging::{Begun, Merged, MergedWithin, merged, merged_on, merged_within};
-use super::moments::Moments;
 use super::moves::{Clusters, Gpu};
 use super::prices::Prices;
 use super::proxy::Proxy;
@@ -158,6 +157,8 @@ pub(super) struct Run<'a> {
     allowed: Allowed<'a>,
     component_of_cluster: Vec<u32>,
     clusters: Clusters<'a>,
+    /// Of the clusters at their last fits.
+    sums: Vec<Sums>,
     /// Whether a bound on work ended merges.
     is_bounded: bool,
 }
@@ -172,8 +173,11 @@ impl<'a> Run<'a> {
         axes: &[Option<DVec3>],
     ) -> Result<Self> {
         let members = members(&labels, axes.len(), |_| true);
-        let fit = |((members, axis), &component): ((&Vec<u32>, &Option<DVec3>), &u32)| {
-            fitted(faces, allowed, component, members, *axis, None)
+        let fit = |((members, &axis), &component): ((&Vec<u32>, &Option<DVec3>), &u32)| {
+            let sums = Sums::of(&faces, members);
+            let cluster = Cluster { component, members, moments: &sums.moments, axis };
+            let fit = fitted(faces, allowed, &cluster, || sums.higher(&faces, members), None)?;
+            Some((fit, sums))
         };
         let fits = members.par_iter().zip(axes).zip(&component_of_cluster).map(fit).collect();
         Self::new(faces, allowed, labels, component_of_cluster, fits, false)
@@ -183,8 +187,9 @@ impl<'a> Run<'a> {
     fn of_shapes(faces: Faces<'a>, allowed: Allowed<'a>, merged: MergedWithin) -> Result<Self> {
         let MergedWithin { merged: Merged { labels, component_of_cluster, .. }, shapes, is_bounded } = merged;
         let fit = |(members, &shape): (&Vec<u32>, &Shape)| {
-            let proxy = Proxy::new(&shape, Central::of(&Moments::of_all(&faces, members)).mean)?;
-            Some(Fitted { shape, proxy, cost: cost(faces, members, &proxy) })
+            let sums = Sums::of(&faces, members);
+            let proxy = Proxy::new(&shape, Central::of(&sums.moments).mean)?;
+            Some((Fitted { shape, proxy, cost: cost(faces, members, &proxy) }, sums))
         };
         let fits = members(&labels, shapes.len(), |_| true).par_iter().zip(&shapes).map(fit).collect();
         Self::new(faces, allowed, labels, component_of_cluster, fits, is_bounded)
@@ -195,12 +200,13 @@ impl<'a> Run<'a> {
         allowed: Allowed<'a>,
         labels: Vec<u32>,
         component_of_cluster: Vec<u32>,
-        fits: Option<Vec<Fitted>>,
+        fits: Option<Vec<(Fitted, Sums)>>,
         is_bounded: bool,
     ) -> Result<Self> {
         let fits = fits.ok_or_else(|| Error::new(error::Kind::Internal, "a cluster has no shape"))?;
+        let (fits, sums): (Vec<_>, Vec<_>) = fits.into_iter().unzip();
         let clusters = Clusters::new(faces, allowed.tolerance, labels, &fits);
-        Ok(Self { allowed, component_of_cluster, clusters, is_bounded })
+        Ok(Self { allowed, component_of_cluster, clusters, sums, is_bounded })
     }
 
     /// Converges, as do other starts; then the best of them swaps clusters as long as that pays.
@@ -375,14 +381,19 @@ impl<'a> Run<'a> {
 
     /// Fits shapes to the clusters that changed. Returns which took one.
     fn fit(&mut self) -> Vec<bool> {
-        let Self { allowed, component_of_cluster, clusters, .. } = self;
-        let Clusters { faces, labels, shapes, proxies, costs, has_changed, .. } = clusters;
+        let Self { allowed, component_of_cluster, clusters, sums, .. } = self;
+        let Clusters { faces, labels, shapes, proxies, costs, has_changed, log, .. } = clusters;
+        for (face, from, to) in std::mem::take(log) {
+            sums[from as usize].count(faces, face, false);
+            sums[to as usize].count(faces, face, true);
+        }
         let members = members(labels, shapes.len(), |label| has_changed[label as usize]);
         let fit = |(number, members): (usize, &Vec<u32>)| {
-            let (axis, so_far) = (shapes[number].axis(), Some((shapes[number].kind(), costs[number])));
-            (!members.is_empty())
-                .then(|| fitted(*faces, *allowed, component_of_cluster[number], members, axis, so_far))
-                .flatten()
+            let so_far = Some((shapes[number].kind(), costs[number]));
+            let (component, axis, sums) = (component_of_cluster[number], shapes[number].axis(), &sums[number]);
+            let cluster = Cluster { component, members, moments: &sums.moments, axis };
+            let higher = || sums.higher(faces, members);
+            if members.is_empty() { None } else { fitted(*faces, *allowed, &cluster, higher, so_far) }
         };
         let fits: Vec<Option<Fitted>> = members.par_iter().enumerate().map(fit).collect();
         has_changed.fill(false);

@@ -6,8 +6,8 @@
 //! order that keeps neighbours close in memory (`order`). Faces at `features` are no neighbours. Faces without area
 //! that share no edge are left out (`loose`). Areas are first multiplied by a `density`, if there is one, which may
 //! come from the `curvature`. [`points`] makes a surface of the points of a triangle mesh in place of its faces.
-//! Everything up to the lattice is scalar f64 in a fixed order, so the result is the same on every machine and for any
-//! number of threads.
+//! Everything up to the lattice is scalar f64 with + − × ÷ √ (and one power, from the `libm` crate) in a fixed order,
+//! so the result is the same on every machine and for any number of threads.
 //!
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!

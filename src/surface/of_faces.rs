@@ -41,8 +41,8 @@ impl OfFaces for Energy {
 /// Unit normals are multiplied by 2 to this power.
 const NORMAL_BITS: i32 = 26;
 
-/// Centroids are divided by 2 to this power, so that they decide only between equal normals: in flat parts, where
-/// clusters would otherwise grow as stars (`docs/arithmetic.md`).
+/// Centroids are divided by 2 to this power, so that they decide only between normals that are nearly equal: in flat
+/// parts, where clusters would otherwise grow as stars (`docs/arithmetic.md`).
 const CENTROID_BITS: i32 = 13;
 
 impl OfFaces for Normals {

@@ -19,7 +19,7 @@ impl Rows {
 
     /// How many rows there are.
     pub fn count(&self) -> usize {
-        self.offsets.len() - 1
+        self.offsets.len().saturating_sub(1)
     }
 
     /// Row r has the items i, ascending, for which `row_of` has r, a number below `rows`.

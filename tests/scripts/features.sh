@@ -6,7 +6,7 @@ cd "$(dirname "$0")/../.."
 
 of_gpu="naga wgpu wgpu-core"
 of_s3="h2 quick-xml"
-of_postgres="deadpool-postgres tokio-postgres tokio-postgres-rustls"
+of_postgres="tokio-postgres tokio-postgres-rustls"
 of_service="axum hyper object_store reqwest rusqlite rustls tokio"
 
 fail() {

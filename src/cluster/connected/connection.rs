@@ -8,9 +8,10 @@
 //! # Work
 //!
 //! Where detours lead round holes, or clusters are ragged, searches are long, and most fail. So their steps are
-//! counted. From [`HOLD_FROM`] on, a face whose search failed is held: it needs a detour until it or a face beside it
-//! has moved. Where [`Moves`] are connected, that is so from the first search on: clusters of an image are ragged all
-//! along, and energies end no higher. A move may be missed; the cluster stays connected.
+//! counted. After [`HOLD_FROM`] for each face, a face whose search failed is held: it needs a detour until it or a face
+//! beside it has moved. Where [`Moves`] are connected, that is so from the first search on: clusters of an image
+//! are ragged all along, and energies end no higher. After [`STEPS`] for each face there are no more searches. A move may be
+//! missed; the cluster stays connected.
 
 use std::collections::VecDeque;
 

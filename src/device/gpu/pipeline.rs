@@ -35,13 +35,13 @@ pub(super) fn compile(device: &wgpu::Device, kernel: &Kernel, tuning: &Tuning, a
         .collect();
     let label = Some(kernel.name);
     let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
-    let of_pipeline = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+    let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label,
         bind_group_layouts: &[Some(&layout)],
         immediate_size: 0,
     });
     let constants: Vec<_> = kernel.constant.into_iter().map(|(name, value)| (name, f64::from(value))).collect();
-    let pipeline = pipeline(device, kernel.name, &kernel.source(tuning, axes), Some(&of_pipeline), &constants);
+    let pipeline = pipeline(device, kernel.name, &kernel.source(tuning, axes), Some(&pipeline_layout), &constants);
     (layout, pipeline)
 }
 

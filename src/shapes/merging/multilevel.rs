@@ -12,9 +12,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Merging, Union};
+use super::{Merging, Part, Union};
 use crate::error::{self, Error, Result};
-use crate::shapes::fitted::{Fitted, fitted};
+use crate::shapes::fitted::{Cluster, Fitted, fitted};
 use crate::shapes::kind::Kind;
 use crate::shapes::moves::Clusters;
 
@@ -53,9 +53,7 @@ impl<'a> Settling<'a> {
             fits.iter_mut().for_each(|fit| _ = fit.get_or_insert(some));
         }
         let fits: Vec<Fitted> = fits.into_iter().flatten().collect();
-        let mut clusters = Clusters::new(merging.faces, None, labels, &fits);
-        clusters.log = Some(Vec::new());
-        Ok(Self { clusters })
+        Ok(Self { clusters: Clusters::new(merging.faces, None, labels, &fits) })
     }
 
     /// Moves faces after a merge, and tells the clusters that changed.
@@ -72,13 +70,13 @@ impl<'a> Settling<'a> {
             while !faces.is_empty() {
                 faces = self.clusters.pass(&faces, &[])?.1;
             }
-            let moved = self.clusters.log.replace(Vec::new()).unwrap_or_default();
+            let moved = std::mem::take(&mut self.clusters.log);
             if moved.is_empty() {
                 break;
             }
             let mut changed = Vec::with_capacity(2 * moved.len());
             for &(face, from, to) in &moved {
-                merging.members.give(face, from, to);
+                merging.give(face, from, to);
                 changed.extend([from, to]);
             }
             changed.sort_unstable();
@@ -163,8 +161,9 @@ fn fit(
     axis: Option<DVec3>,
     so_far: Option<(Kind, i128)>,
 ) -> Option<Fitted> {
-    let component = merging.parts[cluster as usize].component;
-    fitted(merging.faces, merging.allowed, component, members, axis, so_far)
+    let Part { component, ref moments, .. } = merging.parts[cluster as usize];
+    let of = Cluster { component, members, moments, axis };
+    fitted(merging.faces, merging.allowed, &of, || merging.higher_of(cluster), so_far)
 }
 
 fn no_shape() -> Error {

@@ -97,7 +97,11 @@ impl<'a> Merging<'a> {
     /// Returns their numbers.
     pub(super) fn begin(&mut self, labels: &[u32], axes: &[Option<DVec3>]) -> Vec<u32> {
         let members = members(labels, axes.len(), |_| true);
-        let part = |(members, axis): (&Vec<u32>, &Option<DVec3>)| self.part_of(members, *axis);
+        let part = |(members, &axis): (&Vec<u32>, &Option<DVec3>)| {
+            let (moments, higher) = (Moments::of_all(&self.faces, members), || Higher::of_all(&self.faces, members));
+            let of_face = self.parts[members[0] as usize];
+            self.best(Part { moments, axis, faces: members.len() as u32, ..of_face }, higher)
+        };
         let parts: Vec<_> = members.par_iter().zip(axes).map(part).collect();
         self.higher.fill(None);
         for (members, part) in members.iter().zip(parts) {
@@ -108,11 +112,28 @@ impl<'a> Merging<'a> {
         members.iter().map(|members| members[0]).collect()
     }
 
-    /// Sums a cluster up anew after faces have moved.
+    /// Gives a face to another cluster; [`refresh`](Self::refresh) finds their shapes.
+    pub(super) fn give(&mut self, face: u32, from: u32, to: u32) {
+        self.members.give(face, from, to);
+        let moments = Moments::of(&self.faces, face);
+        for (cluster, moments, sign) in [(from, moments.negated(), -1), (to, moments, 1)] {
+            let part = &mut self.parts[cluster as usize];
+            part.moments.add(&moments);
+            part.faces = part.faces.saturating_add_signed(sign);
+        }
+        if self.allowed.are_curved() {
+            let higher = Higher::of(&self.faces, face);
+            for (cluster, higher) in [(from, higher.negated()), (to, higher)] {
+                self.higher[cluster as usize].iter_mut().for_each(|sums| sums.add(&higher));
+            }
+        }
+    }
+
+    /// Finds the best shape of a cluster after faces have moved.
     pub(super) fn refresh(&mut self, cluster: u32, axis: Option<DVec3>) {
-        let members: Vec<u32> = self.members.of(cluster).collect();
-        let part = self.part_of(&members, axis);
-        self.set(cluster, part);
+        let part = Part { axis, ..self.parts[cluster as usize] };
+        let best = self.best(part, || self.higher_of(cluster));
+        self.set(cluster, best);
     }
 
     fn set(&mut self, cluster: u32, (part, higher): (Part, Option<Box<Higher>>)) {
@@ -122,15 +143,12 @@ impl<'a> Merging<'a> {
         }
     }
 
-    fn part_of(&self, members: &[u32], axis: Option<DVec3>) -> (Part, Option<Box<Higher>>) {
-        let count = members.len() as u32;
-        let moments = Moments::of_all(&self.faces, members);
-        let has_enough = self.allowed.are_curved() && count >= FEWEST_FACES;
-        let higher = has_enough.then(|| Higher::of_all(&self.faces, members));
-        let component = self.parts[members[0] as usize].component;
-        let best = self.allowed.fits(component, &moments, || higher, axis.as_slice()).best();
-        let Best { energy, kind, axis, .. } = best;
-        let part = Part { moments, energy, kind, axis, faces: count, component };
-        (part, higher.filter(|_| count >= KEPT_FROM).map(Box::new))
+    /// A cluster with its best shape, and the higher moments that are kept.
+    fn best(&self, of: Part, higher: impl FnOnce() -> Higher) -> (Part, Option<Box<Higher>>) {
+        let Part { ref moments, axis, faces, component, .. } = of;
+        let has_enough = self.allowed.are_curved() && faces >= FEWEST_FACES;
+        let higher = has_enough.then(higher);
+        let Best { energy, kind, axis, .. } = self.allowed.fits(component, moments, || higher, axis.as_slice()).best();
+        (Part { energy, kind, axis, ..of }, higher.filter(|_| faces >= KEPT_FROM).map(Box::new))
     }
 }

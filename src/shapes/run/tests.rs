@@ -31,7 +31,9 @@ fn the_energy_that_is_kept_is_that_of_the_labels_and_a_shape_must_be_better_by_o
         assert_eq!(run.clusters.costs[number], members.iter().map(cost_of).sum::<i128>());
     }
     let axis = run.clusters.shapes[0].axis();
-    let again = |so_far| fitted(faces, allowed, 0, &members[0], axis, so_far);
+    let sums = Sums::of(&faces, &members[0]);
+    let cluster = Cluster { component: 0, members: &members[0], moments: &sums.moments, axis };
+    let again = |so_far| fitted(faces, allowed, &cluster, || sums.higher(&faces, &members[0]), so_far);
     let found = again(None).expect("a shape");
     let with = |cost| Some((found.proxy.kind, cost));
     assert!(again(with(found.cost)).is_none() && again(with(found.cost + 1)).is_some());

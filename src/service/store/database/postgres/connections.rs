@@ -69,22 +69,39 @@ pub fn cannot_reach(error: Error) -> Error {
     }
 }
 
+/// A runtime whose end waits for nothing, such as a name that is looked up.
+struct OwnRuntime(Option<Runtime>);
+
+impl OwnRuntime {
+    /// Waits on this thread for the end of work; none when the deadline has passed.
+    fn until<T>(&self, deadline: Instant, work: impl Future<Output = T>) -> Option<T> {
+        self.0.as_ref()?.block_on(async { timeout_at(deadline, work).await.ok() })
+    }
+}
+
+impl Drop for OwnRuntime {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
 /// A connection with the statements that are prepared on it. It sends and receives while a thread [waits](Self::wait).
 pub struct Connection {
-    client: Client,
+    /// Present until the end.
+    client: Option<Client>,
     statements: HashMap<&'static str, Statement>,
     /// Ends when the connection is closed.
     driver: Fuse<BoxFuture<'static, ()>>,
-    /// Present until the end.
-    runtime: Option<Runtime>,
+    runtime: OwnRuntime,
 }
 
 impl Drop for Connection {
     fn drop(&mut self) {
-        // tasks may drop it, which must not block
-        if let Some(runtime) = self.runtime.take() {
-            runtime.shutdown_background();
-        }
+        // without a client, the driver tells the server the end
+        self.client = None;
+        let _: Option<()> = (&mut self.driver).now_or_never();
     }
 }
 
@@ -96,18 +113,23 @@ impl Connection {
         work: impl AsyncFnOnce(&mut Client, &mut HashMap<&'static str, Statement>) -> T,
     ) -> Option<T> {
         let Self { client, statements, driver, runtime } = self;
-        let mut work = pin!(work(client, statements));
+        let mut work = pin!(work(client.as_mut()?, statements));
         let driven = poll_fn(|context| {
             // work that waits for a connection that is closed fails
             let _: Poll<()> = driver.poll_unpin(context);
             work.as_mut().poll(context)
         });
-        runtime.as_ref()?.block_on(async { timeout_at(deadline, driven).await.ok() })
+        runtime.until(deadline, driven)
     }
 
     /// Whether the server has left it open since it was used last.
     fn is_open(&mut self, deadline: Instant) -> bool {
-        self.wait(deadline, async |_, _| yield_now().await).is_some() && !self.client.is_closed()
+        let is_closed = self.wait(deadline, async |client, _| {
+            // the driver notices it in this turn of the runtime
+            yield_now().await;
+            client.is_closed()
+        });
+        is_closed == Some(false)
     }
 }
 
@@ -149,6 +171,9 @@ impl Connections {
     /// A connection, for the holder of a permit. To be called where blocking is allowed.
     pub fn get(&self, deadline: Instant) -> Result<Connection, Abort> {
         loop {
+            if Instant::now() >= deadline {
+                return Err(Abort::Broken(away(&"the time for this work is over")));
+            }
             let Some(mut idle) = self.idle.lock().pop() else { return self.connect(deadline) };
             if idle.is_open(deadline) {
                 return Ok(idle);
@@ -158,25 +183,22 @@ impl Connections {
 
     fn connect(&self, deadline: Instant) -> Result<Connection, Abort> {
         let runtime = Builder::new_current_thread().enable_all().build();
-        let runtime = runtime.map_err(|error| Abort::Broken(away(&error)))?;
-        let connected = runtime.block_on(async {
-            let connecting = async {
-                Ok(match &self.tls {
-                    None => driven(self.config.connect(NoTls).await?),
-                    Some(tls) => driven(self.config.connect(tls.clone()).await?),
-                })
-            };
-            timeout_at(deadline, connecting).await
+        let runtime = OwnRuntime(Some(runtime.map_err(|error| Abort::Broken(away(&error)))?));
+        let connected = runtime.until(deadline, async {
+            Ok(match &self.tls {
+                None => driven(self.config.connect(NoTls).await?),
+                Some(tls) => driven(self.config.connect(tls.clone()).await?),
+            })
         });
-        let (client, driver) = connected.map_err(|_| self.too_late())?.map_err(failure)?;
-        let runtime = Some(runtime);
-        Ok(Connection { client, statements: HashMap::new(), driver: driver.fuse(), runtime })
+        let (client, driver) = connected.ok_or_else(|| self.too_late())?.map_err(failure)?;
+        Ok(Connection { client: Some(client), statements: HashMap::new(), driver: driver.fuse(), runtime })
     }
 
     /// Keeps a connection for the next work.
     pub fn put(&self, connection: Connection) {
+        let mut idle = self.idle.lock();
         if !self.permits.is_closed() {
-            self.idle.lock().push(connection);
+            idle.push(connection);
         }
     }
 
@@ -187,7 +209,7 @@ impl Connections {
         Abort::Broken(away(&"no answer in time"))
     }
 
-    /// No connection is made or kept from now on.
+    /// Work that begins from now on gets no connection, and none is kept.
     pub fn close(&self) {
         self.permits.close();
         self.idle.lock().clear();

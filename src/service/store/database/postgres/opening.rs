@@ -46,7 +46,7 @@ async fn migrate(client: &mut Client) -> Result<(), Abort> {
     let found = number("SELECT coalesce(max(version), 0) FROM schema_version").await?;
     let steps = steps(found, &MIGRATIONS)?;
     if steps.is_empty() {
-        return Ok(());
+        return transaction.rollback().await.map_err(failure);
     }
     for sql in steps {
         run(&for_postgres(sql)).await?;
