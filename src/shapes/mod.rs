@@ -21,6 +21,7 @@
 //! | moves of whole clusters | [`swaps`] |
 //! | clusters whose faces go to those beside them | [`dissolve`] |
 //! | the whole way | [`run`] |
+//! | clusterings that are given | [`given`] |
 //! | hierarchies | [`merging::tree`] |
 //! | what reports say of shapes, fitted to corners | [`mod@table`] |
 //!
@@ -41,6 +42,7 @@ pub mod faces;
 pub mod fit;
 pub mod fitted;
 pub mod geometric;
+pub mod given;
 pub mod merging;
 pub mod moments;
 pub mod monomials;

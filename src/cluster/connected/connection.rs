@@ -9,9 +9,9 @@
 //!
 //! Where detours lead round holes, or clusters are ragged, searches are long, and most fail. So their steps are
 //! counted. After [`HOLD_FROM`] for each face, a face whose search failed is held: it needs a detour until it or a face
-//! beside it has moved. Where [`Moves`] are connected, that is so from the first search on: clusters of an image
-//! are ragged all along, and energies end no higher. After [`STEPS`] for each face there are no more searches. A move may be
-//! missed; the cluster stays connected.
+//! beside it has moved. Where [`Moves`] are connected, that is so from the first search on: clusters of an image are
+//! ragged all along, and energies end no higher. After [`STEPS`] for each face there are no more searches. A move may
+//! be missed; the cluster stays connected.
 
 use std::collections::VecDeque;
 

@@ -15,8 +15,8 @@ use crate::job::{self, InMemory, RESOLUTION};
 use crate::mesh::{Limits, PolygonMesh};
 use crate::parameters::Parameters;
 use crate::shapes::faces::Faces;
+use crate::shapes::given::as_given;
 use crate::shapes::kind::Kind;
-use crate::shapes::run::as_given;
 use crate::surface::Surface;
 
 /// Faces of the part.

@@ -132,6 +132,11 @@ impl<'a> Merging<'a> {
     /// Finds the best shape of a cluster after faces have moved.
     pub(super) fn refresh(&mut self, cluster: u32, axis: Option<DVec3>) {
         let part = Part { axis, ..self.parts[cluster as usize] };
+        debug_assert!({
+            let members: Vec<u32> = self.members.of(cluster).collect();
+            part.moments == Moments::of_all(&self.faces, &members)
+                && (!self.allowed.are_curved() || self.higher_of(cluster) == Higher::of_all(&self.faces, &members))
+        });
         let best = self.best(part, || self.higher_of(cluster));
         self.set(cluster, best);
     }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::dev::sample::{Sample, generate, generate_part};
+use crate::shapes::moments::{Higher, Moments};
 use crate::surface::Surface;
 
 #[test]
@@ -29,6 +30,9 @@ fn the_energy_that_is_kept_is_that_of_the_labels_and_a_shape_must_be_better_by_o
         let proxy = &run.clusters.proxies[number];
         let cost_of = |&face: &u32| i128::from(faces.weight(face)) * i128::from(proxy.cost(faces.samples(face)));
         assert_eq!(run.clusters.costs[number], members.iter().map(cost_of).sum::<i128>());
+        // of the first fits, and of the moves since then
+        assert_eq!(run.sums[number].moments, Moments::of_all(&faces, members));
+        assert_eq!(run.sums[number].higher(&faces, members), Higher::of_all(&faces, members));
     }
     let axis = run.clusters.shapes[0].axis();
     let sums = Sums::of(&faces, &members[0]);

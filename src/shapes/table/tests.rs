@@ -1,7 +1,7 @@
 use super::*;
 use crate::dev::sample::generate_part;
 use crate::mesh::{Faces, Format, PolygonMesh};
-use crate::shapes::run::as_given;
+use crate::shapes::given::as_given;
 
 /// The true patches of a part, and the shapes that are reported of them from a start that is somewhat off.
 fn reported(noise: f64) -> Vec<ClusterShape> {
