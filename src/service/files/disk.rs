@@ -17,6 +17,8 @@ use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use rustix::fs::{FallocateFlags, fallocate};
+use rustix::io::Errno;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::root::UPLOADS;
@@ -120,9 +122,12 @@ impl Disk {
             if there >= size || self.spare() <= size {
                 continue;
             }
-            let made = private::options()
-                .open(&path)
-                .and_then(|mut file| io::copy(&mut io::repeat(0).take(size), &mut file).map(drop));
+            let take = |mut file| match fallocate(&file, FallocateFlags::empty(), 0, size) {
+                // some file systems cannot
+                Err(Errno::OPNOTSUPP) => io::copy(&mut io::repeat(0).take(size), &mut file).map(drop),
+                taken => taken.map_err(io::Error::from),
+            };
+            let made = private::options().open(&path).and_then(take);
             made.inspect_err(|_| _ = std::fs::remove_file(&path))?;
         }
         Ok(())
