@@ -124,7 +124,7 @@ impl Disk {
             }
             let take = |mut file| match fallocate(&file, FallocateFlags::empty(), 0, size) {
                 // some file systems cannot
-                Err(Errno::OPNOTSUPP) => io::copy(&mut io::repeat(0).take(size), &mut file).map(drop),
+                Err(Errno::OPNOTSUPP | Errno::NOSYS) => io::copy(&mut io::repeat(0).take(size), &mut file).map(drop),
                 taken => taken.map_err(io::Error::from),
             };
             let made = private::options().open(&path).and_then(take);
