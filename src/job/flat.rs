@@ -129,6 +129,9 @@ const PAIRS_AT_HUBS: usize = 1 << 22;
 /// The same for each item.
 const PAIRS_AN_ITEM: usize = 64;
 
+/// Passes of `acvd` by normals in the default quality: it converges slowly, and its clusters settle afterwards.
+const PASSES_BY_NORMALS: u32 = 16;
+
 /// The jobs whose results a job of this quality mixes in. Clusters of few items are as good as their start, so that
 /// small sets of points have all of them, unless they start from merges. By normals, `acvd` takes 5 to 12 times as long
 /// as all else on large meshes, and ends no lower on average.
@@ -186,7 +189,10 @@ fn labels_of<E: Functional>(
         }
         Cheaper::Acvd => {
             let seeds = seeds::choose(items, spec.clusters, &Seeds::Morton, spec.seed, None)?;
-            let options = Options { refine: false, ..spec.options(items.moves) };
+            let mut options = Options { refine: false, ..spec.options(items.moves) };
+            if spec.energy.is_of_normals() && spec.quality == Quality::Default {
+                options.max_iterations.get_or_insert(PASSES_BY_NORMALS);
+            }
             let mut steps = device.open(items, &seeds.component_of_cluster)?;
             let record = &mut Record::new(None);
             acvd(items, &seeds, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels

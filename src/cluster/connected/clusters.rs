@@ -111,6 +111,11 @@ impl<'a, E: Functional> Clusters<'a, E> {
         &self.all[cluster as usize].faces
     }
 
+    /// How many faces some clusters have together.
+    pub fn faces_of(&self, clusters: &[u32]) -> usize {
+        clusters.iter().map(|&cluster| self.faces(cluster).len()).sum()
+    }
+
     /// The totals of a cluster.
     pub fn totals(&self, cluster: u32) -> &Totals<E> {
         &self.all[cluster as usize].totals
@@ -259,7 +264,7 @@ impl<'a, E: Functional> Clusters<'a, E> {
 
     /// Spends work on a pass over the faces of some clusters and at their borders. Returns whether there was enough.
     pub fn spend(&mut self, on: &[u32], at_borders: &[u32]) -> bool {
-        let faces: usize = on.iter().map(|&cluster| self.faces(cluster).len()).sum();
+        let faces = self.faces_of(on);
         let neighbours: usize = at_borders.iter().map(|&face| self.graph.neighbours_of(face).len()).sum();
         self.faces_left = self.faces_left.saturating_sub(faces + neighbours / NEIGHBOURS);
         self.faces_left > 0

@@ -3,9 +3,10 @@
 //! # Definition
 //!
 //! *Starts.* Each makes [swaps](swap) until none pays. The first is what the phases end with. The others are
-//! [merged](super::merging) from single faces, and the phases of quality `fast`, once as they are and once
-//! [settled](mod@super::connected::settle) before the swaps. Each is [mixed](mix) in: every component comes from where
-//! it is cheaper. What `fast` ends with is among them, so that no other quality ends above it.
+//! [merged](super::merging) from single faces, and the phases of quality `fast`, once as they are (not where
+//! [`Moves`] are connected) and once [settled](mod@super::connected::settle) before the swaps. Each is [mixed](mix) in:
+//! every component comes from where it is cheaper. What `fast` ends with is among them, so that no other quality ends
+//! above it.
 //!
 //! *Improvement.* A round of [trials](trial) of merges and splits, judged after their surroundings have settled, and a
 //! [breath](mod@breathe), more clusters and then as many again, take turns: what one has made of its clusters, the
@@ -66,7 +67,7 @@ pub const FEW_CLUSTERS: usize = 32;
 /// Turns of a round of trials and a breath, unless all are made.
 const TURNS: usize = 2;
 
-/// The same on small meshes.
+/// The same on small meshes where [`Moves`] are free.
 const MORE_TURNS: usize = 5;
 
 /// Rounds of trials before the results of cheaper jobs are mixed in, and the fewest where all are made.
@@ -120,9 +121,11 @@ impl<'a, E: Functional> Relocation<'a, E> {
         }
         if self.quality != Quality::Fast {
             let fast = fast()?;
-            let mut other = Offers::new(self.graph, fast.clone());
-            swap::swap(&mut other, self.cancel, |_| {})?;
-            run.mix_in(Phase::FastStart, other)?;
+            if self.graph.moves == Moves::Free {
+                let mut other = Offers::new(self.graph, fast.clone());
+                swap::swap(&mut other, self.cancel, |_| {})?;
+                run.mix_in(Phase::FastStart, other)?;
+            }
             run.mix_in_start(Phase::SettledStart, fast)?;
         }
         for labels in cheaper {
@@ -264,9 +267,11 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
 
     /// Trials and breaths, in turns, or each as long as F falls, but fewer on large meshes.
     fn relax_and_breathe(&mut self) -> Result<()> {
+        let graph = self.of.graph;
         let (turns, rounds) = match self.of.quality {
-            Quality::Best => (1, (FACES_IN_ROUNDS / self.of.graph.faces()).clamp(TRIALS, MOST_ROUNDS)),
-            Quality::Default | Quality::Fast => (if self.of.graph.faces() <= SMALL { MORE_TURNS } else { TURNS }, 1),
+            Quality::Best => (1, (FACES_IN_ROUNDS / graph.faces()).clamp(TRIALS, MOST_ROUNDS)),
+            _ if graph.faces() <= SMALL && graph.moves == Moves::Free => (MORE_TURNS, 1),
+            Quality::Default | Quality::Fast => (TURNS, 1),
         };
         let mut depth = breathe::FIRST;
         for _ in 0..turns {
