@@ -19,7 +19,6 @@ use super::labels::Labels;
 use super::nearby::{Bound, Rival};
 use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::tuning::face_set::FaceSet;
-use super::tuning::filter::Filter;
 use super::tuning::stored_bound::StoredBound;
 use crate::energy::{Functional, Sums};
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
@@ -258,7 +257,7 @@ fn exceeded_around<E: Functional>(
 ) -> Vec<u32> {
     let Partition { graph, labels, boundary, .. } = partition;
     let mut exceeded = Vec::new();
-    let mut around = Filter::default();
+    let mut around: Vec<u32> = Vec::new();
     let outgrows_caches = graph.outgrows_caches();
     for (at, &cluster) in changed.iter().enumerate() {
         if outgrows_caches {
@@ -267,14 +266,14 @@ fn exceeded_around<E: Functional>(
         }
         around.clear();
         for face in boundary.of_cluster(cluster) {
-            let near = graph.neighbours_of(face);
-            around.extend(&[face]);
-            around.add(near.len(), near.iter().copied(), |near| labels.near_boundary(near) != cluster);
+            around.push(face);
+            let near = graph.neighbours_of(face).iter().copied();
+            around.extend(near.filter(|&near| labels.near_boundary(near) != cluster));
         }
         if outgrows_caches {
-            around.kept().iter().for_each(|&face| prefetch(bounds, face as usize));
+            around.iter().for_each(|&face| prefetch(bounds, face as usize));
         }
-        around.retain(|face| {
+        around.retain(|&face| {
             let bound = &bounds[face as usize];
             if bound.near().are_many() {
                 may_be_attracted(partition, bounds, &rival, face, cluster)
@@ -282,7 +281,7 @@ fn exceeded_around<E: Functional>(
                 is_exceeded(partition, face, bound)
             }
         });
-        exceeded.extend_from_slice(around.kept());
+        exceeded.extend_from_slice(&around);
     }
     exceeded
 }

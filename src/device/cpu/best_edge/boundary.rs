@@ -5,7 +5,6 @@ use crate::device::FREE;
 use crate::device::cpu::Partition;
 use crate::device::cpu::boundary_faces::ClusterList;
 use crate::device::cpu::labels::Labels;
-use crate::device::cpu::tuning::filter::Filter;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::energy::{Functional, Sums};
 use crate::surface::DualGraph;
@@ -14,13 +13,13 @@ use crate::surface::DualGraph;
 pub fn choices<E: Functional>(partition: &mut Partition<'_, E>, living: &mut Vec<u32>, ties: Ties) -> Vec<(u32, u32)> {
     let Partition { graph, labels, clusters, boundary } = partition;
     living.retain(|&cluster| clusters.sums(cluster).faces() > 0);
-    let choices = boundary.search(living, Filter::default, |others, list| {
+    let choices = boundary.search(living, Vec::new, |others, list| {
         let cluster = list.cluster;
         let own = rough_end(clusters, cluster);
         let rank = |other: u32| Rank::new(packed_cost(clusters, cluster, other), cluster, other, ties);
         let (mut best, mut cost) = (FREE, f32::INFINITY);
         find_neighbours(graph, labels, list, others);
-        for &other in others.kept() {
+        for &other in others.iter() {
             let rough = E::rough_merge_cost(own, rough_end(clusters, other));
             // packed costs decide between edges whose rough costs are too close
             if rough <= cost * E::ROUGH_MARGIN
@@ -44,17 +43,17 @@ pub fn find_neighbours<E: Functional>(
     graph: &DualGraph<E>,
     labels: &Labels,
     list: ClusterList<'_>,
-    others: &mut Filter,
+    others: &mut Vec<u32>,
 ) {
     let cluster = list.cluster;
     others.clear();
     list.retain(|face| {
-        let near = graph.neighbours_of(face);
-        let before = others.kept().len();
-        others.add(near.len(), near.iter().map(|&near| labels.near_boundary(near)), |other| other != cluster);
-        others.kept().len() > before
+        let before = others.len();
+        let beside = graph.neighbours_of(face).iter().map(|&near| labels.near_boundary(near));
+        others.extend(beside.filter(|&other| other != cluster));
+        others.len() > before
     });
     // most repetitions follow soon after the first
     let mut recent = [cluster; RECENT];
-    others.retain(|other| std::mem::replace(&mut recent[other as usize % RECENT], other) != other);
+    others.retain(|&other| std::mem::replace(&mut recent[other as usize % RECENT], other) != other);
 }

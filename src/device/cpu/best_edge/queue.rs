@@ -7,7 +7,6 @@ use super::boundary::find_neighbours;
 use super::end;
 use crate::device::cpu::Partition;
 use crate::device::cpu::change_log::Cursor;
-use crate::device::cpu::tuning::filter::Filter;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::energy::{Functional, Sums};
 
@@ -43,11 +42,11 @@ impl Queue {
         for &cluster in &changed {
             self.versions[cluster as usize] += 1;
         }
-        let mut others = Filter::default();
+        let mut others = Vec::new();
         for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces() > 0) {
             find_neighbours(graph, labels, boundary.list_of(cluster), &mut others);
-            others.kept_mut().sort_unstable();
-            for other in others.kept().chunk_by(|a, b| a == b).map(|equal| equal[0]) {
+            others.sort_unstable();
+            for other in others.chunk_by(|a, b| a == b).map(|equal| equal[0]) {
                 // an edge between two changed clusters is queued once
                 if other < cluster && changed.binary_search(&other).is_ok() {
                     continue;

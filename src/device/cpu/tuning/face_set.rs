@@ -5,8 +5,6 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use super::filter::Filter;
-
 /// Words of 64 faces of a chunk.
 const WORDS: usize = 64;
 
@@ -38,19 +36,18 @@ impl FaceSet {
         let chunks = self.0.par_chunks(WORDS).zip(items.par_chunks(64 * WORDS)).enumerate();
         let filtered = chunks.map(|(chunk, (words, items))| {
             let mut size = 0;
-            let mut kept = Filter::default();
+            let mut kept = Vec::new();
             for (word, (bits, items)) in words.iter().zip(items.chunks(64)).enumerate() {
                 let bits = bits.load(Relaxed);
                 let first = (64 * (WORDS * chunk + word)) as u32;
                 size += bits.count_ones() as usize;
-                kept.add(64, ones(bits).map(|bit| first + bit), |face| is_kept(face, &items[face as usize % 64]));
+                let faces = ones(bits).map(|bit| first + bit);
+                kept.extend(faces.filter(|&face| is_kept(face, &items[face as usize % 64])));
             }
             (kept, size)
         });
-        let filtered: Vec<(Filter, usize)> = filtered.collect();
-        let size = filtered.iter().map(|(_, size)| size).sum();
-        let kept: Vec<&[u32]> = filtered.iter().map(|(kept, _)| kept.kept()).collect();
-        (kept.concat(), size)
+        let (kept, sizes): (Vec<Vec<u32>>, Vec<usize>) = filtered.unzip();
+        (kept.concat(), sizes.iter().sum())
     }
 }
 

@@ -3,5 +3,4 @@
 
 pub mod chunks;
 pub mod face_set;
-pub mod filter;
 pub mod stored_bound;
