@@ -11,8 +11,9 @@
 //! counted. After [`HOLD_FROM`] for each face, a face whose search failed is held: it needs a detour until it or a face
 //! beside it has moved. Where [`Moves`] are connected, that is so from the first search on: clusters of an image are
 //! ragged all along, and energies end no higher. After [`STEPS`] for each face there are no more searches. A move may
-//! be missed; the cluster stays connected. Where faces are held at once, a search also fails after [`STEPS_OF_SEARCH`]:
-//! those that unite take fewer, but for one in a thousand; those that fail take as many as the cut off piece has.
+//! be missed; the cluster stays connected. Where faces are held at once, searches also fail after [`STEPS_A_SEARCH`]
+//! for each of them: most that unite take fewer, and one that fails would take as many as the piece that the face cuts
+//! off has dual edges.
 
 use std::collections::VecDeque;
 
@@ -27,8 +28,8 @@ const HOLD_FROM: u64 = 128;
 /// Steps, for each face, after which there are no more searches.
 const STEPS: u64 = 1024;
 
-/// Steps after which a search fails where faces are held at once.
-const STEPS_OF_SEARCH: u64 = 2048;
+/// Steps of each search after which they fail, where faces are held at once.
+const STEPS_A_SEARCH: u64 = 1024;
 
 /// Searches, with memory that is kept between them.
 #[derive(Debug, Clone)]
@@ -51,7 +52,7 @@ impl Connection {
         Self { steps: 0, holds_at_once, is_held: vec![false; faces], reached_by: vec![0; faces], first: 1 }
     }
 
-    /// Whether moves may be missed from now on.
+    /// Whether moves may be missed from now on that earlier searches would have allowed.
     pub fn is_bounded(&self) -> bool {
         self.has_made(if self.holds_at_once { STEPS } else { HOLD_FROM })
     }
@@ -110,8 +111,9 @@ impl Connection {
         let mut sets = union_find::singletons(reached.len());
         let mut turns: VecDeque<u32> = sets.iter().copied().collect();
         let mut left = reached.len();
-        let end = self.steps + if self.holds_at_once { STEPS_OF_SEARCH } else { u64::MAX / 2 };
-        while left > 1 && self.steps < end {
+        let most = if self.holds_at_once { STEPS_A_SEARCH * left as u64 } else { u64::MAX };
+        let before = self.steps;
+        while left > 1 && self.steps - before < most {
             let Some(number) = turns.pop_front() else { break };
             if sets[number as usize] != number {
                 continue;
@@ -211,5 +213,15 @@ mod tests {
         connection.moved(&ring, 7);
         assert!(!connection.stays_without(&ring, 7, |_| true), "there are no more searches");
         assert!(connection.stays_without(&ring, 7, |near| near != 8), "short ways are seen");
+    }
+
+    #[test]
+    fn where_moves_are_connected_long_searches_fail() {
+        for (faces, unite) in [(1000, true), (1100, false)] {
+            let ring = ring(faces);
+            let mut connection = Connection::new(faces as usize, Moves::Connected);
+            assert_eq!(connection.stays_without(&ring, 7, |_| true), unite, "{faces}");
+            assert!(connection.steps <= 2 * STEPS_A_SEARCH);
+        }
     }
 }

@@ -49,7 +49,7 @@ pub fn settle<E: Functional>(
 
 /// Makes one pass. Returns the clusters that changed, ascending.
 pub fn pass<E: Functional>(clusters: &mut Clusters<'_, E>, changed: &[u32], borders: &mut Borders) -> Vec<u32> {
-    let faces = borders.of(clusters, changed);
+    let faces = borders.around(clusters, changed);
     if !clusters.spend(changed, &faces) {
         return Vec::new();
     }

@@ -5,8 +5,8 @@
 //! *Starts.* Each makes [swaps](swap) until none pays. The first is what the phases end with. The others are
 //! [merged](super::merging) from single faces, and the phases of quality `fast`, once as they are (not where
 //! [`Moves`] are connected) and once [settled](mod@super::connected::settle) before the swaps. Each is [mixed](mix) in:
-//! every component comes from where it is cheaper. What `fast` ends with is among them, so that no other quality ends
-//! above it.
+//! every component comes from where it is cheaper. Where moves are free, what `fast` ends with is among them, so that
+//! no other quality ends above it.
 //!
 //! *Improvement.* A round of [trials](trial) of merges and splits, judged after their surroundings have settled, and a
 //! [breath](mod@breathe), more clusters and then as many again, take turns: what one has made of its clusters, the
@@ -270,8 +270,9 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
         let graph = self.of.graph;
         let (turns, rounds) = match self.of.quality {
             Quality::Best => (1, (FACES_IN_ROUNDS / graph.faces()).clamp(TRIALS, MOST_ROUNDS)),
-            _ if graph.faces() <= SMALL && graph.moves == Moves::Free => (MORE_TURNS, 1),
-            Quality::Default | Quality::Fast => (TURNS, 1),
+            Quality::Default | Quality::Fast => {
+                (if graph.faces() <= SMALL && graph.moves == Moves::Free { MORE_TURNS } else { TURNS }, 1)
+            }
         };
         let mut depth = breathe::FIRST;
         for _ in 0..turns {

@@ -2,7 +2,8 @@
 //! proof): sums, energies and pieces are computed anew for each face that is looked at.
 //!
 //! It shares one thing with what is compared with it: which detours are seen ([`crate::surface::detour`]). No face
-//! moves here because of one alone, so that a detour that is none makes a difference.
+//! moves here because of one alone, so that a detour that is none makes a difference. Searches have no bound here
+//! ([`mod@crate::cluster::connected`] has some), so that clusters of thousands of faces may end with other labels.
 
 use super::{Iterated, best_move, explained, sums};
 use crate::energy::Functional;
