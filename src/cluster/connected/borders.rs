@@ -110,7 +110,7 @@ mod tests {
             for face in due.into_iter().step_by(3) {
                 let own = clusters.label(face);
                 let beside = surface.neighbours_of(face).iter().map(|&near| clusters.label(near));
-                if let Some(to) = beside.filter(|&to| to != own).last() {
+                if let Some(to) = beside.rev().find(|&to| to != own) {
                     clusters.relabel(std::iter::once((face, to)));
                     if follows {
                         borders.follow(&clusters, face);
