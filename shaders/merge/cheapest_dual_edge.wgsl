@@ -1,5 +1,5 @@
 //! uses: boundary_list, cluster_sums, ties, candidate_edge
-//! reads: neighbours, labels, proxies
+//! reads: neighbours, labels, proxies, cluster_numbers
 //! writes: clusters, candidate_edges, boundary_list
 // The cheapest dual edge of all (P§5.4), first step, a thread a listed face: the best of each workgroup, by exact cost.
 // Rust: device::cheapest_dual_edge.

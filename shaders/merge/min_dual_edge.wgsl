@@ -1,5 +1,5 @@
 //! uses: boundary_list, cluster_sums, ties
-//! reads: neighbours, labels, proxies
+//! reads: neighbours, labels, proxies, cluster_numbers
 //! writes: clusters, best_dual_edges, boundary_list
 // Best dual edge of each cluster (P§5.4), a thread a listed face. Three passes find the least cost, then the least tie
 // of the edges with that cost, then the smallest neighbour of those; a pass only writes its own number, the earlier

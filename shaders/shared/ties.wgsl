@@ -7,10 +7,12 @@ fn mix(number: u32) -> u32 {
 }
 
 // The rank of the edge to `other` as `cluster` sees it: of equally cheap edges, the smallest is the best. By default a
-// hash of the unordered pair.
+// hash of the unordered pair of numbers.
 fn tie_of(cluster: u32, other: u32) -> u32 {
     if iteration.prefers_largest_id != 0u {
         return ~other;
     }
-    return mix((mix(min(cluster, other)) + 0x9e3779b9u) ^ max(cluster, other));
+    let low = cluster_numbers[min(cluster, other)];
+    let high = cluster_numbers[max(cluster, other)];
+    return mix((mix(low) + 0x9e3779b9u) ^ high);
 }

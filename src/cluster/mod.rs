@@ -33,6 +33,7 @@ pub mod record;
 pub mod reference;
 pub mod refinement;
 pub mod relocation;
+mod rounds;
 pub mod run;
 pub mod seeds;
 pub mod snapshots;

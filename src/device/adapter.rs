@@ -32,8 +32,9 @@ pub struct LargestMeshes {
     /// Flat clusterings into a quarter as many clusters.
     #[schema(example = 134_217_726)]
     pub flat: u64,
-    /// Hierarchies.
-    #[schema(example = 33_554_431)]
+    /// Parallel hierarchies that are optimised once clusters have four faces on average, as they are by default; others
+    /// may have a quarter of the faces.
+    #[schema(example = 134_217_726)]
     pub hierarchy: u64,
 }
 

@@ -86,6 +86,12 @@ pub trait Device<E: Functional = Energy>: Send {
         self.another()
     }
 
+    /// A device for merges that begin with so many single faces and between which none moves, where this one has no
+    /// memory for a cluster a face, or is slower.
+    fn for_merges(&self, _faces: usize) -> Option<Box<dyn Device<E>>> {
+        None
+    }
+
     /// Tells of its memory.
     fn memory_meter(&self) -> MemoryMeter {
         Arc::new(|| None)

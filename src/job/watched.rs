@@ -51,6 +51,10 @@ impl<E: Functional> Device<E> for Watched<'_, E> {
         self.device.for_start(faces)
     }
 
+    fn for_merges(&self, faces: usize) -> Option<Box<dyn Device<E>>> {
+        self.device.for_merges(faces)
+    }
+
     fn memory_meter(&self) -> MemoryMeter {
         self.device.memory_meter()
     }

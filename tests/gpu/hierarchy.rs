@@ -69,6 +69,7 @@ fn parallel_hierarchies_of_the_zoo_are_alike() {
     let mut phases = BTreeSet::new();
     for (name, surface) in small_zoo(700) {
         for ties in [Ties::Hash, Ties::LargestId] {
+            compare(&mut gpu, &name, &surface, &Options { ties, optimised_from: 4, ..pml() });
             let outcome = compare(&mut gpu, &name, &surface, &Options { ties, ..pml() });
             phases.extend(outcome.rows.iter().map(|row| format!("{:?}", row.phase)));
         }
@@ -112,6 +113,8 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
         for options in [
             Options { levels: vec![321, 40], ..pml() },
             Options { optimised_from: 4, levels: vec![900], ..pml() },
+            Options { optimised_from: 4, sequential_at: 30, ..pml() },
+            Options { optimised_from: 4, sequential_at: 700, levels: vec![600], ..pml() },
             Options { levels: vec![321], clusters: Some(77), iterations_a_round: [3; 2], ..pml() },
             Options { clusters: Some(50), allow_disconnected: true, ..pml() },
             Options { sequential_at: 30, ..pml() },
@@ -270,14 +273,14 @@ fn more_moves_than_expected_are_all_listed() {
     let mut next = numbers(11);
     let labels: Vec<u32> = (0..faces).map(|_| next(50) as u32).collect();
     surface.items.graph.components[0].energy_shift = 0;
-    let components = vec![0; 51];
+    let components = vec![0; 50];
     let mut gpu = device();
     let mut cpu = CpuDevice::new();
     let mut lists = Vec::new();
     for device in [&mut gpu as &mut dyn Device, &mut cpu] {
         let mut steps = device.open_merging(&surface, &components).expect("it fits");
         steps.set_labels(&labels).expect("set");
-        steps.merge(&[(50, 0)]).expect("a merge");
+        steps.merge(&[]).expect("a merge");
         steps.optimise_boundary(2, &Cancel::default(), &mut |_| {}).expect("optimise");
         lists.push(steps.moves_since_merge().expect("moves"));
     }
@@ -304,12 +307,16 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
         assert_eq!(error.kind, Kind::DeviceUnsuitable);
         assert!(error.message.contains("one by one") && error.message.contains("16777216"), "{error}");
     }
-    // the clusters are the largest buffer
+    // a cluster a face, of which the sums are too large
     let needed = 52 * large.faces() as u64;
     let mut small = device_with(Overrides { binding_size: Some(needed - 1), ..Overrides::default() });
-    let error = run(&mut small, &large, &pml()).expect_err("one byte too many");
+    let error = run(&mut small, &large, &Options { optimise: false, ..pml() }).expect_err("one byte too many");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
     assert!(error.message.contains(&needed.to_string()), "{error}");
+    // a cluster for 4 faces when the first round is optimised
+    let needed = 4 * (large.faces() + 1 + large.neighbours.len()) as u64;
+    let mut small = device_with(Overrides { binding_size: Some(needed), ..Overrides::default() });
+    compare(&mut small, "knot", &large, &Options { optimised_from: 4, ..pml() });
 
     let small = surface(Sample::Cube, 48);
     let components = small.component_of_face();

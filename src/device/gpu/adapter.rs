@@ -60,16 +60,15 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
+/// Faces for each cluster that the device has memory for, at least: with fewer, flat clusterings say little, and the
+/// rounds of parallel hierarchies that the device makes are optimised from there on.
+const FACES_A_CLUSTER: u64 = 4;
+
 /// The largest closed triangle meshes, by the sizes of their buffers.
 pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
-    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-    let [flat, hierarchy] = [(false, 4), (true, 1)].map(|(is_merging, faces_a_cluster)| {
+    let [flat, hierarchy] = [false, true].map(|is_merging| {
         let needed = needed(is_merging);
-        let fits = |faces: u64| {
-            let clusters = (faces / faces_a_cluster).max(1);
-            let sizes = Sizes { axes: 3, faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
-            needed.iter().all(|buffer| buffer.spec().bytes(&sizes) <= most)
-        };
+        let fits = |faces: u64| Sizes::of(3, faces, (faces / FACES_A_CLUSTER).max(1)).fit(&needed, limits);
         let (mut least, mut beyond) = (0, MOST_FACES as u64 + 1);
         while beyond - least > 1 {
             let middle = least.midpoint(beyond);

@@ -26,6 +26,19 @@ pub struct Sizes {
     pub face_groups: u64,
 }
 
+impl Sizes {
+    /// Of a closed triangle mesh.
+    pub fn of(axes: usize, faces: u64, clusters: u64) -> Self {
+        Self { axes, faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) }
+    }
+
+    /// Whether an adapter with these limits can bind buffers of these sizes.
+    pub fn fit(&self, needed: &[Buffer], limits: &wgpu::Limits) -> bool {
+        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        needed.iter().all(|buffer| buffer.spec().bytes(self) <= most)
+    }
+}
+
 /// A row of the table.
 #[derive(Debug, Clone, Copy)]
 pub struct Spec {
@@ -71,6 +84,18 @@ macro_rules! buffers {
     };
 }
 
+impl Buffer {
+    /// The one whose memory it has. What iterations leave in it is not needed when pieces are searched, nor the other
+    /// way round.
+    pub fn memory(self) -> Self {
+        match self {
+            Self::Parents => Self::WantedClusters,
+            Self::PieceSizes => Self::FaceBids,
+            own => own,
+        }
+    }
+}
+
 buffers! {
     /// Points and weights.
     Faces = "faces": "array<Face>", |axes| FACE.bytes(axes), |sizes| sizes.faces;
@@ -112,13 +137,15 @@ buffers! {
     DualEdges = "dual_edges": "array<DualEdge>", of::<layout::DualEdge>, |sizes| sizes.clusters;
     /// The cheapest dual edge of each workgroup.
     CandidateEdges = "candidate_edges": "array<CandidateEdge>", of::<layout::CandidateEdge>, |sizes| sizes.face_groups;
+    /// The numbers of clusters, which decide ties.
+    ClusterNumbers = "cluster_numbers": "array<u32>", of::<u32>, |sizes| sizes.clusters;
     /// For each cluster 0, or one more than the cluster that it was merged into.
     MergedInto = "merged_into": "array<u32>", of::<u32>, |sizes| sizes.clusters;
     /// A list of the host: pairs that merge, or clusters whose sums are copied.
     HostList = "host_list": "array<u32>", of::<u32>, |sizes| sizes.clusters.max(2);
     /// Sums for the host.
     CopiedSums = "copied_sums": "array<CopiedSums>", |axes| COPIED_SUMS.bytes(axes), |sizes| {
-        sizes.clusters.min(MOST_COPIED)
+        sizes.clusters.clamp(2, MOST_COPIED)
     };
     /// Faces that moved since the last merge, for the host.
     Moves = "moves": "array<Move>", of::<Move>, |sizes| sizes.faces;

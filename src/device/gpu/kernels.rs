@@ -316,10 +316,10 @@ kernels! {
     PIECE_DETACH = "pieces/piece_detach", Faces [12];
 
     MIN_DUAL_EDGE_COST = "merge/min_dual_edge" ("PASS" = 0), Listed [92];
-    MIN_DUAL_EDGE_TIE = "merge/min_dual_edge" ("PASS" = 1), Listed [96];
-    MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed [100];
+    MIN_DUAL_EDGE_TIE = "merge/min_dual_edge" ("PASS" = 1), Listed [104];
+    MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed [108];
     DUAL_EDGES_PUBLISH = "merge/dual_edges_publish", Clusters [24];
-    CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed [92];
+    CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed [100];
     CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", EntriesAtOnce [32];
     MERGE_APPLY = "merge/merge_apply", Entries [188];
     MERGE_RELABEL = "merge/merge_relabel", Faces [12];

@@ -63,8 +63,10 @@ pub(super) struct SurfaceMemory {
     stride: u32,
     /// What all iterations have in common.
     common: Iteration,
-    /// Coordinates of a point.
-    axes: usize,
+    /// What the lengths of buffers are for.
+    sizes: Sizes,
+    /// The buffers that kernels need here; others have room for one item.
+    needed: Vec<Buffer>,
     /// Faces on the boundary list when the host last read that; all of them before.
     pub(super) listed: u32,
     /// Pipelines and buffers of kernels that were dispatched, by name.
@@ -72,31 +74,20 @@ pub(super) struct SurfaceMemory {
 }
 
 impl SurfaceMemory {
-    /// Uploads a surface, without labels. Errors: the surface exceeds a limit of the device
+    /// Uploads a surface, without clusters and labels. Errors: the surface exceeds a limit of the device
     /// ([`Kind::DeviceUnsuitable`]), or there is no memory for it ([`Kind::DeviceLost`]).
-    pub(super) fn new<E: Words>(
-        connection: &Connection,
-        graph: &DualGraph<E>,
-        component_of_cluster: &[u32],
-        is_merging: bool,
-    ) -> Result<Self> {
-        let proxies = proxies(graph, component_of_cluster)?;
+    pub(super) fn new<E: Words>(connection: &Connection, graph: &DualGraph<E>, is_merging: bool) -> Result<Self> {
         check_counts(connection, graph)?;
         let sizes = Sizes {
             axes: E::AXES,
             faces: graph.faces() as u64,
             neighbours: graph.neighbours.len() as u64,
-            clusters: component_of_cluster.len() as u64,
+            clusters: 0,
             face_groups: graph.faces().div_ceil(connection.tuning.workgroup as usize) as u64,
         };
         connection.reach(FaultPoint::Upload);
         let needed = kernels::needed(is_merging);
-        // of one item if it is not needed
-        let create = |buffer: &Buffer| {
-            let spec = buffer.spec();
-            let bytes = if needed.contains(buffer) { spec.bytes(&sizes) } else { (spec.stride)(E::AXES) as u64 };
-            storage(connection, spec.name, bytes)
-        };
+        let create = |&buffer: &Buffer| storage(connection, buffer.spec().name, bytes_of(buffer, &needed, &sizes));
         let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
         let stride =
             (size_of::<Iteration>() as u32).next_multiple_of(connection.limits.min_uniform_buffer_offset_alignment);
@@ -105,23 +96,50 @@ impl SurfaceMemory {
             connection.buffer("iterations", bytes, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
         let common = Iteration { faces: sizes.faces as u32, ..Iteration::zeroed() };
         let (listed, bound) = (common.faces, RefCell::default());
-        let mut memory = Self { storage, iterations, stride, common, axes: E::AXES, listed, bound };
+        let memory = Self { storage, iterations, stride, common, sizes, needed, listed, bound };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
-        upload(connection, memory.get(Buffer::Proxies), &proxies);
-        let all: Vec<u32> = (0..sizes.clusters as u32).collect();
-        memory.list_clusters(connection, &all);
         connection.check()?;
         Ok(memory)
     }
 
+    /// Makes room for clusters with these numbers, none of which has a face yet; the component of each comes with them.
+    /// Errors as of [`new`](Self::new).
+    pub(super) fn set_clusters<E: Words>(
+        &mut self,
+        connection: &Connection,
+        graph: &DualGraph<E>,
+        numbers: &[u32],
+        component_of_cluster: &[u32],
+    ) -> Result<()> {
+        let proxies = proxies(graph, component_of_cluster)?;
+        let clusters = numbers.len() as u64;
+        if clusters > self.sizes.clusters {
+            self.sizes.clusters = clusters;
+            for (&buffer, storage_of) in Buffer::ALL.iter().zip(&mut self.storage) {
+                let bytes = bytes_of(buffer, &self.needed, &self.sizes);
+                if bytes != storage_of.size() {
+                    *storage_of = storage(connection, buffer.spec().name, bytes)?;
+                }
+            }
+            self.bound.get_mut().clear();
+        }
+        upload(connection, self.get(Buffer::Proxies), &proxies);
+        if self.needed.contains(&Buffer::ClusterNumbers) {
+            upload(connection, self.get(Buffer::ClusterNumbers), numbers);
+        }
+        let all: Vec<u32> = (0..clusters as u32).collect();
+        self.list_clusters(connection, &all);
+        connection.check()
+    }
+
     /// A storage buffer.
     pub(super) fn get(&self, buffer: Buffer) -> &wgpu::Buffer {
-        &self.storage[buffer as usize]
+        &self.storage[buffer.memory() as usize]
     }
 
     /// Items that a buffer has room for.
     pub(super) fn capacity(&self, buffer: Buffer) -> usize {
-        self.get(buffer).size() as usize / (buffer.spec().stride)(self.axes)
+        self.get(buffer).size() as usize / (buffer.spec().stride)(self.sizes.axes)
     }
 
     /// Number of faces.
@@ -214,15 +232,21 @@ impl SurfaceMemory {
         });
         let bindings = kernel.bindings();
         let storage = bindings.iter().map(|binding| self.get(binding.buffer).as_entire_binding());
-        let (layout, pipeline) = connection.pipeline(kernel, self.axes);
+        let (layout, pipeline) = connection.pipeline(kernel, self.sizes.axes);
         (pipeline, connection.bind_group(kernel.name, &layout, std::iter::once(iteration).chain(storage)))
     }
+}
+
+/// Bytes of a buffer; of one item if it is not needed, or has the memory of another.
+fn bytes_of(buffer: Buffer, needed: &[Buffer], sizes: &Sizes) -> u64 {
+    let (spec, has_memory) = (buffer.spec(), needed.contains(&buffer) && buffer.memory() == buffer);
+    if has_memory { spec.bytes(sizes) } else { (spec.stride)(sizes.axes) as u64 }
 }
 
 /// The words of the proxies of clusters without faces.
 fn proxies<E: Words>(graph: &DualGraph<E>, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
     let (faces, clusters) = (graph.faces(), component_of_cluster.len());
-    if clusters == 0 || clusters > faces {
+    if clusters > faces {
         return Err(Error::new(Kind::Internal, format_args!("{faces} faces cannot make {clusters} clusters")));
     }
     let mut proxies = Vec::with_capacity(clusters * (E::AXES + 1));

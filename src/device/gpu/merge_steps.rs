@@ -113,7 +113,11 @@ impl<E: Words> GpuSteps<'_, E> {
 
 impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        Ok(self.search(Search::Best(ties))?.best)
+        let best = self.search(Search::Best(ties))?.best;
+        let number = |place| self.numbering.number(place);
+        let edge =
+            |DualEdge { cluster, other, cost }| DualEdge { cluster: number(cluster), other: number(other), cost };
+        Ok(best.into_iter().map(edge).collect())
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
@@ -122,24 +126,28 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         self.check_work()?;
-        Ok(self.search(Search::Cheapest(ties))?.cheapest)
+        let cheapest = self.search(Search::Cheapest(ties))?.cheapest;
+        Ok(cheapest.map(|(low, high)| (self.numbering.number(low), self.numbering.number(high))))
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
-        let is_living = |cluster: u32| self.is_living.get(cluster as usize).copied().unwrap_or(false);
-        if let Some((from, into)) =
-            pairs.iter().find(|&&(from, into)| from == into || !is_living(from) || !is_living(into))
-        {
-            return Err(Error::new(Kind::Internal, format_args!("cluster {from} cannot become part of {into}")));
+        let living = |cluster: u32| self.numbering.place(cluster).filter(|&place| self.is_living[place as usize]);
+        let mut entries = Vec::with_capacity(2 * pairs.len());
+        for &(from, into) in pairs {
+            match (living(from), living(into)) {
+                (Some(from), Some(into)) if from != into => entries.extend([from, into]),
+                _ => {
+                    let message = format_args!("cluster {from} cannot become part of {into}");
+                    return Err(Error::new(Kind::Internal, message));
+                }
+            }
         }
-        if pairs.len() > self.clusters() as usize / 2 {
-            return Err(Error::new(
-                Kind::Internal,
-                format_args!("{} clusters cannot merge in {} pairs", self.clusters(), pairs.len()),
-            ));
+        if entries.len() > self.is_living.len() {
+            let (clusters, pairs) = (self.is_living.len(), pairs.len());
+            let message = format_args!("{clusters} clusters cannot merge in {pairs} pairs");
+            return Err(Error::new(Kind::Internal, message));
         }
         self.connection.reach(FaultPoint::Merge);
-        let entries: Vec<u32> = pairs.iter().flat_map(|&(from, into)| [from, into]).collect();
         upload(&self.connection, self.memory.get(Buffer::HostList), &entries);
         let mut encoder = self.begin(Numbers { entries: pairs.len() as u32, ..Numbers::NONE }, false, false);
         if self.known.history == History::Unmerged {
@@ -148,7 +156,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         self.encode(&mut encoder, "merge", &[kernels::MERGE_APPLY, kernels::MERGE_RELABEL], BETWEEN);
         self.connection.submit(Some(encoder));
         self.known.invalidate(Change::Merge);
-        pairs.iter().for_each(|&(from, _)| self.is_living[from as usize] = false);
+        entries.as_chunks().0.iter().for_each(|&[from, _]| self.is_living[from as usize] = false);
         self.living.retain(|&cluster| self.is_living[cluster as usize]);
         self.memory.list_clusters(&self.connection, &self.living);
         self.connection.check()
@@ -156,22 +164,27 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<E::Sums>> {
         self.check_clusters(clusters.iter().copied())?;
-        let known = |cluster: &u32| {
-            let at = self.known.sums.binary_search_by_key(cluster, |&(cluster, _)| cluster).ok()?;
+        // one without a place has no faces
+        let places: Vec<Option<u32>> = clusters.iter().map(|&cluster| self.numbering.place(cluster)).collect();
+        let known = |place: &Option<u32>| {
+            let Some(place) = place else { return Some(E::Sums::default()) };
+            let at = self.known.sums.binary_search_by_key(place, |&(place, _)| place).ok()?;
             Some(self.known.sums[at].1)
         };
-        if let Some(sums) = clusters.iter().map(known).collect() {
+        if let Some(sums) = places.iter().map(known).collect() {
             return Ok(sums);
         }
-        let mut sums = Vec::with_capacity(clusters.len());
-        for chunk in clusters.chunks(self.memory.capacity(Buffer::CopiedSums)) {
+        let with_places: Vec<u32> = places.iter().flatten().copied().collect();
+        let mut sums = Vec::with_capacity(with_places.len());
+        for chunk in with_places.chunks(self.memory.capacity(Buffer::CopiedSums)) {
             upload(&self.connection, self.memory.get(Buffer::HostList), chunk);
             let mut encoder = self.begin(Numbers { entries: chunk.len() as u32, ..Numbers::NONE }, false, false);
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY], BETWEEN);
             let copied: Vec<u32> = self.read(encoder, &[Self::copied(chunk.len())], |mut parts| parts.next())?;
             sums.extend(Self::sums(&copied));
         }
-        Ok(sums)
+        let mut sums = sums.into_iter();
+        Ok(places.iter().map(|place| place.and_then(|_| sums.next()).unwrap_or_default()).collect())
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {
@@ -187,6 +200,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
             list = self.download::<Move>(Buffer::Moves, moved)?;
         }
         list.sort_unstable_by_key(|moved| moved.face);
-        Ok(list.iter().map(|moved| (moved.face, moved.before, moved.after)).collect())
+        let number = |place| self.numbering.number(place);
+        Ok(list.iter().map(|moved| (moved.face, number(moved.before), number(moved.after))).collect())
     }
 }

@@ -9,6 +9,7 @@
 //! | `axes` | kernels for points of other numbers of coordinates |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
+//! | `numbering` | the clusters that the device knows |
 //! | `state` | what the host knows about a surface, and how submissions begin; `readback` has how they end |
 //! | `batches` | iterations that are queued at once |
 //! | `steps`, `merge_steps` | the steps of the algorithms, as lists of kernels |
@@ -41,6 +42,7 @@ pub mod kernels;
 pub mod layout;
 mod memory;
 mod merge_steps;
+mod numbering;
 mod pipeline;
 mod probe;
 mod readback;
@@ -57,6 +59,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use self::adapter::Found;
 pub use self::axes::MOST_AXES;
+use self::buffers::Sizes;
 pub use self::choice::{adapters, open, open_hardware, tested_adapters};
 use self::connection::Connection;
 pub use self::probe::probe;
@@ -268,6 +271,15 @@ impl<E: Words> Device<E> for GpuDevice {
         let more = if self.report.kind == AdapterKind::Software { 4 } else { 1 };
         let most = more * self.overrides.tuning.start_on_cpu as usize;
         (faces <= most).then(|| Box::new(CpuDevice::new()) as Box<dyn Device<E>>)
+    }
+
+    fn for_merges(&self, faces: usize) -> Option<Box<dyn Device<E>>> {
+        let fits = || {
+            let limits = &self.connection().ok()?.limits;
+            Some(Sizes::of(E::AXES, faces as u64, faces as u64).fit(&kernels::needed(true), limits))
+        };
+        let is_slower = self.report.kind == AdapterKind::Software;
+        (is_slower || fits() == Some(false)).then(|| Box::new(CpuDevice::new()) as Box<dyn Device<E>>)
     }
 
     fn memory_meter(&self) -> MemoryMeter {

@@ -10,8 +10,9 @@ use super::connection::Connection;
 use super::kernels::{self, Kernel};
 use super::layout::{BoundaryList, Move};
 use super::memory::{BEFORE, Numbers, SurfaceMemory};
-use crate::device::DualEdge;
+use super::numbering::Numbering;
 use crate::device::dual_edge::Ties;
+use crate::device::{DualEdge, FREE};
 use crate::energy::{LatticeEnergy, Words};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
@@ -124,12 +125,18 @@ impl<E: Words> Known<E> {
 pub(super) struct GpuSteps<'a, E: Words> {
     pub(super) connection: Arc<Connection>,
     pub(super) graph: &'a DualGraph<E>,
-    pub(super) component_of_cluster: &'a [u32],
+    component_of_cluster: &'a [u32],
     pub(super) memory: SurfaceMemory,
-    /// The clusters that may have faces, ascending.
+    /// Which clusters the device knows. Everything below has their places.
+    pub(super) numbering: Numbering,
+    /// The component of each.
+    pub(super) component_of_place: Vec<u32>,
+    /// Those that may have faces, ascending.
     pub(super) living: Vec<u32>,
     /// Whether a cluster is one of them.
     pub(super) is_living: Vec<bool>,
+    /// Whether clusters may merge, and the device knows those alone that have faces.
+    is_merging: bool,
     /// Memory for [`mutual`](crate::device::dual_edge::mutual).
     pub(super) chosen: Vec<u32>,
     pub(super) known: Known<E>,
@@ -146,23 +153,28 @@ pub(super) struct GpuSteps<'a, E: Words> {
 }
 
 impl<'a, E: Words> GpuSteps<'a, E> {
-    /// Opens a surface, all faces free. Hierarchies need more buffers.
+    /// Opens a surface, all faces free. Hierarchies need more buffers, and get those of clusters with their labels.
     pub(super) fn new(
         connection: Arc<Connection>,
         graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
         is_merging: bool,
     ) -> Result<Self> {
-        let mut memory = SurfaceMemory::new(&connection, graph, component_of_cluster, is_merging)?;
+        if component_of_cluster.is_empty() {
+            return Err(Error::new(Kind::Internal, "a surface needs a cluster"));
+        }
+        let mut memory = SurfaceMemory::new(&connection, graph, is_merging)?;
         memory.number(&connection.queue, Numbers::NONE, false);
-        let living = (0..component_of_cluster.len() as u32).collect();
-        let steps = Self {
+        let mut steps = Self {
             connection,
             graph,
             component_of_cluster,
             memory,
-            living,
-            is_living: vec![true; component_of_cluster.len()],
+            numbering: Numbering::default(),
+            component_of_place: Vec::new(),
+            living: Vec::new(),
+            is_living: Vec::new(),
+            is_merging,
             chosen: Vec::new(),
             known: Known::NEW,
             last_search: None,
@@ -171,20 +183,38 @@ impl<'a, E: Words> GpuSteps<'a, E> {
             is_resumed: false,
             host_buffer: Cell::default(),
         };
+        if !is_merging {
+            steps.set_numbering(Numbering::all(component_of_cluster.len()))?;
+        }
         let mut encoder = steps.connection.encoder();
         steps.encode(&mut encoder, "upload", &[kernels::LABELS_FREE], BEFORE);
         steps.connection.submit(Some(encoder));
         Ok(steps)
     }
 
-    /// Number of clusters, with those that have merged.
-    pub(super) fn clusters(&self) -> u32 {
-        self.component_of_cluster.len() as u32
+    /// Gives the device other clusters, all of which may have faces.
+    fn set_numbering(&mut self, numbering: Numbering) -> Result<()> {
+        let component = |&cluster: &u32| self.component_of_cluster[cluster as usize];
+        self.component_of_place = numbering.numbers().iter().map(component).collect();
+        self.memory.set_clusters(&self.connection, self.graph, numbering.numbers(), &self.component_of_place)?;
+        let clusters = numbering.numbers().len();
+        self.living = (0..clusters as u32).collect();
+        self.is_living = vec![true; clusters];
+        self.numbering = numbering;
+        Ok(())
+    }
+
+    /// Forgets merges, and where clusters may merge, clusters without faces.
+    pub(super) fn number_clusters(&mut self, labels: &[u32]) -> Result<()> {
+        self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
+        self.known.history = History::Unmerged;
+        let clusters = self.component_of_cluster.len();
+        if self.is_merging { self.set_numbering(Numbering::of(labels, clusters)) } else { Ok(()) }
     }
 
     /// Refuses clusters that do not exist.
     pub(super) fn check_clusters(&self, mut clusters: impl Iterator<Item = u32>) -> Result<()> {
-        let limit = self.clusters();
+        let limit = self.component_of_cluster.len() as u32;
         clusters.find(|&cluster| cluster >= limit).map_or(Ok(()), |cluster| {
             Err(Error::new(Kind::Internal, format_args!("clusters must be below {limit}: {cluster}")))
         })

@@ -15,14 +15,8 @@ use crate::energy::{LatticeEnergy, Words};
 use crate::error::{Error, Kind, Result};
 
 impl<E: Words> GpuSteps<'_, E> {
-    /// Replaces all labels; the history stays.
+    /// Replaces the places of the clusters of all faces; the history stays.
     fn replace_labels(&mut self, labels: &[u32]) -> Result<()> {
-        let faces = self.graph.faces();
-        if labels.len() != faces {
-            let message = format_args!("{faces} faces need as many labels: {}", labels.len());
-            return Err(Error::new(Kind::Internal, message));
-        }
-        self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
         let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
         upload(&self.connection, from, labels);
         let mut encoder = self.connection.encoder();
@@ -30,35 +24,68 @@ impl<E: Words> GpuSteps<'_, E> {
         self.connection.submit(Some(encoder));
         self.known.invalidate(Change::Labels);
         self.known.has_free = labels.contains(&FREE);
-        self.memory.listed = faces as u32;
+        self.memory.listed = labels.len() as u32;
         self.is_resumed = false;
         self.connection.check()
+    }
+
+    /// Refuses other numbers of labels than of faces.
+    fn check_count(&self, labels: &[u32]) -> Result<()> {
+        let faces = self.graph.faces();
+        if labels.len() == faces {
+            return Ok(());
+        }
+        Err(Error::new(Kind::Internal, format_args!("{faces} faces need as many labels: {}", labels.len())))
+    }
+
+    /// The place of the cluster of each face. Fails with `DeviceWrong` where the energy of the labels is not the one
+    /// that the device gave.
+    fn places(&mut self) -> Result<Vec<u32>> {
+        if !self.known.has_sums {
+            // they are the host's
+            return match self.known.labels.take() {
+                Some(labels) => Ok(labels),
+                None => {
+                    self.connection.reach(FaultPoint::Labels);
+                    self.download(Buffer::Labels, self.graph.faces())
+                }
+            };
+        }
+        if self.known.labels.is_none() || self.known.energy.is_none() {
+            let encoder = self.begin(Numbers::NONE, false, self.known.energy.is_none());
+            let stats = self.fetch(encoder, Along { labels: true, ..Along::default() })?;
+            self.known.energy.get_or_insert(stats.before.energy());
+        }
+        let labels = self.known.labels.take().unwrap_or_default();
+        if let Some(energy) = self.known.energy {
+            verify(&self.connection.name, (self.graph, &self.component_of_place), &labels, energy)?;
+        }
+        Ok(labels)
     }
 }
 
 impl<E: Words> Steps for GpuSteps<'_, E> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        if self.known.history != History::Unmerged {
-            self.known.history = History::Unmerged;
-            self.living = (0..self.clusters()).collect();
-            self.is_living.fill(true);
-            self.memory.list_clusters(&self.connection, &self.living);
-        }
-        self.replace_labels(labels)
+        self.check_count(labels)?;
+        self.number_clusters(labels)?;
+        let places = self.numbering.to_places(labels)?;
+        self.replace_labels(&places)
     }
 
     fn relabel(&mut self, labels: &[u32]) -> Result<()> {
+        self.check_count(labels)?;
+        let places = self.numbering.to_places(labels)?;
         let mut at_merge = Vec::new();
         if self.known.history != History::Unmerged {
-            let labels = self.labels()?;
+            let labels = self.places()?;
             at_merge = self.download(Buffer::LabelAtMerge, labels.len())?;
             // a face that is not listed has not moved since
             let unlisted = at_merge.iter_mut().zip(labels).filter(|(before, _)| **before == UNLISTED);
             unlisted.for_each(|(before, label)| *before = label);
         }
-        self.replace_labels(labels)?;
+        self.replace_labels(&places)?;
         upload(&self.connection, self.memory.get(Buffer::LabelAtMerge), &at_merge);
-        self.known.labels = Some(labels.to_vec());
+        self.known.labels = Some(places.into_owned());
         Ok(())
     }
 
@@ -133,27 +160,8 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
         Ok(freed.into())
     }
 
-    /// Fails with `DeviceWrong` where the energy of the labels is not the one that the device gave.
     fn labels(&mut self) -> Result<Vec<u32>> {
-        if !self.known.has_sums {
-            // they are the host's
-            return match self.known.labels.take() {
-                Some(labels) => Ok(labels),
-                None => {
-                    self.connection.reach(FaultPoint::Labels);
-                    self.download(Buffer::Labels, self.graph.faces())
-                }
-            };
-        }
-        if self.known.labels.is_none() || self.known.energy.is_none() {
-            let encoder = self.begin(Numbers::NONE, false, self.known.energy.is_none());
-            let stats = self.fetch(encoder, Along { labels: true, ..Along::default() })?;
-            self.known.energy.get_or_insert(stats.before.energy());
-        }
-        let labels = self.known.labels.take().unwrap_or_default();
-        if let Some(energy) = self.known.energy {
-            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
-        }
-        Ok(labels)
+        let places = self.places()?;
+        Ok(self.numbering.to_labels(places))
     }
 }

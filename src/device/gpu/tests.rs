@@ -5,8 +5,8 @@ use std::mem::{offset_of, size_of};
 use std::sync::Arc;
 
 use super::adapter::{enumerate, largest_meshes};
-use super::buffers::Buffer;
-use super::kernels::{Items, Kernel, Part};
+use super::buffers::{Buffer, Sizes};
+use super::kernels::{Items, KERNELS, Kernel, Part, needed};
 use super::layout::BoundaryList;
 use super::memory::BEFORE;
 use super::state::GpuSteps;
@@ -118,6 +118,37 @@ fn the_host_reads_through_one_buffer_that_grows() {
     }
 }
 
+#[test]
+fn no_kernel_sees_two_buffers_of_one_memory_and_it_is_long_enough_for_both() {
+    let sizes = Sizes::of(3, 1000, 250);
+    for kernel in KERNELS {
+        let memories = kernel.bindings().into_iter().map(|binding| binding.buffer.memory() as usize);
+        let found: Vec<usize> = memories.collect();
+        assert!(
+            found.iter().all(|memory| found.iter().filter(|other| *other == memory).count() == 1),
+            "{}",
+            kernel.name
+        );
+    }
+    let shared = Buffer::ALL.iter().filter(|buffer| buffer.memory() != **buffer);
+    let bytes = |buffer: Buffer| buffer.spec().bytes(&sizes);
+    assert!(shared.clone().all(|buffer| bytes(buffer.memory()) >= bytes(*buffer)));
+    assert_eq!(shared.count(), 2);
+}
+
+#[test]
+fn a_face_takes_no_more_memory_than_before() {
+    // a closed triangle mesh into clusters of 100 faces, and a hierarchy that is optimised from 4 faces a cluster on
+    for (is_merging, faces_a_cluster, most) in [(false, 100, 62), (true, 4, 117)] {
+        let faces = 10_000_000;
+        let sizes = Sizes { face_groups: faces / 256, ..Sizes::of(3, faces, faces / faces_a_cluster) };
+        let needed = needed(is_merging);
+        let has_memory = |buffer: &&Buffer| needed.contains(buffer) && buffer.memory() == **buffer;
+        let bytes: u64 = Buffer::ALL.iter().filter(has_memory).map(|buffer| buffer.spec().bytes(&sizes)).sum();
+        assert_eq!(bytes.div_ceil(faces), most, "{bytes} of {faces} faces");
+    }
+}
+
 /// A kernel that no other code knows: it adds a constant to the labels.
 static LABELS_ADD: Kernel = Kernel {
     name: "labels_add",
@@ -162,7 +193,7 @@ fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_do
     let device = device(Overrides { binding_size: Some(100_000), ..Overrides::default() });
     let connection = device.connection().expect("it is open");
     let largest = largest_meshes(&connection.limits);
-    for (most, faces_a_cluster, is_merging) in [(largest.flat, 4, false), (largest.hierarchy, 1, true)] {
+    for (most, is_merging) in [(largest.flat, false), (largest.hierarchy, true)] {
         let opens = |faces: u64| {
             let count = faces as u32;
             let graph: DualGraph = DualGraph {
@@ -173,8 +204,11 @@ fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_do
                 neighbours: (0..3 * count).map(|at| (at / 3 + at % 3 + 1) % count).collect(),
                 components: vec![Component { first_face: 0, faces: count, weight: faces, energy_shift: 0 }],
             };
-            let clusters = vec![0; (faces / faces_a_cluster) as usize];
-            GpuSteps::new(Arc::clone(&connection), &graph, &clusters, is_merging).is_ok()
+            let clusters = vec![0; (faces / 4) as usize];
+            let labels: Vec<u32> = (0..count).map(|face| face % clusters.len() as u32).collect();
+            GpuSteps::new(Arc::clone(&connection), &graph, &clusters, is_merging)
+                .and_then(|mut steps| steps.set_labels(&labels))
+                .is_ok()
         };
         assert!(opens(most) && !opens(most + 1), "{most} faces");
     }

@@ -1,0 +1,112 @@
+//! The clusters that have memory on the device, and their places in it.
+//!
+//! A hierarchy numbers its clusters like faces, and few of them are left when the device takes part. So the device has
+//! memory for those that have faces when labels are set, in the order of their numbers: a rule that prefers the smaller
+//! or the larger number decides the same by places. Only the hash of a pair reads the numbers themselves
+//! (`shaders/shared/ties.wgsl`).
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use crate::device::FREE;
+use crate::error::{Error, Kind, Result};
+
+/// Labels that a thread translates at a time.
+const LABELS: usize = 1 << 14;
+
+/// The places of clusters.
+#[derive(Debug, Default)]
+pub(super) struct Numbering {
+    /// The number of the cluster at each place, ascending.
+    numbers: Vec<u32>,
+    /// The place of each cluster, [`FREE`] of those without one.
+    places: Vec<u32>,
+}
+
+impl Numbering {
+    /// A place for each cluster.
+    pub(super) fn all(clusters: usize) -> Self {
+        let all: Vec<u32> = (0..clusters as u32).collect();
+        Self { numbers: all.clone(), places: all }
+    }
+
+    /// A place for each of so many clusters that has faces.
+    pub(super) fn of(labels: &[u32], clusters: usize) -> Self {
+        let mut places = vec![FREE; clusters];
+        for &label in labels.iter().filter(|&&label| label != FREE) {
+            places[label as usize] = 0;
+        }
+        let numbers: Vec<u32> = (0..clusters as u32).filter(|&cluster| places[cluster as usize] != FREE).collect();
+        for (place, &cluster) in (0..).zip(&numbers) {
+            places[cluster as usize] = place;
+        }
+        Self { numbers, places }
+    }
+
+    /// The numbers of the clusters, by place.
+    pub(super) fn numbers(&self) -> &[u32] {
+        &self.numbers
+    }
+
+    /// The number of the cluster at a place; [`FREE`] where there is none.
+    pub(super) fn number(&self, place: u32) -> u32 {
+        self.numbers.get(place as usize).copied().unwrap_or(FREE)
+    }
+
+    /// The place of a cluster, if it has one.
+    pub(super) fn place(&self, cluster: u32) -> Option<u32> {
+        self.places.get(cluster as usize).copied().filter(|&place| place != FREE)
+    }
+
+    /// Places of labels. Fails for a cluster without one.
+    pub(super) fn to_places<'a>(&self, labels: &'a [u32]) -> Result<Cow<'a, [u32]>> {
+        let wrong = |&label: &u32| label != FREE && self.place(label).is_none();
+        if let Some(label) = labels.par_iter().with_min_len(LABELS).copied().find_first(wrong) {
+            return Err(Error::new(Kind::Internal, format_args!("there is no cluster {label} to label faces with")));
+        }
+        Ok(if self.is_identity() { labels.into() } else { translated(labels, &self.places).into() })
+    }
+
+    /// Labels from places.
+    pub(super) fn to_labels(&self, places: Vec<u32>) -> Vec<u32> {
+        if self.is_identity() { places } else { translated(&places, &self.numbers) }
+    }
+
+    /// Whether the place of each cluster is its number.
+    fn is_identity(&self) -> bool {
+        self.numbers.len() == self.places.len()
+    }
+}
+
+/// What a table has for each label; [`FREE`] where it has nothing, as for free faces.
+fn translated(labels: &[u32], table: &[u32]) -> Vec<u32> {
+    let entry = |&label: &u32| table.get(label as usize).copied().unwrap_or(FREE);
+    labels.par_iter().with_min_len(LABELS).map(entry).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_have_the_order_of_numbers_and_free_faces_stay_free() {
+        let labels = [7, 2, FREE, 7, 4];
+        let numbering = Numbering::of(&labels, 9);
+        assert_eq!(numbering.numbers(), [2, 4, 7]);
+        let places = numbering.to_places(&labels).expect("all have places").into_owned();
+        assert_eq!(places, [2, 0, FREE, 2, 1]);
+        assert_eq!(numbering.to_labels(places), labels);
+        assert_eq!([2, 3, 8, 9].map(|cluster| numbering.place(cluster)), [Some(0), None, None, None]);
+        assert!(numbering.to_places(&[3]).is_err() && numbering.to_places(&[9]).is_err());
+    }
+
+    #[test]
+    fn all_clusters_keep_their_numbers() {
+        let numbering = Numbering::all(3);
+        let labels = [2, FREE, 0];
+        assert!(matches!(numbering.to_places(&labels), Ok(Cow::Borrowed(_))));
+        assert_eq!(numbering.to_labels(labels.to_vec()), labels);
+        assert!(numbering.to_places(&[3]).is_err());
+    }
+}
