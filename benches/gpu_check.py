@@ -52,6 +52,7 @@ VARIANTS = {
     "labels_along": [0, 4_194_304],
     "chain_items": [0, 512, 8192],
     "start_on_cpu": [0, 16_384],
+    "merges_up_to": [0],
 }
 
 # Constants that no measurement of a card decides.

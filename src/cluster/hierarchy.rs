@@ -33,8 +33,8 @@
 //! run, and whole clusters move ([`super::relocation`]), into other components, too. A cluster keeps its number where
 //! it keeps most of its faces ([`super::numbers`]); all faces that are in another cluster than before count as moved.
 //!
-//! Rounds before the first that is optimised only merge. Where a device has no memory for a cluster a face, another
-//! makes them ([`Device::for_merges`]).
+//! Rounds before the first that is optimised only merge. Where a device should not have memory for a cluster a face,
+//! another makes them ([`Device::for_merges`]).
 //!
 //! Merging all pairs would halve the clusters also where they are large already; the next round moves what a few
 //! iterations leave; clusters of two or three faces leave little to optimise (`benches/results/choices.md`).
@@ -66,7 +66,7 @@ pub struct Hierarchy {
     pub labels: Vec<u32>,
     /// The number of clusters at which sequential rounds reached their bound.
     pub bounded_at: Option<u64>,
-    /// Time that the device took to open.
+    /// Time that the device took to open, and to get labels.
     pub upload: Duration,
 }
 
@@ -85,7 +85,7 @@ pub fn hierarchical<E: Functional>(
     let mut rounds = Rounds::new(items, options, target, cancel, on_row, on_round);
     let mut labels: Vec<u32> = (0..items.faces() as u32).collect();
     let mut upload = Duration::ZERO;
-    let mut for_merges = device.for_merges(items.faces()).filter(|_| rounds.begin_with_merges());
+    let mut for_merges = rounds.left_by_merges().and_then(|left| device.for_merges(items.faces() as u64, left));
     while !rounds.are_over() {
         // a device knows the component of each cluster, so it is opened anew when clusters have gone to others
         let component_of_cluster = rounds.component_of_cluster();

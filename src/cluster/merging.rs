@@ -51,7 +51,7 @@ pub fn merged<E: Functional>(
     cancel: &Cancel,
 ) -> Result<Vec<u32>> {
     let component_of_face = graph.component_of_face();
-    let mut for_merges = device.for_merges(graph.faces());
+    let mut for_merges = device.for_merges(graph.faces() as u64, 1);
     let device = for_merges.as_deref_mut().unwrap_or(device);
     let mut steps = device.open_merging(graph, &component_of_face)?;
     steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>())?;

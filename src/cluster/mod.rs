@@ -5,7 +5,7 @@
 //! | boundary-based clustering (P§3), and the proof that F falls | [`flat`] |
 //! | refinement by exact gains, beyond the paper | [`refinement`] |
 //! | connected clusters | [`connected`] |
-//! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`] |
+//! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`], `rounds` |
 //! | where flat clusterings start | [`seeds`], [`coarse`], [`merging`], [`grouping`] |
 //! | how much time to take for how low an energy | [`quality`] |
 //! | the order of merges | [`crate::device::dual_edge`] |

@@ -162,10 +162,13 @@ impl<'a, E: Functional> Rounds<'a, E> {
         steps.labels()
     }
 
-    /// Whether the first rounds may be parallel ones without optimisation, and others follow.
-    pub(super) fn begin_with_merges(&self) -> bool {
-        let Options { sequential_at, optimise, optimised_from, .. } = *self.options;
-        optimise && optimised_from > 1 && self.left > sequential_at
+    /// How many clusters are left, at most, after [`until_optimised`](Self::until_optimised); None where no round is
+    /// optimised, or the first may be.
+    pub(super) fn left_by_merges(&self) -> Option<u64> {
+        let Options { sequential_at, optimise, optimised_from, levels, .. } = self.options;
+        let optimised = self.left / (*optimised_from).max(1) + self.builder.items.components.len() as u64;
+        let most = levels.iter().fold(optimised.max(self.target).max(*sequential_at), |most, &level| most.max(level));
+        (*optimise && most < self.left).then_some(most)
     }
 
     /// Makes rounds from these labels to the first that is optimised, without its end, or until rounds are sequential.

@@ -86,9 +86,9 @@ pub trait Device<E: Functional = Energy>: Send {
         self.another()
     }
 
-    /// A device for merges that begin with so many single faces and between which none moves, where this one has no
-    /// memory for a cluster a face, or is slower.
-    fn for_merges(&self, _faces: usize) -> Option<Box<dyn Device<E>>> {
+    /// A device for merges of so many single faces, without moves of faces in between, where this one should not have
+    /// memory for a cluster a face. It then has memory for `left` clusters.
+    fn for_merges(&self, _faces: u64, _left: u64) -> Option<Box<dyn Device<E>>> {
         None
     }
 
@@ -145,7 +145,8 @@ pub trait Steps {
     /// Replaces all labels: one a face, a cluster or [`FREE`]. All faces may bid again.
     fn set_labels(&mut self, labels: &[u32]) -> Result<()>;
 
-    /// Replaces all labels by others that leave no face free, as moves of faces: clusters that merged stay merged.
+    /// Replaces all labels by others that leave no face free, as moves of faces: clusters that merged stay merged, and
+    /// clusters without faces get none.
     fn relabel(&mut self, labels: &[u32]) -> Result<()>;
 
     /// Grows the clusters over the free faces, breadth first (P§5.3): in each pass every free face with labelled
@@ -191,8 +192,8 @@ pub trait MergeSteps<E: Functional = Energy>: Steps {
     /// The two ends of the dual edge with the smallest exact cost of all, the smaller number first.
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>>;
 
-    /// Merges pairs of clusters, each the first into the second of its pair (`(from, into)`); no cluster is in two
-    /// pairs.
+    /// Merges pairs of clusters that have faces, each the first into the second of its pair (`(from, into)`); no
+    /// cluster is in two pairs.
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()>;
 
     /// Merges pairs of clusters, given with the smaller number first, as [`from_into`] orders them; no cluster is in

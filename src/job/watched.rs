@@ -51,8 +51,9 @@ impl<E: Functional> Device<E> for Watched<'_, E> {
         self.device.for_start(faces)
     }
 
-    fn for_merges(&self, faces: usize) -> Option<Box<dyn Device<E>>> {
-        self.device.for_merges(faces)
+    /// Its labels are not shown: no face moves there.
+    fn for_merges(&self, faces: u64, left: u64) -> Option<Box<dyn Device<E>>> {
+        self.device.for_merges(faces, left)
     }
 
     fn memory_meter(&self) -> MemoryMeter {

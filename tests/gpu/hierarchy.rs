@@ -13,7 +13,7 @@ use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::adapter::AdapterKind;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::dual_edge::{Rank, Ties, mutual};
-use tesserae_mesh::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
+use tesserae_mesh::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides, Tuning};
 use tesserae_mesh::device::{Cancel, Device, FREE};
 use tesserae_mesh::energy::cvd::ClusterSums;
 use tesserae_mesh::error::Result;
@@ -113,8 +113,6 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
         for options in [
             Options { levels: vec![321, 40], ..pml() },
             Options { optimised_from: 4, levels: vec![900], ..pml() },
-            Options { optimised_from: 4, sequential_at: 30, ..pml() },
-            Options { optimised_from: 4, sequential_at: 700, levels: vec![600], ..pml() },
             Options { levels: vec![321], clusters: Some(77), iterations_a_round: [3; 2], ..pml() },
             Options { clusters: Some(50), allow_disconnected: true, ..pml() },
             Options { sequential_at: 30, ..pml() },
@@ -127,6 +125,44 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
             assert!(options.levels.iter().all(|level| levels.contains(level)), "{levels:?}");
         }
     }
+}
+
+#[test]
+fn hierarchies_whose_first_merges_are_the_cpus_are_alike() {
+    let tuning = Tuning { merges_up_to: 0, ..Tuning::default() };
+    let mut gpu = device_with(Overrides { tuning, timed: true, ..Overrides::default() });
+    let dispatches = |gpu: &mut GpuDevice| {
+        let profile = (gpu as &mut dyn Device).take_profile().expect("a profile");
+        profile.map(|profile| profile.total().dispatches)
+    };
+    let late = Options { optimised_from: 4, ..pml() };
+    for (name, surface) in small_zoo(700) {
+        for ties in [Ties::Hash, Ties::LargestId] {
+            compare(&mut gpu, &name, &surface, &Options { ties, ..late.clone() });
+        }
+    }
+    for (sample, faces) in [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)] {
+        let surface = surface(sample, faces);
+        for options in [
+            late.clone(),
+            Options { levels: vec![900, 40], ..late.clone() },
+            Options { sequential_at: 30, clusters: Some(20), ..late.clone() },
+            Options { sequential_at: 700, levels: vec![600], clusters: Some(590), ..late.clone() },
+        ] {
+            compare(&mut gpu, sample.name(), &surface, &options);
+        }
+    }
+    // the device makes fewer rounds
+    let knot = surface(Sample::Knot, 2000);
+    let mut counts = Vec::new();
+    for merges_up_to in [0, u32::MAX] {
+        let tuning = Tuning { merges_up_to, ..Tuning::default() };
+        let mut gpu = device_with(Overrides { tuning, timed: true, ..Overrides::default() });
+        dispatches(&mut gpu);
+        run(&mut gpu, &knot, &late).expect("a run");
+        counts.extend(dispatches(&mut gpu));
+    }
+    assert!(counts.is_sorted_by(|few, many| few < many), "{counts:?}");
 }
 
 #[test]
@@ -316,7 +352,13 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
     // a cluster for 4 faces when the first round is optimised
     let needed = 4 * (large.faces() + 1 + large.neighbours.len()) as u64;
     let mut small = device_with(Overrides { binding_size: Some(needed), ..Overrides::default() });
-    compare(&mut small, "knot", &large, &Options { optimised_from: 4, ..pml() });
+    let late = Options { optimised_from: 4, ..pml() };
+    compare(&mut small, "knot", &large, &late);
+    // a level at which too many are left is refused before the first round
+    let options = Options { levels: vec![4000], ..late };
+    let (mut rounds, cancel) = (0, Cancel::default());
+    let error = hierarchical(&large, &options, &mut small, &cancel, &mut |_| {}, &mut |_| rounds += 1);
+    assert_eq!((error.expect_err("it does not fit").kind, rounds), (Kind::DeviceUnsuitable, 0));
 
     let small = surface(Sample::Cube, 48);
     let components = small.component_of_face();
@@ -324,6 +366,7 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
     steps.set_labels(&vec![FREE; small.faces()]).expect("set");
     assert_eq!(steps.optimal_dual_edges(Ties::Hash).expect("a search"), []);
     assert_eq!(steps.cheapest_dual_edge(Ties::Hash).expect("a search"), None);
+    assert!(steps.labels().expect("labels").iter().all(|&label| label == FREE));
     let outside = small.faces() as u32;
     assert!(steps.merge(&[(0, outside)]).is_err());
     assert!(steps.sums_of(&[outside]).is_err());

@@ -60,9 +60,9 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-/// Faces for each cluster that the device has memory for, at least: with fewer, flat clusterings say little, and the
-/// rounds of parallel hierarchies that the device makes are optimised from there on.
-const FACES_A_CLUSTER: u64 = 4;
+/// Faces for each cluster in the largest meshes: what a parallel hierarchy has on average when its first round is
+/// optimised.
+pub(super) const FACES_A_CLUSTER: u64 = 4;
 
 /// The largest closed triangle meshes, by the sizes of their buffers.
 pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {

@@ -63,7 +63,7 @@ pub(super) struct SurfaceMemory {
     stride: u32,
     /// What all iterations have in common.
     common: Iteration,
-    /// What the lengths of buffers are for.
+    /// Numbers that the lengths of buffers depend on.
     sizes: Sizes,
     /// The buffers that kernels need here; others have room for one item.
     needed: Vec<Buffer>,
@@ -114,14 +114,15 @@ impl SurfaceMemory {
         let proxies = proxies(graph, component_of_cluster)?;
         let clusters = numbers.len() as u64;
         if clusters > self.sizes.clusters {
-            self.sizes.clusters = clusters;
-            for (&buffer, storage_of) in Buffer::ALL.iter().zip(&mut self.storage) {
-                let bytes = bytes_of(buffer, &self.needed, &self.sizes);
-                if bytes != storage_of.size() {
-                    *storage_of = storage(connection, buffer.spec().name, bytes)?;
+            self.bound.get_mut().clear();
+            let sizes = Sizes { clusters, ..self.sizes };
+            for (&buffer, of_buffer) in Buffer::ALL.iter().zip(&mut self.storage) {
+                let bytes = bytes_of(buffer, &self.needed, &sizes);
+                if bytes != of_buffer.size() {
+                    *of_buffer = storage(connection, buffer.spec().name, bytes)?;
                 }
             }
-            self.bound.get_mut().clear();
+            self.sizes = sizes;
         }
         upload(connection, self.get(Buffer::Proxies), &proxies);
         if self.needed.contains(&Buffer::ClusterNumbers) {
@@ -238,7 +239,7 @@ impl SurfaceMemory {
 }
 
 /// Bytes of a buffer; of one item if it is not needed, or has the memory of another.
-fn bytes_of(buffer: Buffer, needed: &[Buffer], sizes: &Sizes) -> u64 {
+pub(super) fn bytes_of(buffer: Buffer, needed: &[Buffer], sizes: &Sizes) -> u64 {
     let (spec, has_memory) = (buffer.spec(), needed.contains(&buffer) && buffer.memory() == buffer);
     if has_memory { spec.bytes(sizes) } else { (spec.stride)(sizes.axes) as u64 }
 }

@@ -115,9 +115,10 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         let best = self.search(Search::Best(ties))?.best;
         let number = |place| self.numbering.number(place);
-        let edge =
-            |DualEdge { cluster, other, cost }| DualEdge { cluster: number(cluster), other: number(other), cost };
-        Ok(best.into_iter().map(edge).collect())
+        let edge = |DualEdge { cluster, other, cost }: DualEdge| {
+            Ok(DualEdge { cluster: number(cluster)?, other: number(other)?, cost })
+        };
+        best.into_iter().map(edge).collect()
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
@@ -127,11 +128,11 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         self.check_work()?;
         let cheapest = self.search(Search::Cheapest(ties))?.cheapest;
-        Ok(cheapest.map(|(low, high)| (self.numbering.number(low), self.numbering.number(high))))
+        cheapest.map(|(low, high)| Ok((self.numbering.number(low)?, self.numbering.number(high)?))).transpose()
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
-        let living = |cluster: u32| self.numbering.place(cluster).filter(|&place| self.is_living[place as usize]);
+        let living = |cluster: u32| self.numbering.place(cluster).ok().filter(|&place| self.is_living[place as usize]);
         let mut entries = Vec::with_capacity(2 * pairs.len());
         for &(from, into) in pairs {
             match (living(from), living(into)) {
@@ -163,28 +164,23 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
     }
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<E::Sums>> {
-        self.check_clusters(clusters.iter().copied())?;
-        // one without a place has no faces
-        let places: Vec<Option<u32>> = clusters.iter().map(|&cluster| self.numbering.place(cluster)).collect();
-        let known = |place: &Option<u32>| {
-            let Some(place) = place else { return Some(E::Sums::default()) };
+        let places = clusters.iter().map(|&cluster| self.numbering.place(cluster)).collect::<Result<Vec<u32>>>()?;
+        let known = |place: &u32| {
             let at = self.known.sums.binary_search_by_key(place, |&(place, _)| place).ok()?;
             Some(self.known.sums[at].1)
         };
         if let Some(sums) = places.iter().map(known).collect() {
             return Ok(sums);
         }
-        let with_places: Vec<u32> = places.iter().flatten().copied().collect();
-        let mut sums = Vec::with_capacity(with_places.len());
-        for chunk in with_places.chunks(self.memory.capacity(Buffer::CopiedSums)) {
+        let mut sums = Vec::with_capacity(places.len());
+        for chunk in places.chunks(self.memory.capacity(Buffer::CopiedSums)) {
             upload(&self.connection, self.memory.get(Buffer::HostList), chunk);
             let mut encoder = self.begin(Numbers { entries: chunk.len() as u32, ..Numbers::NONE }, false, false);
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY], BETWEEN);
             let copied: Vec<u32> = self.read(encoder, &[Self::copied(chunk.len())], |mut parts| parts.next())?;
             sums.extend(Self::sums(&copied));
         }
-        let mut sums = sums.into_iter();
-        Ok(places.iter().map(|place| place.and_then(|_| sums.next()).unwrap_or_default()).collect())
+        Ok(sums)
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {
@@ -201,6 +197,6 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         }
         list.sort_unstable_by_key(|moved| moved.face);
         let number = |place| self.numbering.number(place);
-        Ok(list.iter().map(|moved| (moved.face, number(moved.before), number(moved.after))).collect())
+        list.iter().map(|moved| Ok((moved.face, number(moved.before)?, number(moved.after)?))).collect()
     }
 }

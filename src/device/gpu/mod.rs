@@ -273,13 +273,12 @@ impl<E: Words> Device<E> for GpuDevice {
         (faces <= most).then(|| Box::new(CpuDevice::new()) as Box<dyn Device<E>>)
     }
 
-    fn for_merges(&self, faces: usize) -> Option<Box<dyn Device<E>>> {
-        let fits = || {
-            let limits = &self.connection().ok()?.limits;
-            Some(Sizes::of(E::AXES, faces as u64, faces as u64).fit(&kernels::needed(true), limits))
-        };
-        let is_slower = self.report.kind == AdapterKind::Software;
-        (is_slower || fits() == Some(false)).then(|| Box::new(CpuDevice::new()) as Box<dyn Device<E>>)
+    fn for_merges(&self, faces: u64, left: u64) -> Option<Box<dyn Device<E>>> {
+        let limits = &self.connection().ok()?.limits;
+        let fit = |clusters| Sizes::of(E::AXES, faces, clusters).fit(&kernels::needed(true), limits);
+        let are_many = faces > self.overrides.tuning.merges_up_to.into() || !fit(faces);
+        // what does not fit afterwards is better refused before
+        (are_many && fit(left)).then(|| Box::new(CpuDevice::new()) as Box<dyn Device<E>>)
     }
 
     fn memory_meter(&self) -> MemoryMeter {

@@ -31,17 +31,17 @@ impl Numbering {
         Self { numbers: all.clone(), places: all }
     }
 
-    /// A place for each of so many clusters that has faces.
-    pub(super) fn of(labels: &[u32], clusters: usize) -> Self {
+    /// A place for each of so many clusters that has faces. Fails for a label beyond them.
+    pub(super) fn of(labels: &[u32], clusters: usize) -> Result<Self> {
         let mut places = vec![FREE; clusters];
         for &label in labels.iter().filter(|&&label| label != FREE) {
-            places[label as usize] = 0;
+            *places.get_mut(label as usize).ok_or_else(|| unknown(label))? = 0;
         }
         let numbers: Vec<u32> = (0..clusters as u32).filter(|&cluster| places[cluster as usize] != FREE).collect();
         for (place, &cluster) in (0..).zip(&numbers) {
             places[cluster as usize] = place;
         }
-        Self { numbers, places }
+        Ok(Self { numbers, places })
     }
 
     /// The numbers of the clusters, by place.
@@ -49,21 +49,24 @@ impl Numbering {
         &self.numbers
     }
 
-    /// The number of the cluster at a place; [`FREE`] where there is none.
-    pub(super) fn number(&self, place: u32) -> u32 {
-        self.numbers.get(place as usize).copied().unwrap_or(FREE)
+    /// The number of the cluster at a place that the device gave.
+    pub(super) fn number(&self, place: u32) -> Result<u32> {
+        let wrong =
+            || Error::new(Kind::DeviceWrong, format_args!("the gpu computed wrongly: no cluster is at {place}"));
+        self.numbers.get(place as usize).copied().ok_or_else(wrong)
     }
 
-    /// The place of a cluster, if it has one.
-    pub(super) fn place(&self, cluster: u32) -> Option<u32> {
-        self.places.get(cluster as usize).copied().filter(|&place| place != FREE)
+    /// The place of a cluster. Fails for one without.
+    pub(super) fn place(&self, cluster: u32) -> Result<u32> {
+        let place = self.places.get(cluster as usize).copied().filter(|&place| place != FREE);
+        place.ok_or_else(|| unknown(cluster))
     }
 
     /// Places of labels. Fails for a cluster without one.
     pub(super) fn to_places<'a>(&self, labels: &'a [u32]) -> Result<Cow<'a, [u32]>> {
-        let wrong = |&label: &u32| label != FREE && self.place(label).is_none();
+        let wrong = |&label: &u32| label != FREE && self.places.get(label as usize).is_none_or(|&place| place == FREE);
         if let Some(label) = labels.par_iter().with_min_len(LABELS).copied().find_first(wrong) {
-            return Err(Error::new(Kind::Internal, format_args!("there is no cluster {label} to label faces with")));
+            return Err(unknown(label));
         }
         Ok(if self.is_identity() { labels.into() } else { translated(labels, &self.places).into() })
     }
@@ -79,6 +82,11 @@ impl Numbering {
     }
 }
 
+/// The error of a cluster that the device does not know.
+fn unknown(cluster: u32) -> Error {
+    Error::new(Kind::Internal, format_args!("there is no cluster {cluster}, or it has no faces"))
+}
+
 /// What a table has for each label; [`FREE`] where it has nothing, as for free faces.
 fn translated(labels: &[u32], table: &[u32]) -> Vec<u32> {
     let entry = |&label: &u32| table.get(label as usize).copied().unwrap_or(FREE);
@@ -92,13 +100,15 @@ mod tests {
     #[test]
     fn places_have_the_order_of_numbers_and_free_faces_stay_free() {
         let labels = [7, 2, FREE, 7, 4];
-        let numbering = Numbering::of(&labels, 9);
+        let numbering = Numbering::of(&labels, 9).expect("all are below 9");
         assert_eq!(numbering.numbers(), [2, 4, 7]);
         let places = numbering.to_places(&labels).expect("all have places").into_owned();
         assert_eq!(places, [2, 0, FREE, 2, 1]);
         assert_eq!(numbering.to_labels(places), labels);
-        assert_eq!([2, 3, 8, 9].map(|cluster| numbering.place(cluster)), [Some(0), None, None, None]);
+        assert_eq!([2, 3, 8, 9].map(|cluster| numbering.place(cluster).ok()), [Some(0), None, None, None]);
+        assert_eq!([0, 2, 3].map(|place| numbering.number(place).ok()), [Some(2), Some(7), None]);
         assert!(numbering.to_places(&[3]).is_err() && numbering.to_places(&[9]).is_err());
+        assert!(Numbering::of(&labels, 7).is_err());
     }
 
     #[test]

@@ -34,7 +34,7 @@ const SHIFTS: [u32; 2] = [0, 30];
 /// Fails with [`Kind::DeviceUnsuitable`] and what differed where the device computes other numbers than the cpu.
 pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
     let graph = graph::<E>();
-    let component_of_cluster: Vec<u32> = (0..).zip(SHIFTS).flat_map(|(at, _)| [at; CLUSTERS as usize]).collect();
+    let component_of_cluster: Vec<u32> = (0..).zip(SHIFTS).flat_map(|(at, _)| [at; 2 * CLUSTERS as usize]).collect();
     let unsuitable = |why: &str| {
         let name = &connection.name;
         let message = format_args!("the gpu {name} is not used, since its self-test gave wrong numbers: {why}");
@@ -97,13 +97,13 @@ fn difference(found: &[Numbers], expected: &[Numbers]) -> Option<String> {
     Some(format!("{step}: number {at} must be {} and was {}", expected.1[at], found.1[at]))
 }
 
-/// One face a cluster, all others free.
+/// One face in every other cluster, all others free.
 fn seeds() -> Vec<u32> {
     let label = |face: u32| {
         let (component, row, column) = (face / FACES, face % FACES / SIDE, face % SIDE);
         let is_seed = row % SEEDS_APART == 0 && column % SEEDS_APART == 0;
         let place = (row * SIDE / SEEDS_APART + column) / SEEDS_APART;
-        if is_seed { component * CLUSTERS + place } else { FREE }
+        if is_seed { 2 * (component * CLUSTERS + place) } else { FREE }
     };
     (0..SHIFTS.len() as u32 * FACES).map(label).collect()
 }

@@ -11,8 +11,8 @@ use super::kernels::{self, Kernel};
 use super::layout::{BoundaryList, Move};
 use super::memory::{BEFORE, Numbers, SurfaceMemory};
 use super::numbering::Numbering;
+use crate::device::DualEdge;
 use crate::device::dual_edge::Ties;
-use crate::device::{DualEdge, FREE};
 use crate::energy::{LatticeEnergy, Words};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
@@ -127,13 +127,13 @@ pub(super) struct GpuSteps<'a, E: Words> {
     pub(super) graph: &'a DualGraph<E>,
     component_of_cluster: &'a [u32],
     pub(super) memory: SurfaceMemory,
-    /// Which clusters the device knows. Everything below has their places.
+    /// Which clusters the device knows, and at which places.
     pub(super) numbering: Numbering,
-    /// The component of each.
+    /// The component of the cluster at each place.
     pub(super) component_of_place: Vec<u32>,
-    /// Those that may have faces, ascending.
+    /// The places of clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
-    /// Whether a cluster is one of them.
+    /// Whether the place of a cluster is one of them.
     pub(super) is_living: Vec<bool>,
     /// Whether clusters may merge, and the device knows those alone that have faces.
     is_merging: bool,
@@ -195,8 +195,9 @@ impl<'a, E: Words> GpuSteps<'a, E> {
     /// Gives the device other clusters, all of which may have faces.
     fn set_numbering(&mut self, numbering: Numbering) -> Result<()> {
         let component = |&cluster: &u32| self.component_of_cluster[cluster as usize];
-        self.component_of_place = numbering.numbers().iter().map(component).collect();
-        self.memory.set_clusters(&self.connection, self.graph, numbering.numbers(), &self.component_of_place)?;
+        let components: Vec<u32> = numbering.numbers().iter().map(component).collect();
+        self.memory.set_clusters(&self.connection, self.graph, numbering.numbers(), &components)?;
+        self.component_of_place = components;
         let clusters = numbering.numbers().len();
         self.living = (0..clusters as u32).collect();
         self.is_living = vec![true; clusters];
@@ -206,18 +207,9 @@ impl<'a, E: Words> GpuSteps<'a, E> {
 
     /// Forgets merges, and where clusters may merge, clusters without faces.
     pub(super) fn number_clusters(&mut self, labels: &[u32]) -> Result<()> {
-        self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
         self.known.history = History::Unmerged;
         let clusters = self.component_of_cluster.len();
-        if self.is_merging { self.set_numbering(Numbering::of(labels, clusters)) } else { Ok(()) }
-    }
-
-    /// Refuses clusters that do not exist.
-    pub(super) fn check_clusters(&self, mut clusters: impl Iterator<Item = u32>) -> Result<()> {
-        let limit = self.component_of_cluster.len() as u32;
-        clusters.find(|&cluster| cluster >= limit).map_or(Ok(()), |cluster| {
-            Err(Error::new(Kind::Internal, format_args!("clusters must be below {limit}: {cluster}")))
-        })
+        if self.is_merging { self.set_numbering(Numbering::of(labels, clusters)?) } else { Ok(()) }
     }
 
     /// Begins a submission: after its first commands, sums and boundary list belong to the labels. `is_listed_anew`

@@ -131,6 +131,8 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
             return Ok(0);
         }
         self.connection.reach(FaultPoint::Pieces);
+        // bids share memory with the sizes of pieces
+        self.is_resumed = false;
         // a run without merges is likely to end here, a round of merges is followed by a search
         let is_flat = self.known.history == History::Unmerged;
         let labels = is_flat && self.graph.faces() <= self.connection.tuning.labels_along as usize;

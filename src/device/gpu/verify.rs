@@ -43,7 +43,7 @@ fn energy_of<E: Functional>(
     if let Some(&label) = labels.par_iter().find_any(|&&label| label as usize >= clusters && label != FREE) {
         return Err(label);
     }
-    let threads = rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * clusters)).max(1);
+    let threads = rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * clusters).max(1)).max(1);
     let chunk = labels.len().div_ceil(threads).max(1);
     let parts: Vec<Vec<E::Sums>> = labels
         .par_chunks(chunk)
