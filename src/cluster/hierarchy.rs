@@ -92,6 +92,7 @@ pub fn hierarchical<E: Functional>(
         let opened = Instant::now();
         let mut steps = device.open_merging(items, &component_of_cluster)?;
         upload += opened.elapsed();
+        // after the device has taken the surface: one that does not fit is refused before the first round
         if let Some(mut other) = for_merges.take() {
             labels = rounds.until_optimised(other.open_merging(items, &component_of_cluster)?.as_mut(), &labels)?;
         }

@@ -146,15 +146,12 @@ impl<'a, E: Functional> Rounds<'a, E> {
 
     /// Makes rounds to the end, or until whole clusters have moved at a stop. Returns the labels.
     pub(super) fn until_relocated(&mut self, steps: &mut dyn MergeSteps<E>) -> Result<Vec<u32>> {
-        if let Some(merged) = self.unfinished.take() {
-            // faces move from here on
-            steps.merge(&[])?;
-            if let Some(labels) = self.end_round(steps, merged)? {
-                return Ok(labels);
-            }
-        }
-        while !self.are_over() {
-            let merged = self.merges(steps)?;
+        while self.unfinished.is_some() || !self.are_over() {
+            let merged = match self.unfinished.take() {
+                // moves count from here on, as after a merge
+                Some(merged) => steps.merge(&[]).map(|()| merged)?,
+                None => self.merges(steps)?,
+            };
             if let Some(labels) = self.end_round(steps, merged)? {
                 return Ok(labels);
             }

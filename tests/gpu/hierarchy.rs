@@ -130,7 +130,7 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
 #[test]
 fn hierarchies_whose_first_merges_are_the_cpus_are_alike() {
     let tuning = Tuning { merges_up_to: 0, ..Tuning::default() };
-    let mut gpu = device_with(Overrides { tuning, timed: true, ..Overrides::default() });
+    let mut gpu = device_with(Overrides { tuning, ..Overrides::default() });
     let dispatches = |gpu: &mut GpuDevice| {
         let profile = (gpu as &mut dyn Device).take_profile().expect("a profile");
         profile.map(|profile| profile.total().dispatches)

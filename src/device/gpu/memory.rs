@@ -65,8 +65,8 @@ pub(super) struct SurfaceMemory {
     common: Iteration,
     /// Numbers that the lengths of buffers depend on.
     sizes: Sizes,
-    /// The buffers that kernels need here; others have room for one item.
-    needed: Vec<Buffer>,
+    /// Whether clusters may merge, which takes more buffers; others have room for one item.
+    pub(super) is_merging: bool,
     /// Faces on the boundary list when the host last read that; all of them before.
     pub(super) listed: u32,
     /// Pipelines and buffers of kernels that were dispatched, by name.
@@ -96,7 +96,7 @@ impl SurfaceMemory {
             connection.buffer("iterations", bytes, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
         let common = Iteration { faces: sizes.faces as u32, ..Iteration::zeroed() };
         let (listed, bound) = (common.faces, RefCell::default());
-        let memory = Self { storage, iterations, stride, common, sizes, needed, listed, bound };
+        let memory = Self { storage, iterations, stride, common, sizes, is_merging, listed, bound };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
         connection.check()?;
         Ok(memory)
@@ -115,9 +115,9 @@ impl SurfaceMemory {
         let clusters = numbers.len() as u64;
         if clusters > self.sizes.clusters {
             self.bound.get_mut().clear();
-            let sizes = Sizes { clusters, ..self.sizes };
+            let (sizes, needed) = (Sizes { clusters, ..self.sizes }, kernels::needed(self.is_merging));
             for (&buffer, of_buffer) in Buffer::ALL.iter().zip(&mut self.storage) {
-                let bytes = bytes_of(buffer, &self.needed, &sizes);
+                let bytes = bytes_of(buffer, &needed, &sizes);
                 if bytes != of_buffer.size() {
                     *of_buffer = storage(connection, buffer.spec().name, bytes)?;
                 }
@@ -125,11 +125,9 @@ impl SurfaceMemory {
             self.sizes = sizes;
         }
         upload(connection, self.get(Buffer::Proxies), &proxies);
-        if self.needed.contains(&Buffer::ClusterNumbers) {
+        if self.is_merging {
             upload(connection, self.get(Buffer::ClusterNumbers), numbers);
         }
-        let all: Vec<u32> = (0..clusters as u32).collect();
-        self.list_clusters(connection, &all);
         connection.check()
     }
 

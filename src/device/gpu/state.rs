@@ -135,8 +135,6 @@ pub(super) struct GpuSteps<'a, E: Words> {
     pub(super) living: Vec<u32>,
     /// Whether the place of a cluster is one of them.
     pub(super) is_living: Vec<bool>,
-    /// Whether clusters may merge, and the device knows those alone that have faces.
-    is_merging: bool,
     /// Memory for [`mutual`](crate::device::dual_edge::mutual).
     pub(super) chosen: Vec<u32>,
     pub(super) known: Known<E>,
@@ -174,7 +172,6 @@ impl<'a, E: Words> GpuSteps<'a, E> {
             component_of_place: Vec::new(),
             living: Vec::new(),
             is_living: Vec::new(),
-            is_merging,
             chosen: Vec::new(),
             known: Known::NEW,
             last_search: None,
@@ -200,6 +197,7 @@ impl<'a, E: Words> GpuSteps<'a, E> {
         self.component_of_place = components;
         let clusters = numbering.numbers().len();
         self.living = (0..clusters as u32).collect();
+        self.memory.list_clusters(&self.connection, &self.living);
         self.is_living = vec![true; clusters];
         self.numbering = numbering;
         Ok(())
@@ -209,7 +207,7 @@ impl<'a, E: Words> GpuSteps<'a, E> {
     pub(super) fn number_clusters(&mut self, labels: &[u32]) -> Result<()> {
         self.known.history = History::Unmerged;
         let clusters = self.component_of_cluster.len();
-        if self.is_merging { self.set_numbering(Numbering::of(labels, clusters)?) } else { Ok(()) }
+        if self.memory.is_merging { self.set_numbering(Numbering::of(labels, clusters)?) } else { Ok(()) }
     }
 
     /// Begins a submission: after its first commands, sums and boundary list belong to the labels. `is_listed_anew`
