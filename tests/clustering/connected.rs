@@ -1,7 +1,7 @@
 //! Connected moves against their definition: meshes, grids, nearest neighbours, hubs.
 
 use crate::common::zoo;
-use tesserae_mesh::cluster::connected::{Borders, Clusters, settle};
+use tesserae_mesh::cluster::connected::{Clusters, settle};
 use tesserae_mesh::cluster::flat::{self, Options};
 use tesserae_mesh::cluster::record::Record;
 use tesserae_mesh::cluster::run::Phase;
@@ -45,9 +45,9 @@ impl<E: Functional> Start<E> {
     fn in_use(&self) -> (Vec<Vec<u32>>, Ending) {
         let mut clusters = Clusters::new(&self.graph, self.labels.clone());
         let mut changed: Vec<u32> = clusters.numbers().collect();
-        let (mut borders, mut after) = (Borders::default(), Vec::new());
+        let mut after = Vec::new();
         while !changed.is_empty() {
-            changed = settle::pass(&mut clusters, &changed, &mut borders);
+            changed = settle::pass(&mut clusters, &changed);
             after.extend((clusters.take_moves() > 0).then(|| clusters.labels().to_vec()));
         }
         (after, clusters.ending())

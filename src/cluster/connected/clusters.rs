@@ -6,6 +6,7 @@
 use rayon::prelude::*;
 
 use super::connection::Connection;
+use super::lists::Lists;
 use super::totals::Totals;
 use crate::device::Ending;
 use crate::device::dual_edge::from_into;
@@ -26,10 +27,8 @@ const CHUNK: usize = 64;
 pub struct Clusters<'a, E: Functional> {
     /// The faces.
     pub graph: &'a DualGraph<E>,
-    labels: Vec<u32>,
-    /// Where each face stands in the list of its cluster.
-    place_of_face: Vec<u32>,
-    all: Vec<Cluster<E>>,
+    lists: Lists,
+    totals: Vec<Totals<E>>,
     free_numbers: Vec<u32>,
     /// Of F; the rest of it is the same for all labels.
     explained: i128,
@@ -41,84 +40,68 @@ pub struct Clusters<'a, E: Functional> {
     pub faces_left: usize,
 }
 
-/// A cluster.
-#[derive(Debug, Clone, Default)]
-struct Cluster<E: Functional> {
-    faces: Vec<u32>,
-    totals: Totals<E>,
-}
-
 impl<'a, E: Functional> Clusters<'a, E> {
     /// From labels in which every face has one. All clusters count as changed.
     pub fn new(graph: &'a DualGraph<E>, labels: Vec<u32>) -> Self {
-        let numbers = labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0);
-        let mut sizes = vec![0; numbers];
-        labels.iter().for_each(|&label| sizes[label as usize] += 1);
-        let with_room = |&size: &usize| Cluster { faces: Vec::with_capacity(size), ..Cluster::default() };
-        let mut all: Vec<Cluster<E>> = sizes.iter().map(with_room).collect();
-        let mut place_of_face = vec![0; labels.len()];
+        let (faces, lists) = (labels.len(), Lists::new(graph, labels));
+        let mut totals = vec![Totals::default(); lists.len()];
         for component in &graph.components {
-            for face in component.range() {
-                let Cluster { faces, totals } = &mut all[labels[face] as usize];
-                place_of_face[face] = faces.len() as u32;
-                faces.push(face as u32);
-                totals.shift = component.energy_shift;
-            }
+            lists.labels[component.range()].iter().for_each(|&label| {
+                totals[label as usize].shift = component.energy_shift;
+            });
         }
-        all.par_iter_mut().with_min_len(CHUNK).for_each(|Cluster { faces, totals }| {
-            faces.iter().for_each(|&face| totals.count(graph.face(face as usize), 1));
+        totals.par_iter_mut().zip(0..lists.len() as u32).with_min_len(CHUNK).for_each(|(totals, cluster)| {
+            lists.faces(cluster).iter().for_each(|&face| totals.count(graph.face(face as usize), 1));
             totals.refit();
         });
-        let explained = all.iter().map(|cluster| cluster.totals.explained()).sum();
-        let free_numbers = (0..numbers as u32).rev().filter(|&number| all[number as usize].faces.is_empty()).collect();
-        let connection = Connection::new(labels.len(), graph.moves);
+        let explained = totals.iter().map(Totals::explained).sum();
+        let numbers = (0..lists.len() as u32).rev();
         Self {
             graph,
-            place_of_face,
-            all,
-            free_numbers,
+            free_numbers: numbers.filter(|&number| lists.faces(number).is_empty()).collect(),
             explained,
             moves: 0,
-            has_changed: vec![true; numbers],
-            connection,
-            faces_left: PASSES * labels.len(),
-            labels,
+            has_changed: vec![true; lists.len()],
+            connection: Connection::new(faces, graph.moves),
+            faces_left: PASSES * faces,
+            lists,
+            totals,
         }
     }
 
     /// All numbers of clusters, the free ones among them.
     pub fn numbers(&self) -> std::ops::Range<u32> {
-        0..self.all.len() as u32
+        0..self.lists.len() as u32
     }
 
     /// How many clusters there are.
     pub fn count(&self) -> usize {
-        self.all.len() - self.free_numbers.len()
+        self.lists.len() - self.free_numbers.len()
     }
 
     /// The cluster of each face.
     pub fn labels(&self) -> &[u32] {
-        &self.labels
+        &self.lists.labels
     }
 
     /// The cluster of a face.
     pub fn label(&self, face: u32) -> u32 {
-        self.labels[face as usize]
+        self.lists.labels[face as usize]
     }
 
     /// The faces of a cluster, in no particular order; none of a number that is free.
     pub fn faces(&self, cluster: u32) -> &[u32] {
-        &self.all[cluster as usize].faces
+        self.lists.faces(cluster)
     }
 
-    /// How many faces some clusters have together.
-    pub fn faces_of(&self, clusters: &[u32]) -> usize {
-        clusters.iter().map(|&cluster| self.faces(cluster).len()).sum()
+    /// The boundary faces of some clusters, and the faces beside them in others, ascending.
+    pub fn around(&self, clusters: &[u32]) -> Vec<u32> {
+        self.lists.around(self.graph, clusters)
     }
 
     /// The totals of a cluster.
     pub fn totals(&self, cluster: u32) -> &Totals<E> {
-        &self.all[cluster as usize].totals
+        &self.totals[cluster as usize]
     }
 
     /// F, of all clusters.
@@ -128,7 +111,7 @@ impl<'a, E: Functional> Clusters<'a, E> {
 
     /// F of all clusters, with the part that no labels change.
     pub fn total(&self) -> i128 {
-        self.all.iter().map(|cluster| cluster.totals.energy()).sum()
+        self.totals.iter().map(Totals::energy).sum()
     }
 
     /// Whether a split of a cluster might gain more than this.
@@ -144,10 +127,11 @@ impl<'a, E: Functional> Clusters<'a, E> {
 
     /// The clusters beside a cluster, ascending.
     pub fn beside(&self, cluster: u32) -> Vec<u32> {
+        let boundary = self.lists.boundary(cluster);
         // most have no more entries than that
-        let mut beside = Vec::with_capacity(self.faces(cluster).len() + 2);
+        let mut beside = Vec::with_capacity(boundary.len() + 2);
         let mut last = cluster;
-        for &face in self.faces(cluster) {
+        for &face in boundary {
             for &near in self.graph.neighbours_of(face) {
                 let label = self.label(near);
                 if label != cluster && label != last {
@@ -164,9 +148,9 @@ impl<'a, E: Functional> Clusters<'a, E> {
     /// A number for a cluster that is to be made.
     pub fn free_number(&mut self) -> u32 {
         self.free_numbers.pop().unwrap_or_else(|| {
-            self.all.push(Cluster::default());
+            self.totals.push(Totals::default());
             self.has_changed.push(true);
-            self.all.len() as u32 - 1
+            self.lists.push()
         })
     }
 
@@ -196,16 +180,16 @@ impl<'a, E: Functional> Clusters<'a, E> {
             if from != to {
                 self.move_face(face, to);
                 for (cluster, sign) in [(from, -1), (to, 1)] {
-                    self.all[cluster as usize].totals.count(self.graph.face(face as usize), sign);
+                    self.totals[cluster as usize].count(self.graph.face(face as usize), sign);
                 }
-                self.all[to as usize].totals.shift = self.totals(from).shift;
+                self.totals[to as usize].shift = self.totals(from).shift;
                 changed.extend([from, to]);
             }
         }
         changed.sort_unstable();
         changed.dedup();
         for cluster in changed {
-            self.explained += self.all[cluster as usize].totals.refit();
+            self.explained += self.totals[cluster as usize].refit();
             if self.faces(cluster).is_empty() {
                 self.free_numbers.push(cluster);
             }
@@ -234,37 +218,28 @@ impl<'a, E: Functional> Clusters<'a, E> {
         let Some(([without, with], fall)) = self.after_move(face, to) else {
             return false;
         };
-        let Self { graph, labels, connection, .. } = self;
+        let Self { graph, lists: Lists { labels, .. }, connection, .. } = self;
         if fall <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
             return false;
         }
         self.move_face(face, to);
-        self.all[from as usize].totals = without;
-        self.all[to as usize].totals = with;
+        self.totals[from as usize] = without;
+        self.totals[to as usize] = with;
         self.explained += fall;
         true
     }
 
-    /// Moves a face from list to list, where the last face gets its place; totals do not follow.
+    /// Moves a face from list to list; totals do not follow.
     fn move_face(&mut self, face: u32, to: u32) {
-        let from = std::mem::replace(&mut self.labels[face as usize], to);
-        let place = self.place_of_face[face as usize];
-        let left = &mut self.all[from as usize].faces;
-        left.swap_remove(place as usize);
-        if let Some(&last) = left.get(place as usize) {
-            self.place_of_face[last as usize] = place;
-        }
-        let faces = &mut self.all[to as usize].faces;
-        self.place_of_face[face as usize] = faces.len() as u32;
-        faces.push(face);
+        [self.label(face), to].into_iter().for_each(|cluster| self.has_changed[cluster as usize] = true);
+        self.lists.move_face(self.graph, face, to);
         self.connection.moved(self.graph, face);
-        [from, to].into_iter().for_each(|cluster| self.has_changed[cluster as usize] = true);
         self.moves += 1;
     }
 
     /// Spends work on a pass over the faces of some clusters and at their borders. Returns whether there was enough.
     pub fn spend(&mut self, on: &[u32], at_borders: &[u32]) -> bool {
-        let faces = self.faces_of(on);
+        let faces: usize = on.iter().map(|&cluster| self.faces(cluster).len()).sum();
         let neighbours: usize = at_borders.iter().map(|&face| self.graph.neighbours_of(face).len()).sum();
         self.faces_left = self.faces_left.saturating_sub(faces + neighbours / NEIGHBOURS);
         self.faces_left > 0
@@ -272,7 +247,7 @@ impl<'a, E: Functional> Clusters<'a, E> {
 
     /// Work so far: steps of searches, and faces that passes looked at.
     pub fn work(&self) -> [u64; 2] {
-        [self.connection.steps, (PASSES * self.labels.len() - self.faces_left) as u64]
+        [self.connection.steps, (PASSES * self.labels().len() - self.faces_left) as u64]
     }
 
     /// Whether a bound on work ended a step, or searches of the connection.

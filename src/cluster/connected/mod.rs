@@ -13,13 +13,12 @@
 //! Where [`Moves`] are connected, that is all there is, from the start: no free phase. Labels that come in pieces, as
 //! teleports and references make them, are repaired before or after.
 
-mod borders;
 mod clusters;
 mod connection;
+mod lists;
 pub mod settle;
 mod totals;
 
-pub use self::borders::Borders;
 pub use self::clusters::Clusters;
 pub use self::connection::Connection;
 use super::run::{Phase, Run};
@@ -63,12 +62,11 @@ impl Run<'_> {
     pub(super) fn settle<E: Functional>(&mut self, graph: &DualGraph<E>) -> Result<Ending> {
         let mut clusters = Clusters::new(graph, self.steps.labels()?);
         let mut changed: Vec<u32> = clusters.numbers().collect();
-        let mut borders = Borders::default();
         self.phase(Phase::Refine, |steps, left, cancel, on_step| {
             let mut left = left;
             while left > 0 && !changed.is_empty() {
                 cancel.check()?;
-                changed = settle::pass(&mut clusters, &changed, &mut borders);
+                changed = settle::pass(&mut clusters, &changed);
                 let moves = clusters.take_moves();
                 if moves > 0 {
                     left -= 1;

@@ -13,7 +13,6 @@
 
 use std::cmp::Reverse;
 
-use super::borders::Borders;
 use super::clusters::Clusters;
 use super::totals::Totals;
 use crate::device::{Cancel, Ending};
@@ -36,20 +35,19 @@ pub fn settle<E: Functional>(
     most_passes: u32,
     cancel: &Cancel,
 ) -> Result<()> {
-    let mut borders = Borders::default();
     for _ in 0..most_passes {
         if changed.is_empty() {
             break;
         }
         cancel.check()?;
-        changed = pass(clusters, &changed, &mut borders);
+        changed = pass(clusters, &changed);
     }
     Ok(())
 }
 
 /// Makes one pass. Returns the clusters that changed, ascending.
-pub fn pass<E: Functional>(clusters: &mut Clusters<'_, E>, changed: &[u32], borders: &mut Borders) -> Vec<u32> {
-    let faces = borders.around(clusters, changed);
+pub fn pass<E: Functional>(clusters: &mut Clusters<'_, E>, changed: &[u32]) -> Vec<u32> {
+    let faces = clusters.around(changed);
     if !clusters.spend(changed, &faces) {
         return Vec::new();
     }
@@ -60,7 +58,6 @@ pub fn pass<E: Functional>(clusters: &mut Clusters<'_, E>, changed: &[u32], bord
             && clusters.move_if_lower(face, to)
         {
             next.extend([from, to]);
-            borders.follow(clusters, face);
         }
     }
     next.sort_unstable();

@@ -57,7 +57,7 @@ impl ActiveFaces {
         let faces = graph.faces();
         let mut candidates = FaceSet::new(faces);
         boundary.all().for_each(|face| candidates.insert(face));
-        let bounds = std::iter::repeat_with(StoredBound::active).take(faces).collect();
+        let bounds = (0..faces).into_par_iter().map(|_| StoredBound::active()).collect();
         Self { candidates, candidate_count: 0, bounds, queue: Vec::new(), arrivals: Vec::new() }
     }
 
