@@ -34,16 +34,16 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
-# What the suites need is built first; then three of them run at a time, since most of them wait for much of their time:
+# What the suites need is built first; then four of them run at a time, since most of them wait for much of their time:
 # the longest first, and the checks that compile with one thread beside them. Those that measure run alone. One that hangs
 # fails when its time has passed, with what it printed.
-SUITES := lint page unit python end-to-end farm fuzz bucket memory crash outputs deploy
+SUITES := page unit python lint farm end-to-end fuzz bucket memory crash outputs deploy
 ALONE := page-times costs
 .PHONY: test
 test: debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
 	cargo test --locked $(FEATURES) --no-run
 	@failed=0; \
-		$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target $(SUITES:%=bounded-%) || failed=1; \
+		$(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target $(SUITES:%=bounded-%) || failed=1; \
 		$(MAKE) --no-print-directory --keep-going $(ALONE:%=bounded-%) || failed=1; \
 		exit $$failed
 
@@ -56,8 +56,6 @@ lint: install-test bundle  ## formatting, clippy, documentation and choices of c
 	cargo fmt --check
 	cargo clippy --locked --all-targets $(FEATURES) -- -D warnings
 	cargo clippy --locked --test costs $(FEATURES) -- -D warnings
-	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
-	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
 	tests/scripts/features.sh
 	web/node_modules/.bin/prettier --log-level warn --check web/src web/tests web/bundle.mjs
 	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked $(FEATURES) --no-deps --document-private-items

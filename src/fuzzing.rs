@@ -1,4 +1,4 @@
-//! Parsers that are not public, for the fuzzers (`fuzz/`). Compiled for them only.
+//! Parsers that are not public, for the fuzzers (`fuzz/`). Tests compile them too, so that `make lint` reads them.
 
 use crate::data::{self, Graph, Members, lay, npz};
 use crate::error::{Error, Result};

@@ -72,7 +72,7 @@ pub mod device;
 pub mod energy;
 pub mod error;
 pub mod export;
-#[cfg(fuzzing)]
+#[cfg(any(fuzzing, test))]
 pub mod fuzzing;
 pub mod hierarchy;
 pub mod job;

@@ -32,13 +32,13 @@ pub use points::{
     table_of_points,
 };
 pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
-#[cfg(fuzzing)]
+#[cfg(any(fuzzing, test))]
 pub(crate) use seed_list::parse as parse_seeds;
 pub use shapes::{RESOLUTION, Shaped, ShapesSpec};
 pub use spec::{Clustering, CoarseSpec, JobSpec, Method};
 pub use subject::{Planned, Points, Subject, Width};
 pub use weight_list::check_head as check_head_of_weights;
-#[cfg(fuzzing)]
+#[cfg(any(fuzzing, test))]
 pub(crate) use weight_list::parse as parse_weights;
 
 use std::fmt;

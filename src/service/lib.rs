@@ -39,7 +39,7 @@ compile_error!("the service runs on Unix; elsewhere, build the command without i
 mod backup;
 mod blobs;
 mod files;
-#[cfg(fuzzing)]
+#[cfg(any(fuzzing, test))]
 pub mod fuzzing;
 mod guard;
 mod http;

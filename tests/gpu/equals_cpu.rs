@@ -106,7 +106,7 @@ fn real_meshes_are_clustered_alike() {
     let Some(folder) = zoo::shared_meshes() else {
         return;
     };
-    let end = Instant::now() + Duration::from_secs(if zoo::is_long() { 1200 } else { 15 });
+    let end = Instant::now() + Duration::from_secs(if zoo::is_long() { 1200 } else { 8 });
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .expect("a folder")
         .map(|entry| entry.expect("an entry").path())

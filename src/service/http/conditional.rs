@@ -148,7 +148,7 @@ async fn slice(body: Body, range: Range<u64>) -> io::Result<Body> {
     Ok(Body::from_stream(ReaderStream::with_capacity(bytes.take(range.end - range.start), 1 << 16)))
 }
 
-#[cfg(fuzzing)]
+#[cfg(any(fuzzing, test))]
 pub(crate) fn for_fuzzing(headers: &HeaderMap, length: u64) {
     let _ = known(headers, "\"abc\"");
     if let Some(range) = headers.get(header::RANGE).and_then(|range| parse(range.to_str().ok()?, length)) {

@@ -212,7 +212,7 @@ fn sign(mac: Hmac<Sha256>, id: &str, timestamp: u64, body: &str) -> String {
 }
 
 /// Reads a URL and a host.
-#[cfg(fuzzing)]
+#[cfg(any(fuzzing, test))]
 pub(crate) fn for_fuzzing(text: &str) {
     let host: std::result::Result<crate::settings::WebhookHost, _> = text.parse();
     let targets = Targets::new(&host.into_iter().collect::<Vec<_>>());
