@@ -96,6 +96,7 @@ pub(crate) fn numbered(mut parent: Vec<u32>) -> (Vec<u32>, usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
 
     #[test]
     fn a_forest_is_the_same_for_any_number_of_threads() {
@@ -130,12 +131,9 @@ mod tests {
 
     #[test]
     fn trees_are_the_sets_that_a_walk_finds_in_the_order_of_their_smallest_members() {
-        let mut state = 1u64;
+        let mut states = random(1);
         for (members, edges) in [(1, 0), (40, 15), (300, 250), (300, 600), (2000, 1900)] {
-            let mut random = || {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (state >> 33) as usize % members
-            };
+            let mut random = || (states() >> 33) as usize % members;
             let mut parent = singletons(members);
             let mut beside = vec![Vec::new(); members];
             for (a, b) in (0..edges).map(|_| (random(), random())) {

@@ -247,6 +247,7 @@ impl Nearest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
 
     /// The others of each point, the nearest first.
     fn others<const D: usize>(points: &[[i32; D]]) -> Vec<Vec<u32>> {
@@ -277,11 +278,8 @@ mod tests {
 
     /// Points on a lattice of so many places an axis: many are equal, and more are equally far from each other.
     fn points<const D: usize>(count: usize, dimensions: usize, places: u64) -> Vec<[i32; D]> {
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((state >> 33) % places) as i32 - places as i32 / 2
-        };
+        let mut states = random(1);
+        let mut random = || ((states() >> 33) % places) as i32 - places as i32 / 2;
         (0..count).map(|_| std::array::from_fn(|axis| if axis < dimensions { random() } else { 0 })).collect()
     }
 

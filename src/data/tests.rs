@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::dev::random;
 use crate::energy::cvd::{Cvd, squared_distance};
 use crate::energy::{Functional, Sums};
 use crate::export::npz::npy_header;
@@ -155,11 +156,8 @@ fn table(dimensions: usize, values: Vec<f64>, nearest: u32) -> PointSet {
 
 /// Numbers from −1 to 1 that look random.
 fn numbers(count: usize) -> Vec<f64> {
-    let mut state = 1u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        f64::from((state >> 32) as i32) / f64::from(1u32 << 31)
-    };
+    let mut states = random(1);
+    let mut random = || f64::from((states() >> 32) as i32) / f64::from(1u32 << 31);
     (0..count).map(|_| random()).collect()
 }
 

@@ -5,4 +5,7 @@ pub mod bench;
 pub mod evaluate;
 mod markdown;
 pub mod plot;
+mod random;
 pub mod sample;
+
+pub use self::random::random;

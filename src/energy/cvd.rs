@@ -252,14 +252,15 @@ pub struct End<const D: usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
 
     type Energy = Cvd<3>;
 
     #[test]
     fn packed_costs_are_in_the_order_of_the_exact_ones() {
-        let mut state = 1u64;
+        let mut states = random(1);
         let mut next = |bits: u32| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let state = states();
             ((state >> 20) % (1 << bits)) >> ((state >> 8) % u64::from(bits))
         };
         let mut costs: Vec<(u128, u32)> = (0..20_000)

@@ -58,14 +58,12 @@ pub fn point(weights: [f64; 3], [a, b, c]: [DVec3; 3]) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
 
     #[test]
     fn no_point_of_a_grid_on_the_triangle_is_nearer() {
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f64 / f64::from(1 << 24) - 0.5
-        };
+        let mut states = random(1);
+        let mut random = || (states() >> 40) as f64 / f64::from(1 << 24) - 0.5;
         for case in 0..2000 {
             let mut corner = || DVec3::new(random(), random(), random());
             let mut triangle = [corner(), corner(), corner()];

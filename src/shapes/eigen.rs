@@ -114,14 +114,12 @@ fn turned<const N: usize>(of: &mut [[f64; N]; N], p: usize, q: usize) -> Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
 
     #[test]
     fn eigenvectors_are_orthonormal_and_give_the_matrix_back() {
-        let mut state = 7u64;
-        let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        };
+        let mut states = random(7);
+        let mut next = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
         for scale in [1.0, 1e-9, 1e20] {
             let half: [[f64; 4]; 4] = std::array::from_fn(|_| std::array::from_fn(|_| next() * scale));
             let of: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| half[i][j] + half[j][i]));

@@ -143,6 +143,7 @@ fn spread(x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
 
     #[test]
     fn keys_interleave_the_axes() {
@@ -155,12 +156,9 @@ mod tests {
 
     #[test]
     fn faces_come_by_key_and_then_by_number() {
-        let mut state = 1u64;
+        let mut states = random(1);
         for shift in [37, 45, 53, 63] {
-            let mut coordinate = || {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                f64::from((state >> 32) as i32 >> (shift - 32))
-            };
+            let mut coordinate = || f64::from((states() >> 32) as i32 >> (shift - 32));
             let centroids: Vec<DVec3> =
                 (0..5000).map(|_| DVec3::new(coordinate(), coordinate(), coordinate())).collect();
             let key = |face: u32| key(round_centroid(centroids[face as usize]));

@@ -1,6 +1,7 @@
 //! Damaged meshes: work stays in proportion to faces, clusters stay whole, and the default does not end above `fast`.
 
 use rayon::prelude::*;
+use tesserae_mesh::dev::random;
 
 use tesserae_mesh::cluster::coarse::CoarseStart;
 use tesserae_mesh::cluster::connected::Clusters;
@@ -20,26 +21,17 @@ use tesserae_mesh::surface::Surface;
 
 use crate::common::zoo;
 
-/// Numbers below a bound, at random from a seed.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) as usize % bound
-    }
-}
-
 /// A sample, damaged in one of four ways.
 fn damaged(number: usize) -> (String, PolygonMesh) {
     let sample = Sample::ALL[number % Sample::ALL.len()];
     let mut mesh = generate(sample, 500).expect("the sample allows this number");
-    let random = &mut Random(number as u64);
+    let mut states = random(number as u64);
+    let mut below = |bound: usize| (states() >> 33) as usize % bound;
     let vertices = mesh.positions.len();
     let damage = match number % 4 {
         0 => {
             let mut flat = mesh.positions.as_flattened().to_vec();
-            let at = random.below(flat.len() / 4);
+            let at = below(flat.len() / 4);
             flat.remove(at);
             flat.push(0.0);
             mesh.positions = flat.as_chunks().0.to_vec();
@@ -47,20 +39,20 @@ fn damaged(number: usize) -> (String, PolygonMesh) {
         }
         1 => {
             for _ in 0..20 {
-                mesh.positions[random.below(vertices)][random.below(3)] *= 1e6;
+                mesh.positions[below(vertices)][below(3)] *= 1e6;
             }
             "huge coordinates"
         }
         2 => {
             for _ in 0..vertices / 4 {
-                mesh.positions[random.below(vertices)] = mesh.positions[random.below(vertices)];
+                mesh.positions[below(vertices)] = mesh.positions[below(vertices)];
             }
             "welded at random"
         }
         _ => {
             let all: Vec<Vec<u32>> = (0..mesh.faces.len()).map(|face| mesh.faces.corners(face).to_vec()).collect();
             for mut corners in all.into_iter().take(200) {
-                let at = random.below(corners.len());
+                let at = below(corners.len());
                 let copy = mesh.positions[corners[at] as usize];
                 corners[at] = mesh.positions.len() as u32;
                 mesh.positions.push(copy);

@@ -7,6 +7,7 @@ use tesserae_mesh::cluster::record::Record;
 use tesserae_mesh::cluster::run::Phase;
 use tesserae_mesh::cluster::seeds;
 use tesserae_mesh::data::{Csr, Graph, Members, PointSet, Values, lay};
+use tesserae_mesh::dev::random;
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::plain::{self, ConnectedMoves};
 use tesserae_mesh::device::{Cancel, Device, Ending, FREE, pieces};
@@ -70,11 +71,8 @@ impl<E: Functional> Start<E> {
 
 /// Points at random, their coordinates small numbers: many are equal.
 fn points(graph: Graph, shape: &[usize], dimensions: usize, seed: u64) -> PointSet {
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as i32 % 12
-    };
+    let mut states = random(seed);
+    let mut next = || (states() >> 33) as i32 % 12;
     let values = (0..shape.iter().product::<usize>() * dimensions).map(|_| next()).collect();
     PointSet { dimensions, values: Values::I4(values), weights: None, mask: None, shape: shape.to_vec(), graph }
 }

@@ -1,6 +1,7 @@
 //! Clustering by normals (`energy=l21`), looked at by means of its own.
 
 use std::collections::{BTreeMap, BTreeSet};
+use tesserae_mesh::dev::random;
 
 use crate::common::zoo;
 use tesserae_mesh::cluster::merging::Pairs;
@@ -36,10 +37,9 @@ fn labels(outcome: &Outcome) -> &[u32] {
 /// A sample whose vertices are shaken, so that no two merges cost the same.
 fn shaken(sample: Sample, faces: u64) -> PolygonMesh {
     let mut mesh = generate(sample, faces).expect("a sample");
-    let mut state = 5u64;
+    let mut states = random(5);
     for x in mesh.positions.iter_mut().flatten() {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        *x += (state >> 40) as f64 / f64::from(1 << 24) * 0.02;
+        *x += (states() >> 40) as f64 / f64::from(1 << 24) * 0.02;
     }
     mesh
 }

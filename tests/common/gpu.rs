@@ -3,6 +3,7 @@
 use tesserae_mesh::cluster::flat::{Clustering, Options};
 use tesserae_mesh::cluster::run::Row;
 use tesserae_mesh::cluster::{self, seeds::SeedFaces};
+use tesserae_mesh::dev::random;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::gpu::adapter::{Found, enumerate};
 use tesserae_mesh::device::gpu::{GpuDevice, Overrides, Tuning};
@@ -76,9 +77,7 @@ pub fn surface(sample: Sample, faces: u64) -> Surface {
 }
 
 /// Numbers at random, the same in every run.
-pub fn numbers(mut state: u64) -> impl FnMut(u64) -> u64 {
-    move |bound| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 20) % bound
-    }
+pub fn numbers(seed: u64) -> impl FnMut(u64) -> u64 {
+    let mut states = random(seed);
+    move |bound| (states() >> 20) % bound
 }

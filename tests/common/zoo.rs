@@ -1,6 +1,7 @@
 //! Meshes of every kind, small enough to compare with the plain version.
 
 use std::path::PathBuf;
+use tesserae_mesh::dev::random;
 
 use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
 use tesserae_mesh::dev::sample::{Sample, generate};
@@ -22,11 +23,8 @@ pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
 
 /// A mesh of triangles between points at random: non-manifold edges, duplicates and slivers galore.
 pub fn tangle(vertices: u32, faces: usize, seed: u64) -> PolygonMesh {
-    let mut state = seed;
-    let mut next = |bound: u32| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((state >> 33) % u64::from(bound)) as u32
-    };
+    let mut states = random(seed);
+    let mut next = |bound: u32| ((states() >> 33) % u64::from(bound)) as u32;
     let positions: Vec<[f64; 3]> =
         (0..vertices).map(|_| std::array::from_fn(|_| f64::from(next(1 << 20)) / 1024.0)).collect();
     let corners: Vec<[u32; 3]> = (0..faces).map(|_| std::array::from_fn(|_| next(vertices))).collect();

@@ -1,6 +1,7 @@
 //! Labels at random, of several kinds.
 
 use proptest::prelude::*;
+use tesserae_mesh::dev::random;
 use tesserae_mesh::mesh::PolygonMesh;
 
 /// How labels are made.
@@ -35,11 +36,8 @@ impl Recipe {
     pub fn labels(&self, mesh: &PolygonMesh) -> (Vec<u32>, u64) {
         let faces = mesh.faces.len();
         let clusters = self.clusters.min(faces as u32);
-        let mut state = self.seed;
-        let mut random = |bound: u32| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((state >> 33) % u64::from(bound)) as u32
-        };
+        let mut states = random(self.seed);
+        let mut random = |bound: u32| ((states() >> 33) % u64::from(bound)) as u32;
         let size = mesh.positions.as_flattened().iter().fold(f64::MIN_POSITIVE, |size, x| size.max(x.abs()));
         let place = |face: usize| {
             let corners = mesh.faces.corners(face);

@@ -1,6 +1,6 @@
 //! The steps of the gpu device, one by one, against the plain version of their definition.
 
-use crate::common::gpu::{cluster_counts, device, seeds, tuned};
+use crate::common::gpu::{cluster_counts, device, numbers, seeds, tuned};
 use crate::common::zoo;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::cpu::CpuDevice;
@@ -13,14 +13,6 @@ use tesserae_mesh::surface::Surface;
 
 fn surface(sample: Sample, faces: u64) -> Surface {
     Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface")
-}
-
-/// Numbers at random, the same in every run.
-fn numbers(mut state: u64) -> impl FnMut(u64) -> u64 {
-    move |bound| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) % bound
-    }
 }
 
 #[test]

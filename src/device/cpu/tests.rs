@@ -1,4 +1,5 @@
 use super::*;
+use crate::dev::random;
 use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
@@ -53,11 +54,8 @@ fn random_moves(partition: &mut Partition<'_, Energy>, random: &mut impl FnMut(u
 
 #[test]
 fn whatever_faces_move_all_pieces_are_found() {
-    let mut state = 1u64;
-    let mut random = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % below
-    };
+    let mut states = random(1);
+    let mut random = |below: usize| (states() >> 33) as usize % below;
     let mut cut_off = 0;
     for (sample, faces) in [(Sample::Sphere, 1500), (Sample::Strip, 300), (Sample::Cube, 600), (Sample::Parts, 900)] {
         let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");

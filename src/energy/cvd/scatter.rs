@@ -106,6 +106,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
 
     type Face = Item<3>;
 
@@ -117,11 +118,8 @@ mod tests {
 
     #[test]
     fn no_split_gains_more_and_no_merge_costs_less() {
-        let mut state = 7u64;
-        let mut next = |bits: u32| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 20) as i32 & ((1 << bits) - 1)
-        };
+        let mut states = random(7);
+        let mut next = |bits: u32| (states() >> 20) as i32 & ((1 << bits) - 1);
         // how close the bounds come: the greatest parts of a bound that a split gained, and of a cost that a bound is
         let (mut closest_gain, mut closest_cost) = (0.0, 0.0);
         for round in 0..2003u32 {

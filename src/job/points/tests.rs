@@ -1,6 +1,7 @@
 use super::*;
 use crate::cluster::quality::Quality;
 use crate::data::Values;
+use crate::dev::random;
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::job::{Outcome, run};
@@ -9,11 +10,8 @@ use crate::union_find;
 
 /// A grid of points with steps and noise in their coordinates.
 fn set(shape: [usize; 2], dimensions: usize, mask: Option<Vec<bool>>) -> PointSet {
-    let mut state = 1u64;
-    let mut noise = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        f64::from((state >> 40) as u32) / f64::from(1 << 24)
-    };
+    let mut states = random(1);
+    let mut noise = || f64::from((states() >> 40) as u32) / f64::from(1 << 24);
     let value = |item: usize, axis: usize| {
         let (row, column) = (item / shape[1], item % shape[1]);
         f64::from(((row / 5 + axis) * 3 + column / 7) as u32 % 11)

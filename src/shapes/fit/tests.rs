@@ -1,4 +1,5 @@
 use super::*;
+use crate::dev::random;
 use crate::energy::OfPoints;
 use crate::shapes::faces::Faces;
 use crate::shapes::moments::{Higher, Moments};
@@ -97,11 +98,8 @@ fn taubin(points: &[DVec3], weights: &[f64], [x, y, z, radius]: [f64; 4]) -> f64
 
 #[test]
 fn no_sphere_nearby_has_a_smaller_taubin_distance() {
-    let mut state = 3u64;
-    let mut noise = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut states = random(3);
+    let mut noise = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
     let points = grid(|a, b| {
         let normal = DVec3::new(libm::sin(b) * libm::cos(a * 3.0), libm::sin(b) * libm::sin(a * 3.0), libm::cos(b));
         (5e7 * normal, normal)
@@ -129,11 +127,8 @@ fn no_sphere_nearby_has_a_smaller_taubin_distance() {
 fn cone(apex: DVec3, slope: f64, heights: [f64; 2], arc: f64, noise: f64) -> Vec<(DVec3, DVec3)> {
     let u = across(AXIS);
     let v = AXIS.cross(u);
-    let mut state = 5u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut states = random(5);
+    let mut random = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
     let points = grid(|a, b| {
         let out = libm::cos(a * arc) * u + libm::sin(a * arc) * v;
         let along = heights[0] + b * (heights[1] - heights[0]);

@@ -23,6 +23,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use crate::dev::random;
     use crate::device::FREE;
     use crate::device::gpu::{self, Overrides};
     use crate::energy::Energy;
@@ -39,9 +40,9 @@ mod tests {
 
     /// Numbers at random, the same in every run: below 1 of any size down to 2⁻³⁰, and either sign.
     fn numbers() -> impl FnMut() -> f64 {
-        let mut state = 1u64;
+        let mut states = random(1);
         move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let state = states();
             let number = (state >> 33) as f64 / f64::from(1u32 << 31);
             libm::ldexp(if state >> 20 & 1 == 0 { number } else { -number }, -((state >> 21 & 31) as i32).min(30))
         }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::dev::random;
 use crate::dev::sample::generate_part;
 use crate::mesh::{Faces, Format, PolygonMesh};
 use crate::shapes::given::as_given;
@@ -124,11 +125,8 @@ fn angles_at_borders_take_winding_and_faces_without_area_into_account() {
 /// height at places from 0 to 1; with noise in percent of the diagonal.
 fn slice(turn: f64, noise: f64, kinds: &[Kind], profile: impl Fn(f64) -> [f64; 2]) -> ClusterShape {
     let (around, along) = ((turn / 10.0) as u32 + 6, 8u32);
-    let mut state = 1u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    };
+    let mut states = random(1);
+    let mut random = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
     let mut positions = Vec::new();
     for (row, column) in (0..=along).flat_map(|row| (0..=around).map(move |column| (row, column))) {
         let [from_axis, height] = profile(f64::from(row) / f64::from(along));

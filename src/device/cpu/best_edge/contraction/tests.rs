@@ -1,4 +1,5 @@
 use super::*;
+use crate::dev::random;
 use crate::dev::sample::{Sample, generate};
 use crate::device::cpu::best_edge;
 use crate::device::dual_edge::{self, Rank};
@@ -71,10 +72,10 @@ fn grid(side: u32, first: u32) -> Vec<[u32; 2]> {
     across.chain(along).collect()
 }
 
-/// A number below a limit, other ones at each call.
-fn random(state: &mut u64, below: u64) -> u64 {
-    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-    (*state >> 33) % below
+/// Numbers below a limit, other ones at each call.
+fn numbers(seed: u64) -> impl FnMut(u64) -> u64 {
+    let mut states = random(seed);
+    move |limit| (states() >> 33) % limit
 }
 
 /// The mutual pairs, the cheapest first.
@@ -85,25 +86,25 @@ fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
 }
 
 /// Some of the best dual edges, mutual or not, no two of which touch.
-fn some(edges: &[DualEdge], state: &mut u64) -> Vec<(u32, u32)> {
+fn some(edges: &[DualEdge], next: &mut impl FnMut(u64) -> u64) -> Vec<(u32, u32)> {
     let mut taken = std::collections::HashSet::new();
     let mut pairs = Vec::new();
     for edge in edges {
         let is_free = !taken.contains(&edge.cluster) && !taken.contains(&edge.other);
-        if is_free && (pairs.is_empty() || random(state, 3) == 0) {
+        if is_free && (pairs.is_empty() || next(3) == 0) {
             taken.extend([edge.cluster, edge.other]);
-            let turned = random(state, 2) == 0;
+            let turned = next(2) == 0;
             pairs.push(if turned { (edge.other, edge.cluster) } else { (edge.cluster, edge.other) });
         }
     }
     pairs
 }
 
-fn to_the_top(graph: &DualGraph, state: &mut u64) {
+fn to_the_top(graph: &DualGraph, next: &mut impl FnMut(u64) -> u64) {
     for ties in [Ties::Hash, Ties::LargestId] {
         let component_of_face = graph.component_of_face();
         let mut both = Both::new(graph, &component_of_face, ties);
-        while !both.merge(|edges| some(edges, state)).is_empty() {}
+        while !both.merge(|edges| some(edges, next)).is_empty() {}
     }
 }
 
@@ -112,44 +113,43 @@ fn whatever_merges_on_a_grid_of_equal_squares_ties_go_by_the_rule() {
     let side = 18;
     let points = (0..side * side).map(|face| [1000 * (face % side) as i32, 1000 * (face / side) as i32, 0]);
     let graph = graph_of(points.collect(), vec![7; (side * side) as usize], &grid(side, 0), &[(side * side, 0)]);
-    to_the_top(&graph, &mut 1);
+    to_the_top(&graph, &mut numbers(1));
 }
 
 #[test]
 fn costs_that_are_equal_in_single_precision_go_by_packed_costs() {
     // far away in one of two places, all as heavy: distances and weights differ by some 2⁻²⁴
     let side = 14;
-    let (mut state, mut weight_state) = (3, 9);
+    let (mut next, mut weight) = (numbers(3), numbers(9));
     let mut point = |face: u32| {
         let far = if (face / side + face % side).is_multiple_of(2) { 60_000_000 } else { -60_000_000 };
-        [far + random(&mut state, 9) as i32, random(&mut state, 5000) as i32, 0]
+        [far + next(9) as i32, next(5000) as i32, 0]
     };
     let points = (0..side * side).map(&mut point).collect();
-    let weights = (0..side * side).map(|_| (1 << 26) + random(&mut weight_state, 64) as u32).collect();
+    let weights = (0..side * side).map(|_| (1 << 26) + weight(64) as u32).collect();
     let graph = graph_of(points, weights, &grid(side, 0), &[(side * side, 0)]);
-    to_the_top(&graph, &mut 2);
+    to_the_top(&graph, &mut numbers(2));
 }
 
 #[test]
 fn folds_in_which_clusters_touch_that_lie_apart_are_no_exception() {
     // neighbours anywhere, so that a merge can bring a neighbour nearer to a third than either part was
-    let mut state = 5;
+    let mut next = numbers(5);
     let (faces, parts) = (150, 3);
-    let axis = |state: &mut u64| random(state, 1 << 27) as i32 - (1 << 26);
-    let points = (0..faces * parts).map(|_| std::array::from_fn(|_| axis(&mut state))).collect();
-    let weights = (0..faces * parts).map(|_| 1 + (random(&mut state, 1 << 29) >> random(&mut state, 29)) as u32);
+    let points = (0..faces * parts).map(|_| std::array::from_fn(|_| next(1 << 27) as i32 - (1 << 26))).collect();
+    let weights = (0..faces * parts).map(|_| 1 + (next(1 << 29) >> next(29)) as u32);
     let weights = weights.collect();
     let mut edges = Vec::new();
     for part in 0..parts {
         for face in 1..faces {
             for _ in 0..2 {
-                let other = random(&mut state, u64::from(face)) as u32;
+                let other = next(u64::from(face)) as u32;
                 edges.push([part * faces + other, part * faces + face]);
             }
         }
     }
     let components: Vec<(u32, u32)> = (0..parts).map(|part| (faces, 7 * part)).collect();
-    to_the_top(&graph_of(points, weights, &edges, &components), &mut 4);
+    to_the_top(&graph_of(points, weights, &edges, &components), &mut numbers(4));
 }
 
 #[test]
