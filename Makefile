@@ -65,8 +65,11 @@ unit: install-test bundle  ## the tests of the three crates
 	cargo test --locked $(FEATURES) --no-fail-fast
 
 .PHONY: test-long
-test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, kills of services and farms
+test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, devices, kills of services and farms
+	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
+	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
 	TESSERAE_TEST_LONG=1 cargo test --locked $(FEATURES) --no-fail-fast --test clustering --test gpu -- bounds:: real_meshes
+	TESSERAE_TEST_LONG=1 $(MAKE) --no-print-directory --old-file debug-binary end-to-end
 	$(MAKE) --no-print-directory --old-file debug-binary crash KILLS=1000 CRASH_SECONDS=600
 	$(MAKE) --no-print-directory --old-file debug-binary farm FARM_JOBS=1000 FARM_KILLS=40 FARM_STOPS=5
 	$(MAKE) --no-print-directory --old-file debug-binary memory MEMORY_JOBS=10000
@@ -109,7 +112,7 @@ AARCH64_COMMAND = qemu-aarch64 -L /usr/aarch64-linux-gnu $(abspath $(TARGET))/$(
 aarch64: install-test bundle  ## the labels of samples and real meshes on a 64-bit ARM processor, emulated, beside the table
 	deploy/install-missing.sh aarch64
 	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
-		cargo build --locked -p tesserae-cli --target $(AARCH64) --no-default-features --config profile.dev.opt-level=2
+		cargo build --locked -p tesserae-cli --target $(AARCH64) --no-default-features --config profile.dev.package.tesserae-mesh.opt-level=2
 	$(AARCH64_COMMAND) devices
 	TESSERAE_TEST_COMMAND="$(AARCH64_COMMAND)" cargo test --locked $(FEATURES) --test clustering labels::
 

@@ -45,6 +45,11 @@ grep --quiet '\.gnu_debuglink' <<<"$(readelf --sections "$symbols/program")" || 
 rm -r "$symbols"
 profile=$(sed -n 's/.*cargo build --profile \([a-z]*\).*/\1/p' Dockerfile)
 grep --quiet "^\[profile\.$profile\]" ../Cargo.toml || { echo "no profile of cargo: '$profile'" >&2; exit 1; }
+# it has the settings of `dev`, which are for tests, where it has none of its own
+for package in $(sed -n 's/^\[profile\.dev\.package\.\([^"]*\)\]/\1/p' ../Cargo.toml); do
+    section=$(sed -n "/^\[profile\.$profile\.package\.$package\]/,/^\[/p" ../Cargo.toml)
+    grep --quiet '^opt-level = 3' <<<"$section" || { echo "the profile '$profile' does not optimise $package" >&2; exit 1; }
+done
 # every setting that these files speak of exists
 known=$(grep -oh 'TESSERAE_[A-Z_]*' ../docs/operations.md ../docs/farm.md | sort -u)
 for name in $(grep -oh 'TESSERAE_[A-Z_]*' Dockerfile compose.yaml farm.compose.yaml tesserae.service | sort -u); do

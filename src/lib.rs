@@ -30,7 +30,7 @@
 //! | [`export`] | formats of geometry, written |
 //! | [`artifacts`] | outputs: one table of what a job can be written as |
 //! | [`job`] | one job from bytes to results |
-//! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
+//! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures; numbers of tests |
 //!
 //! Below all of them: `union_find`, `power` and `prefetch`. The feature `gpu` has the device of that name (wgpu);
 //! without it, everything else works on the cpu.

@@ -133,10 +133,10 @@ mod tests {
     fn trees_are_the_sets_that_a_walk_finds_in_the_order_of_their_smallest_members() {
         let mut states = random(1);
         for (members, edges) in [(1, 0), (40, 15), (300, 250), (300, 600), (2000, 1900)] {
-            let mut random = || (states() >> 33) as usize % members;
+            let mut next = || (states() >> 33) as usize % members;
             let mut parent = singletons(members);
             let mut beside = vec![Vec::new(); members];
-            for (a, b) in (0..edges).map(|_| (random(), random())) {
+            for (a, b) in (0..edges).map(|_| (next(), next())) {
                 join(&mut parent, a as u32, b as u32);
                 beside[a].push(b);
                 beside[b].push(a);

@@ -155,6 +155,7 @@ mod tests {
     use crate::device::cpu::CpuDevice;
     use crate::device::pieces::disconnected_clusters;
     use crate::device::plain::PlainDevice;
+    use crate::surface::Rows;
     use crate::surface::tests::{assert_clusters_lie_in, of_sample};
 
     #[test]
@@ -185,8 +186,9 @@ mod tests {
         let faces = leaves as usize + 1;
         graph.points.truncate(faces);
         graph.weights.truncate(faces);
-        graph.neighbours = (1..=leaves).chain((0..leaves).map(|_| 0)).collect();
-        graph.neighbour_offsets = (0..=leaves + 1).map(|face| if face == 0 { 0 } else { leaves + face - 1 }).collect();
+        graph.neighbours = Rows::empty(0);
+        graph.neighbours.push(1..=leaves);
+        (0..leaves).for_each(|_| graph.neighbours.push([0]));
         graph.components.truncate(1);
         graph.components[0].faces = faces as u32;
         assert!(levels(&graph, 1).is_empty());

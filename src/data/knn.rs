@@ -279,8 +279,8 @@ mod tests {
     /// Points on a lattice of so many places an axis: many are equal, and more are equally far from each other.
     fn points<const D: usize>(count: usize, dimensions: usize, places: u64) -> Vec<[i32; D]> {
         let mut states = random(1);
-        let mut random = || ((states() >> 33) % places) as i32 - places as i32 / 2;
-        (0..count).map(|_| std::array::from_fn(|axis| if axis < dimensions { random() } else { 0 })).collect()
+        let mut next = || ((states() >> 33) % places) as i32 - places as i32 / 2;
+        (0..count).map(|_| std::array::from_fn(|axis| if axis < dimensions { next() } else { 0 })).collect()
     }
 
     fn check<const D: usize>(dimensions: usize) {

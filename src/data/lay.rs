@@ -31,10 +31,8 @@ pub struct Laid<const D: usize> {
     pub points: Vec<[i32; D]>,
     /// Weights, at least 1. A component's weights sum to less than 2³⁴.
     pub weights: Vec<u32>,
-    /// First neighbour of each item in `neighbours`, and one past the last: items + 1 numbers.
-    pub neighbour_offsets: Vec<u32>,
     /// Neighbours of each item, ascending. Symmetric, each once, none of itself.
-    pub neighbours: Vec<u32>,
+    pub neighbours: Rows,
     /// The connected components, each a run of items.
     pub components: Vec<Component>,
     /// The member that each internal item is ([`Members`]).
@@ -98,18 +96,16 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     let member_of = by_component(sorted, &components);
     let runs = components.runs(&member_of);
     let internal = inverse(&member_of, points.len());
-    let Rows { offsets: neighbour_offsets, items: neighbours } =
-        neighbours.compressed(&member_of, &internal, &bridges)?;
+    let neighbours = neighbours.compressed(&member_of, &internal, &bridges)?;
     drop(internal);
-    check_hubs(&neighbour_offsets, |at| members.item(member_of[at]))?;
+    check_hubs(&neighbours.offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);
     let (of_items, components, finest) = lattice::weigh(relative, &runs);
     Ok(Laid {
         warnings: warnings(&frame, &spreads, points.len()),
         points: member_of.iter().map(|&member| points[member as usize]).collect(),
         weights: of_items,
-        edges: neighbours.len() as u64 / 2,
-        neighbour_offsets,
+        edges: neighbours.items.len() as u64 / 2,
         neighbours,
         components,
         member: member_of,

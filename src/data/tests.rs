@@ -24,13 +24,12 @@ fn edges<const D: usize>(laid: &Laid<D>, members: &Members) -> Vec<(u32, u32)> {
     let item = |internal: usize| members.item(laid.member[internal]);
     let mut edges = Vec::new();
     for internal in 0..laid.member.len() {
-        let row = laid.neighbour_offsets[internal] as usize..laid.neighbour_offsets[internal + 1] as usize;
-        let row = &laid.neighbours[row];
+        let row = laid.neighbours.of(internal as u32);
         assert!(row.is_sorted_by(|a, b| a < b), "{row:?}");
         edges.extend(row.iter().map(|&other| (item(internal), item(other as usize))).filter(|(a, b)| a < b));
     }
     edges.sort_unstable();
-    assert_eq!((edges.len() as u64, 2 * edges.len()), (laid.edges, laid.neighbours.len()));
+    assert_eq!((edges.len() as u64, 2 * edges.len()), (laid.edges, laid.neighbours.items.len()));
     edges
 }
 
@@ -157,8 +156,8 @@ fn table(dimensions: usize, values: Vec<f64>, nearest: u32) -> PointSet {
 /// Numbers from −1 to 1 that look random.
 fn numbers(count: usize) -> Vec<f64> {
     let mut states = random(1);
-    let mut random = || f64::from((states() >> 32) as i32) / f64::from(1u32 << 31);
-    (0..count).map(|_| random()).collect()
+    let mut next = || f64::from((states() >> 32) as i32) / f64::from(1u32 << 31);
+    (0..count).map(|_| next()).collect()
 }
 
 #[test]
@@ -325,7 +324,7 @@ fn columns_that_have_hardly_any_resolution_are_named() {
 fn one_item_is_a_component_without_neighbours() {
     for graph in [Graph::Knn(8), Graph::Rows(Csr::new([0, 1].into_iter(), [0].into_iter()).expect("rows"))] {
         let (laid, _) = laid(&PointSet { graph, ..table(2, vec![1e308, -1e308], 1) });
-        assert_eq!((laid.points, laid.neighbour_offsets, laid.edges), (vec![[0; 3]], vec![0, 0], 0));
+        assert_eq!((laid.points, laid.neighbours, laid.edges), (vec![[0; 3]], Rows::empty(1), 0));
         assert_eq!(laid.components.len(), 1);
     }
 }

@@ -264,13 +264,12 @@ impl About {
     where
         OfPoints<D>: Functional<Point = [i32; D], Position = [f64; D]>,
     {
-        let Laid { points, weights, neighbour_offsets, neighbours, components, .. } = laid;
+        let Laid { points, weights, neighbours, components, .. } = laid;
         self.edges = laid.edges;
         self.components = laid.components_found;
         self.exponent = laid.exponent;
         self.warnings = laid.warnings;
-        let graph: DualGraph<OfPoints<D>> =
-            DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
+        let graph: DualGraph<OfPoints<D>> = DualGraph { points, weights, neighbours, components, moves };
         let mut centre = [0.0; D];
         centre[..laid.centre.len()].copy_from_slice(&laid.centre);
         let units = Units { centre, exponent: laid.exponent, weight_exponent: -laid.weight_exponent, density: 1.0 };

@@ -63,9 +63,9 @@ mod tests {
     #[test]
     fn no_point_of_a_grid_on_the_triangle_is_nearer() {
         let mut states = random(1);
-        let mut random = || (states() >> 40) as f64 / f64::from(1 << 24) - 0.5;
+        let mut next = || (states() >> 40) as f64 / f64::from(1 << 24) - 0.5;
         for case in 0..2000 {
-            let mut corner = || DVec3::new(random(), random(), random());
+            let mut corner = || DVec3::new(next(), next(), next());
             let mut triangle = [corner(), corner(), corner()];
             match case % 10 {
                 0 => triangle[2] = triangle[1],

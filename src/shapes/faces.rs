@@ -37,7 +37,7 @@ impl Faces<'_> {
 
     /// The same for all faces.
     pub fn all_looks(&self) -> usize {
-        self.count() + self.graph.neighbours.len()
+        self.count() + self.graph.neighbours.items.len()
     }
 
     /// The unit normal of a face × 2¹⁴.

@@ -125,8 +125,7 @@ impl<E: Functional> DualGraph<E> {
             weights.extend(run.weights);
             pieces.push(run.rows);
         }
-        let Rows { offsets: neighbour_offsets, items: neighbours } = Rows::joined(pieces);
-        let graph = Self { points, weights, neighbour_offsets, neighbours, components, moves: self.moves };
+        let graph = Self { points, weights, neighbours: Rows::joined(pieces), components, moves: self.moves };
         Coarse { graph, group_of_face }
     }
 }

@@ -1,6 +1,7 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::components::Component;
+use super::rows::Rows;
 use crate::energy::{Energy, Functional, Sums};
 use crate::prefetch::prefetch;
 
@@ -14,10 +15,8 @@ pub struct DualGraph<E: Functional = Energy> {
     pub points: Vec<E::Point>,
     /// Face weights, at least 1. A component's weights sum to less than 2³⁴.
     pub weights: Vec<u32>,
-    /// First neighbour of each face in `neighbours`, and one past the last: faces + 1 numbers.
-    pub neighbour_offsets: Vec<u32>,
     /// Faces that share an edge with each face. Symmetric; a face may be listed twice, never itself.
-    pub neighbours: Vec<u32>,
+    pub neighbours: Rows,
     /// The connected components, each a run of faces.
     pub components: Vec<Component>,
     /// How faces move.
@@ -57,13 +56,13 @@ impl<E: Functional> DualGraph<E> {
         let face = face as usize;
         prefetch(&self.points, face);
         prefetch(&self.weights, face);
-        prefetch(&self.neighbour_offsets, face);
+        prefetch(&self.neighbours.offsets, face);
     }
 
     /// Requests the neighbours of a face.
     #[inline]
     pub(crate) fn prefetch_neighbours(&self, face: u32) {
-        prefetch(&self.neighbours, self.neighbour_offsets[face as usize] as usize);
+        prefetch(&self.neighbours.items, self.neighbours.offsets[face as usize] as usize);
     }
 
     /// What the energy sees of a face.
@@ -87,11 +86,10 @@ impl<E: Functional> DualGraph<E> {
 
     /// The faces that share an edge with `face`.
     pub fn neighbours_of(&self, face: u32) -> &[u32] {
-        let face = face as usize;
-        let row = self.neighbour_offsets[face] as usize..self.neighbour_offsets[face + 1] as usize;
+        let row = self.neighbours.of(face);
         #[cfg(test)]
         LOOKS.with(|looks| looks.set(looks.get() + row.len() as u64));
-        &self.neighbours[row]
+        row
     }
 
     /// The component of each face.

@@ -190,7 +190,7 @@ impl Surface {
     fn of(
         gathered: Gathered,
         runs: &[Range<usize>],
-        Rows { offsets: neighbour_offsets, items: neighbours }: Rows,
+        neighbours: Rows,
         upload_face: Vec<u32>,
         counts: Counts,
         frame: Frame,
@@ -198,7 +198,7 @@ impl Surface {
     ) -> Self {
         let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
         let (weights, components, exponent) = lattice::weigh(|face| geometry[face].area, runs);
-        let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves: Moves::Free };
+        let graph = DualGraph { points, weights, neighbours, components, moves: Moves::Free };
         // areas are in squared lengths
         let weight_exponent = -2 * frame.exponent - exponent;
         let units = Energy::units(&frame, weight_exponent, density_unit.unwrap_or(1.0));

@@ -22,6 +22,17 @@ impl Rows {
         self.offsets.len().saturating_sub(1)
     }
 
+    /// So many rows without numbers.
+    pub fn empty(rows: usize) -> Self {
+        Self { offsets: vec![0; rows + 1], items: Vec::new() }
+    }
+
+    /// Adds a row.
+    pub fn push(&mut self, row: impl IntoIterator<Item = u32>) {
+        self.items.extend(row);
+        self.offsets.push(self.items.len() as u32);
+    }
+
     /// Row r has the items i, ascending, for which `row_of` has r, a number below `rows`.
     pub(crate) fn grouped(row_of: &[u32], rows: usize) -> Self {
         let mut offsets = vec![0; rows + 1];

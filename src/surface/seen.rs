@@ -21,8 +21,8 @@ impl Surface {
         let points = points.map(|face| E::point(&self.geometry[face], self.normal(face))).collect();
         let Self { items, counts, geometry, normals, frame, moment_inside_faces, has_density, features } = self;
         let Items { graph, upload_face, loose, units, noun, has_features, .. } = items;
-        let DualGraph { weights, neighbour_offsets, neighbours, components, .. } = graph;
-        let graph = DualGraph { points, weights, neighbour_offsets, neighbours, components, moves };
+        let DualGraph { weights, neighbours, components, .. } = graph;
+        let graph = DualGraph { points, weights, neighbours, components, moves };
         let units = E::units(&frame, units.weight_exponent, units.density);
         let items = Items { loose, noun, has_features, ..Items::new(graph, upload_face, units) };
         Surface { items, counts, geometry, normals, frame, moment_inside_faces, has_density, features }

@@ -238,7 +238,7 @@ fn bridges_join_every_component_once_and_near_ones_first() {
     let parts = plain.components.len();
     assert!(parts > 5);
     assert_eq!((whole.components.len(), whole.counts.components), (1, parts as u64));
-    assert_eq!(whole.neighbours.len(), plain.neighbours.len() + 2 * (parts - 1));
+    assert_eq!(whole.neighbours.items.len(), plain.neighbours.items.len() + 2 * (parts - 1));
     assert_eq!(bridged(&mesh).neighbours, whole.neighbours);
 
     // four squares along a line: a bridge between each and the next, none between the ends

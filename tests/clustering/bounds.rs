@@ -1,7 +1,6 @@
 //! Damaged meshes: work stays in proportion to faces, clusters stay whole, and the default does not end above `fast`.
 
 use rayon::prelude::*;
-use tesserae_mesh::dev::random;
 
 use tesserae_mesh::cluster::coarse::CoarseStart;
 use tesserae_mesh::cluster::connected::Clusters;
@@ -12,6 +11,7 @@ use tesserae_mesh::cluster::quality::Quality;
 use tesserae_mesh::cluster::record::Record;
 use tesserae_mesh::cluster::relocation::Relocation;
 use tesserae_mesh::cluster::{fast, numbers, seeds};
+use tesserae_mesh::dev::random;
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::{Cancel, Device, pieces};

@@ -85,7 +85,6 @@ where
     let graph = DualGraph {
         points: laid.points,
         weights: laid.weights,
-        neighbour_offsets: laid.neighbour_offsets,
         neighbours: laid.neighbours,
         components: laid.components,
         moves: Moves::Connected,

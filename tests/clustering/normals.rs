@@ -1,11 +1,11 @@
 //! Clustering by normals (`energy=l21`), looked at by means of its own.
 
 use std::collections::{BTreeMap, BTreeSet};
-use tesserae_mesh::dev::random;
 
 use crate::common::zoo;
 use tesserae_mesh::cluster::merging::Pairs;
 use tesserae_mesh::cluster::quality::Quality;
+use tesserae_mesh::dev::random;
 use tesserae_mesh::dev::sample::{Sample, generate, write_glb};
 use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::{Cancel, pieces};

@@ -1,8 +1,8 @@
 //! Meshes of every kind, small enough to compare with the plain version.
 
 use std::path::PathBuf;
-use tesserae_mesh::dev::random;
 
+use tesserae_mesh::dev::random;
 use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
 use tesserae_mesh::dev::sample::{Sample, generate};
 use tesserae_mesh::mesh::{Faces, Format, PolygonMesh};

@@ -37,7 +37,7 @@ impl Recipe {
         let faces = mesh.faces.len();
         let clusters = self.clusters.min(faces as u32);
         let mut states = random(self.seed);
-        let mut random = |bound: u32| ((states() >> 33) % u64::from(bound)) as u32;
+        let mut next = |bound: u32| ((states() >> 33) % u64::from(bound)) as u32;
         let size = mesh.positions.as_flattened().iter().fold(f64::MIN_POSITIVE, |size, x| size.max(x.abs()));
         let place = |face: usize| {
             let corners = mesh.faces.corners(face);
@@ -48,14 +48,14 @@ impl Recipe {
             })
         };
         let mut labels: Vec<u32> = match self.kind {
-            Kind::Noise => (0..faces).map(|_| random(clusters)).collect(),
+            Kind::Noise => (0..faces).map(|_| next(clusters)).collect(),
             Kind::Slabs => {
-                let direction = [0; 3].map(|_| f64::from(random(2001)) / 1000.0 - 1.0);
+                let direction = [0; 3].map(|_| f64::from(next(2001)) / 1000.0 - 1.0);
                 let along = |face| place(face).iter().zip(direction).map(|(x, d)| x * d).sum::<f64>();
                 (0..faces).map(|face| (((along(face) + 2.0) * f64::from(clusters)) as u32) % clusters).collect()
             }
             Kind::Nearest => {
-                let centres: Vec<[f64; 3]> = (0..clusters).map(|_| place(random(faces as u32) as usize)).collect();
+                let centres: Vec<[f64; 3]> = (0..clusters).map(|_| place(next(faces as u32) as usize)).collect();
                 let nearest = |face| {
                     let at = place(face);
                     let distance =
@@ -67,8 +67,8 @@ impl Recipe {
             }
         };
         for label in &mut labels {
-            if random(64) < self.noise {
-                *label = random(clusters);
+            if next(64) < self.noise {
+                *label = next(clusters);
             }
         }
         (labels, u64::from(clusters))

@@ -5,7 +5,7 @@ use tesserae_mesh::dev::sample::Sample;
 use tesserae_mesh::device::dual_edge::{Rank, Ties};
 use tesserae_mesh::device::{Device, DualEdge};
 use tesserae_mesh::energy::{Energy, Functional, Sums};
-use tesserae_mesh::surface::{Component, Surface};
+use tesserae_mesh::surface::{Component, Rows, Surface};
 
 /// Faces a cluster, so that weights reach 2³⁴.
 const FACES: usize = 4;
@@ -25,15 +25,13 @@ fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
         }
     }
     // the first face of a cluster is beside the first of the other
-    surface.items.graph.neighbour_offsets = vec![0];
-    surface.items.graph.neighbours.clear();
+    surface.items.graph.neighbours = Rows::empty(0);
     for face in 0..faces as u32 {
-        match face as usize % (2 * FACES) {
-            0 => surface.items.graph.neighbours.push(face + FACES as u32),
-            FACES => surface.items.graph.neighbours.push(face - FACES as u32),
-            _ => {}
-        }
-        surface.items.graph.neighbour_offsets.push(surface.neighbours.len() as u32);
+        surface.items.graph.neighbours.push(match face as usize % (2 * FACES) {
+            0 => Some(face + FACES as u32),
+            FACES => Some(face - FACES as u32),
+            _ => None,
+        });
     }
     surface.items.upload_face = (0..faces as u32).collect();
     surface.items.graph.components = vec![Component { energy_shift, ..surface.components[0] }];

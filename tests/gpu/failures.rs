@@ -39,7 +39,7 @@ fn a_mesh_over_the_limit_of_a_binding_is_refused_with_both_sizes() {
     let (surface, seeds) = example();
     // the largest: where the neighbours of a face begin, and one number more, and three neighbours
     let needed = 16 * surface.faces() as u64 + 4;
-    assert_eq!(surface.neighbours.len(), 3 * surface.faces());
+    assert_eq!(surface.neighbours.items.len(), 3 * surface.faces());
     let with_limit = |bytes| {
         let mut device = device_with(Overrides { binding_size: Some(bytes), ..Overrides::default() });
         run(&mut device, &surface, &seeds, ALL)

@@ -350,7 +350,7 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
     assert!(error.message.contains(&needed.to_string()), "{error}");
     // a cluster for 4 faces when the first round is optimised
-    let needed = 4 * (large.faces() + 1 + large.neighbours.len()) as u64;
+    let needed = 4 * (large.faces() + 1 + large.neighbours.items.len()) as u64;
     let mut small = device_with(Overrides { binding_size: Some(needed), ..Overrides::default() });
     let late = Options { optimised_from: 4, ..pml() };
     compare(&mut small, "knot", &large, &late);

@@ -9,7 +9,7 @@ use tesserae_mesh::device::pieces;
 use tesserae_mesh::device::plain;
 use tesserae_mesh::device::{Cancel, Device, Ending, FREE, Step};
 use tesserae_mesh::parameters::Seeds;
-use tesserae_mesh::surface::Surface;
+use tesserae_mesh::surface::{Rows, Surface};
 
 fn surface(sample: Sample, faces: u64) -> Surface {
     Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface")
@@ -274,8 +274,7 @@ fn of_two_equally_near_clusters_the_smaller_number_wins() {
     let mut surface = surface(Sample::Strip, 4);
     surface.items.graph.points = vec![[-10, 0, 0], [0, 0, 0], [10, 0, 0], [0, 1000, 0]];
     surface.items.graph.weights = vec![5; 4];
-    surface.items.graph.neighbour_offsets = vec![0, 1, 3, 5, 6];
-    surface.items.graph.neighbours = vec![1, 0, 2, 1, 3, 2];
+    surface.items.graph.neighbours = Rows { offsets: vec![0, 1, 3, 5, 6], items: vec![1, 0, 2, 1, 3, 2] };
     let components = [0, 0, 0];
     let mut gpu = device();
     for (labels, expected) in [([1, 0, 2, 0], [1, 1, 2, 0]), ([2, 0, 1, 0], [2, 1, 1, 0])] {

@@ -8,6 +8,7 @@ there is no such folder. A file tools/score.py beside that folder is a second, i
 
 import itertools
 import json
+import os
 import pathlib
 import re
 import subprocess
@@ -250,18 +251,24 @@ def meshes_to_compare():
     if MESHES:
         # Draco is not read; everything else in these formats is. A mesh in several formats is compared once.
         files = (path for path in sorted(MESHES.rglob("*")) if path.suffix in (".obj", ".glb", ".gltf"))
-        yield from {path.stem: path for path in files if "draco" not in str(path)}.values()
+        yield from {path.with_suffix(""): path for path in files if "draco" not in str(path)}.values()
 
 
 def check_cpu_against_gpu():
-    """The same labels from both devices, for several numbers of clusters and ways to choose seeds, which take turns."""
+    """The same labels from both devices, for several numbers of clusters and ways to choose seeds, which take turns;
+    with TESSERAE_TEST_LONG, for all."""
     runs, hashes = 0, set()
-    ways = itertools.cycle([("coarse", 0), ("random", 5), ("morton", 1)])
-    for mesh, (seeds, seed) in zip(meshes_to_compare(), ways):
+    is_long = "TESSERAE_TEST_LONG" in os.environ
+    ways = [("coarse", 0), ("random", 5), ("morton", 1)]
+    if is_long:
+        chosen = itertools.product(meshes_to_compare(), ways)
+    else:
+        chosen = zip(meshes_to_compare(), itertools.cycle(ways))
+    for mesh, (seeds, seed) in chosen:
         described = describe(mesh)
         faces, components = described["faces"], described["components"]
         # large meshes take a software gpu long
-        counts = [faces // 60] if faces > 100_000 else [faces // 60, faces // 9, components]
+        counts = [faces // 60] if faces > 100_000 and not is_long else [faces // 60, faces // 9, components]
         counts = sorted({max(clusters, components) for clusters in counts})
         both = [reports_of(mesh, counts, "--device", device, "--seeds", seeds, "--seed", seed) for device in ("cpu", "gpu")]
         for clusters, cpu, gpu in zip(counts, *both):

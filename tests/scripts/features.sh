@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Each choice of cargo features compiles without warnings, and has no crate of a feature that is left out. Tests turn on no
+# Choices of cargo features compile without warnings, and have no crate of a feature that is left out. Tests turn on no
 # feature of a dependency, which would compile it, and all that uses it, once for the program and once for the tests.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -43,7 +43,7 @@ done
     without gpu,service $of_s3 $of_postgres
 }
 
-# the gpu alone changes the engine alone, which `make lint` checks with it
+# `gpu` alone changes nothing but the engine, which `make lint` checks with it
 for features in "" service postgres s3; do
     cargo clippy --locked --quiet -p tesserae-cli --no-default-features --features "$features" -- -D warnings
 done

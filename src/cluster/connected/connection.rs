@@ -148,7 +148,7 @@ mod tests {
     use crate::cluster::relocation::tests::{start, uneven};
     use crate::dev::sample::Sample;
     use crate::device::pieces::cut_off_faces;
-    use crate::surface::Component;
+    use crate::surface::{Component, Rows};
 
     #[test]
     fn searches_find_the_faces_that_hold_a_cluster_together() {
@@ -178,8 +178,10 @@ mod tests {
         DualGraph {
             points: vec![[0; 3]; faces as usize],
             weights: vec![1; faces as usize],
-            neighbour_offsets: (0..=faces).map(|face| 2 * face).collect(),
-            neighbours: (0..faces).flat_map(|face| [(face + 1) % faces, (face + faces - 1) % faces]).collect(),
+            neighbours: Rows {
+                offsets: (0..=faces).map(|face| 2 * face).collect(),
+                items: (0..faces).flat_map(|face| [(face + 1) % faces, (face + faces - 1) % faces]).collect(),
+            },
             components: vec![Component { first_face: 0, faces, weight: u64::from(faces), energy_shift: 0 }],
             moves: Moves::Free,
         }

@@ -1,4 +1,4 @@
-//! The faces of each cluster, its boundary faces first.
+//! The faces of each cluster, its boundary faces first: passes and merges read no others.
 
 use rayon::prelude::*;
 
@@ -8,9 +8,9 @@ use crate::surface::DualGraph;
 /// Faces of a chunk.
 const CHUNK: usize = 1 << 13;
 
-/// With more boundary faces than one in so many faces, all faces are gone through in their order, which costs less than
-/// to sort some.
-const SORTED: usize = 32;
+/// With more boundary faces of changed clusters than one in so many faces, all faces are scanned, which is faster than
+/// sorting.
+const SCAN_FROM: usize = 32;
 
 /// Labels, and lists of the faces that have each.
 #[derive(Debug, Clone)]
@@ -20,41 +20,45 @@ pub struct Lists {
     of_cluster: Vec<List>,
     /// Where each face stands in the list of its cluster.
     place_of_face: Vec<u32>,
-    /// How many neighbours each face has in other clusters.
-    others_of_face: Vec<u32>,
+    /// How many neighbours each face has in other clusters; one that is listed twice counts twice.
+    outer_neighbours: Vec<u32>,
 }
 
 #[derive(Debug, Clone, Default)]
 struct List {
-    /// The boundary faces, then the others.
+    /// The boundary faces, then the interior ones; in no order within either.
     faces: Vec<u32>,
-    boundary: usize,
+    /// How many are boundary faces.
+    boundary_faces: usize,
 }
 
 impl Lists {
     /// From labels in which every face has one.
     pub fn new<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>) -> Self {
         let numbers = labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0);
-        let mut sizes = vec![0; numbers];
-        labels.iter().for_each(|&label| sizes[label as usize] += 1);
-        let with_room = |&size: &usize| List { faces: Vec::with_capacity(size), boundary: 0 };
-        let mut of_cluster: Vec<List> = sizes.iter().map(with_room).collect();
-        let others = |face: u32| {
+        let outer = |face: u32| {
             let label = labels[face as usize];
             graph.neighbours_of(face).iter().map(|&near| u32::from(labels[near as usize] != label)).sum()
         };
-        let faces = 0..labels.len() as u32;
-        let others_of_face: Vec<u32> = faces.clone().into_par_iter().with_min_len(CHUNK).map(others).collect();
+        let outer_neighbours: Vec<u32> =
+            (0..labels.len() as u32).into_par_iter().with_min_len(CHUNK).map(outer).collect();
+        // how many boundary and how many interior faces each cluster has, then where the next one of either goes
+        let mut next = vec![[0u32; 2]; numbers];
+        let is_interior = |face: usize| usize::from(outer_neighbours[face] == 0);
+        (0..).zip(&labels).for_each(|(face, &label)| next[label as usize][is_interior(face)] += 1);
+        let with_room = |next: &mut [u32; 2]| {
+            let [boundary, interior] = std::mem::replace(next, [0, next[0]]);
+            List { faces: vec![0; (boundary + interior) as usize], boundary_faces: boundary as usize }
+        };
+        let mut of_cluster: Vec<List> = next.iter_mut().map(with_room).collect();
         let mut place_of_face = vec![0; labels.len()];
-        for are_boundary in [true, false] {
-            for face in faces.clone().filter(|&face| (others_of_face[face as usize] > 0) == are_boundary) {
-                let list = &mut of_cluster[labels[face as usize] as usize];
-                place_of_face[face as usize] = list.faces.len() as u32;
-                list.boundary += usize::from(are_boundary);
-                list.faces.push(face);
-            }
+        for (face, &label) in labels.iter().enumerate() {
+            let next = &mut next[label as usize][is_interior(face)];
+            place_of_face[face] = *next;
+            of_cluster[label as usize].faces[*next as usize] = face as u32;
+            *next += 1;
         }
-        Self { labels, of_cluster, place_of_face, others_of_face }
+        Self { labels, of_cluster, place_of_face, outer_neighbours }
     }
 
     /// How many numbers of clusters there are, those without faces among them.
@@ -75,19 +79,19 @@ impl Lists {
 
     /// The boundary faces of a cluster.
     pub fn boundary(&self, cluster: u32) -> &[u32] {
-        let List { faces, boundary } = &self.of_cluster[cluster as usize];
-        &faces[..*boundary]
+        let List { faces, boundary_faces } = &self.of_cluster[cluster as usize];
+        &faces[..*boundary_faces]
     }
 
     /// The boundary faces of some clusters, and the faces beside them in others, ascending.
     pub fn around<E: Functional>(&self, graph: &DualGraph<E>, changed: &[u32]) -> Vec<u32> {
         let of_changed: usize = changed.iter().map(|&cluster| self.boundary(cluster).len()).sum();
-        if of_changed > self.labels.len() / SORTED {
+        if of_changed > self.labels.len() / SCAN_FROM {
             let mut is_changed = vec![false; self.len()];
             changed.iter().for_each(|&cluster| is_changed[cluster as usize] = true);
             let has_changed = |face: u32| is_changed[self.labels[face as usize] as usize];
             let is_due = |&face: &u32| {
-                let is_boundary = self.others_of_face[face as usize] > 0;
+                let is_boundary = self.outer_neighbours[face as usize] > 0;
                 is_boundary && (has_changed(face) || graph.neighbours_of(face).iter().any(|&near| has_changed(near)))
             };
             return (0..self.labels.len() as u32).into_par_iter().with_min_len(CHUNK).filter(is_due).collect();
@@ -105,9 +109,9 @@ impl Lists {
         faces
     }
 
-    /// Moves a face to another list.
+    /// Moves a face to the list of another cluster.
     pub fn move_face<E: Functional>(&mut self, graph: &DualGraph<E>, face: u32, to: u32) {
-        self.set_others(face, 0);
+        self.set_outer_neighbours(face, 0);
         let from = std::mem::replace(&mut self.labels[face as usize], to);
         let last = self.faces(from).len() - 1;
         self.swap(from, self.place_of_face[face as usize] as usize, last);
@@ -115,31 +119,31 @@ impl Lists {
         let faces = &mut self.of_cluster[to as usize].faces;
         self.place_of_face[face as usize] = faces.len() as u32;
         faces.push(face);
-        let mut others = 0;
+        let mut outer = 0;
         for &near in graph.neighbours_of(face) {
-            let (label, of_near) = (self.labels[near as usize], self.others_of_face[near as usize]);
-            others += u32::from(label != to);
+            let (label, of_near) = (self.labels[near as usize], self.outer_neighbours[near as usize]);
+            outer += u32::from(label != to);
             if label == from {
-                self.set_others(near, of_near + 1);
+                self.set_outer_neighbours(near, of_near + 1);
             } else if label == to {
-                self.set_others(near, of_near - 1);
+                self.set_outer_neighbours(near, of_near - 1);
             }
         }
-        self.set_others(face, others);
+        self.set_outer_neighbours(face, outer);
     }
 
-    /// Sets how many neighbours of a face are in other clusters, and puts it among the boundary faces or the others.
-    fn set_others(&mut self, face: u32, others: u32) {
-        let was_boundary = std::mem::replace(&mut self.others_of_face[face as usize], others) > 0;
+    /// Sets how many neighbours of a face are in other clusters, and makes it a boundary face or an interior one.
+    fn set_outer_neighbours(&mut self, face: u32, outer: u32) {
+        let was_boundary = std::mem::replace(&mut self.outer_neighbours[face as usize], outer) > 0;
         let (cluster, place) = (self.labels[face as usize], self.place_of_face[face as usize] as usize);
-        let boundary = &mut self.of_cluster[cluster as usize].boundary;
-        if was_boundary && others == 0 {
-            *boundary -= 1;
-            let last = *boundary;
+        let boundary_faces = &mut self.of_cluster[cluster as usize].boundary_faces;
+        if was_boundary && outer == 0 {
+            *boundary_faces -= 1;
+            let last = *boundary_faces;
             self.swap(cluster, place, last);
-        } else if !was_boundary && others > 0 {
-            let first = *boundary;
-            *boundary += 1;
+        } else if !was_boundary && outer > 0 {
+            let first = *boundary_faces;
+            *boundary_faces += 1;
             self.swap(cluster, place, first);
         }
     }
@@ -155,49 +159,85 @@ impl Lists {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dev::random;
     use crate::dev::sample::Sample;
     use crate::surface::tests::of_sample;
+    use crate::surface::{Component, Moves, Rows};
 
-    #[test]
-    fn boundary_faces_come_first_as_faces_move() {
-        let surface = of_sample(Sample::Parts, 3000);
-        let faces = 0..surface.faces() as u32;
-        let mut lists = Lists::new(&surface, faces.clone().map(|face| face / 100).collect());
-        let mut sorts = 0;
-        for step in [9, 13, 2, 1, 3, 1, 5, 11, 17, 29, 7, 1] {
-            let is_beside = |near: &u32, cluster: u32| lists.labels[*near as usize] != cluster;
-            for cluster in 0..lists.len() as u32 {
-                let is_boundary = |face: &u32| surface.neighbours_of(*face).iter().any(|near| is_beside(near, cluster));
-                let of_cluster: Vec<u32> = faces.clone().filter(|face| !is_beside(face, cluster)).collect();
-                let sorted = |list: &[u32]| {
-                    let mut list = list.to_vec();
-                    list.sort_unstable();
-                    list
-                };
-                assert_eq!(sorted(lists.faces(cluster)), of_cluster);
-                assert_eq!(
-                    sorted(lists.boundary(cluster)),
-                    of_cluster.into_iter().filter(is_boundary).collect::<Vec<_>>()
-                );
-            }
-            let changed: Vec<u32> = (0..lists.len() as u32).skip(step % 3).step_by(step).collect();
+    /// A graph with such neighbours.
+    fn graph_of(neighbours: Vec<Vec<u32>>) -> DualGraph {
+        let faces = neighbours.len();
+        let mut rows = Rows::empty(0);
+        neighbours.into_iter().for_each(|row| rows.push(row));
+        DualGraph {
+            points: vec![[0; 3]; faces],
+            weights: vec![1; faces],
+            neighbours: rows,
+            components: vec![Component { first_face: 0, faces: faces as u32, weight: faces as u64, energy_shift: 0 }],
+            moves: Moves::Free,
+        }
+    }
+
+    /// In how many rounds of moves, some of them to new lists, all lists and `around` are as defined; and in how many
+    /// `around` sorts.
+    fn rounds_that_agree(graph: &DualGraph, move_face: impl Fn(&mut Lists, u32, u32)) -> (usize, usize) {
+        let faces = 0..graph.faces() as u32;
+        let mut lists = Lists::new(graph, faces.clone().map(|face| face / 50).collect());
+        let mut states = random(1);
+        let mut below = |bound: usize| (states() >> 33) as usize % bound;
+        let (mut agree, mut sorted) = (0, 0);
+        for _ in 0..ROUNDS {
+            let label = |face: u32| lists.labels[face as usize];
+            let outer = |face: u32| graph.neighbours_of(face).iter().any(|&near| label(near) != label(face));
+            let is_right = |cluster: u32| {
+                let faces = faces.clone().filter(|&face| label(face) == cluster);
+                let of_cluster = ascending(lists.faces(cluster)).eq(faces.clone());
+                of_cluster && ascending(lists.boundary(cluster)).eq(faces.filter(|&face| outer(face)))
+            };
+            let changed: Vec<u32> = (0..lists.len() as u32).step_by(1 + below(60)).collect();
             let is_due = |&face: &u32| {
-                let own = lists.labels[face as usize];
-                let mut beside = surface.neighbours_of(face).iter().map(|&near| lists.labels[near as usize]);
-                beside.any(|near| near != own && (changed.contains(&own) || changed.contains(&near)))
+                let mut beside = graph.neighbours_of(face).iter().map(|&near| label(near));
+                beside.any(|near| near != label(face) && (changed.contains(&label(face)) || changed.contains(&near)))
             };
             let due: Vec<u32> = faces.clone().filter(is_due).collect();
-            assert_eq!(lists.around(&surface, &changed), due);
+            agree += usize::from((0..lists.len() as u32).all(is_right) && lists.around(graph, &changed) == due);
             let listed: usize = changed.iter().map(|&cluster| lists.boundary(cluster).len()).sum();
-            sorts += usize::from(listed <= surface.faces() / SORTED);
-            for face in due.into_iter().step_by(3) {
-                let own = lists.labels[face as usize];
-                let beside = surface.neighbours_of(face).iter().map(|&near| lists.labels[near as usize]);
-                if let Some(to) = beside.rev().find(|&to| to != own) {
-                    lists.move_face(&surface, face, to);
+            sorted += usize::from(listed <= graph.faces() / SCAN_FROM);
+            let new = lists.push();
+            for _ in 0..100 {
+                let face = below(graph.faces()) as u32;
+                let to = if below(9) == 0 { new } else { below(lists.len()) as u32 };
+                if lists.labels[face as usize] != to {
+                    move_face(&mut lists, face, to);
                 }
             }
         }
-        assert!((1..12).contains(&sorts), "{sorts}");
+        (agree, sorted)
+    }
+
+    const ROUNDS: usize = 12;
+
+    fn ascending(faces: &[u32]) -> impl Iterator<Item = u32> {
+        let mut faces = faces.to_vec();
+        faces.sort_unstable();
+        faces.into_iter()
+    }
+
+    #[test]
+    fn boundary_faces_come_first_as_faces_move() {
+        let parts = of_sample(Sample::Parts, 3000).items.graph;
+        // each face twice beside the next
+        let twice = |face: u32| [face ^ 1, face ^ 1, (face + 999) % 1000, (face + 1) % 1000];
+        let mut hub = vec![(1..500).collect()];
+        hub.extend((1..500).map(|_| vec![0]));
+        let mut sorts = 0;
+        for graph in [parts, graph_of((0..1000).map(|face| twice(face).to_vec()).collect()), graph_of(hub)] {
+            let (agree, sorted) = rounds_that_agree(&graph, |lists, face, to| lists.move_face(&graph, face, to));
+            assert_eq!(agree, ROUNDS);
+            sorts += sorted;
+            let without_lists = |lists: &mut Lists, face: u32, to: u32| lists.labels[face as usize] = to;
+            assert!(rounds_that_agree(&graph, without_lists).0 < ROUNDS, "lists that labels leave behind are noticed");
+        }
+        assert!((1..3 * ROUNDS).contains(&sorts), "{sorts}");
     }
 }

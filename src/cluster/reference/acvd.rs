@@ -88,17 +88,17 @@ struct LocalQueries<'a, E: Functional> {
 struct Edge {
     /// The face with the smaller number.
     low: u32,
-    /// The other one's place in `surface.neighbours`.
+    /// The other one's place in the rows of neighbours.
     place: u32,
 }
 
 impl<'a, E: Functional> LocalQueries<'a, E> {
     /// Queues all boundary edges.
     fn new(items: &'a Items<E>, clusters: Clusters<'a, E>) -> Self {
-        let edges = items.neighbours.len();
+        let edges = items.neighbours.items.len();
         let mut places: Vec<u32> = (0..edges as u32).collect();
-        for row in items.neighbour_offsets.windows(2) {
-            places[row[0] as usize..row[1] as usize].sort_by_key(|&place| items.neighbours[place as usize]);
+        for row in items.neighbours.offsets.windows(2) {
+            places[row[0] as usize..row[1] as usize].sort_by_key(|&place| items.neighbours.items[place as usize]);
         }
         let changed_at = vec![1; clusters.numbers().len()];
         let mut queries = Self {
@@ -150,7 +150,7 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
 
     /// Takes the best of the three configurations of an edge. Returns whether a face moved.
     fn query(&mut self, Edge { low, place }: Edge) -> bool {
-        let high = self.items.neighbours[place as usize];
+        let high = self.items.neighbours.items[place as usize];
         let [a, b] = [low, high].map(|face| self.clusters.label(face));
         let changed_at = self.changed_at[a as usize].max(self.changed_at[b as usize]);
         if a == b || changed_at < self.tested_at[place as usize] {
@@ -175,7 +175,7 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
     /// Queues the boundary edges of a face.
     fn queue_edges(&mut self, face: u32) {
         let items = self.items;
-        let first = items.neighbour_offsets[face as usize];
+        let first = items.neighbours.offsets[face as usize];
         for (at, &near) in items.neighbours_of(face).iter().enumerate() {
             let edge = match face < near {
                 true => Some(Edge { low: face, place: first + at as u32 }),
@@ -190,16 +190,16 @@ impl<'a, E: Functional> LocalQueries<'a, E> {
 
     /// The first place of a neighbour among those of a face.
     fn place_of(&self, face: u32, neighbour: u32) -> Option<u32> {
-        let [start, end] = [face, face + 1].map(|face| self.items.neighbour_offsets[face as usize] as usize);
+        let [start, end] = [face, face + 1].map(|face| self.items.neighbours.offsets[face as usize] as usize);
         let row = &self.places[start..end];
-        let found = row.partition_point(|&place| self.items.neighbours[place as usize] < neighbour);
-        row.get(found).copied().filter(|&place| self.items.neighbours[place as usize] == neighbour)
+        let found = row.partition_point(|&place| self.items.neighbours.items[place as usize] < neighbour);
+        row.get(found).copied().filter(|&place| self.items.neighbours.items[place as usize] == neighbour)
     }
 
     /// Puts an edge at the end of the queue, or of those that are taken before it, if it lies between clusters and is
     /// not queued.
     fn push_boundary(&mut self, edge: Edge, is_ahead: bool) {
-        let [low, high] = [edge.low, self.items.neighbours[edge.place as usize]];
+        let [low, high] = [edge.low, self.items.neighbours.items[edge.place as usize]];
         let is_queued = &mut self.is_queued[edge.place as usize];
         if self.clusters.label(low) != self.clusters.label(high) && !*is_queued {
             *is_queued = true;

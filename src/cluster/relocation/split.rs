@@ -23,7 +23,7 @@ use std::collections::BinaryHeap;
 
 use crate::cluster::connected::Connection;
 use crate::energy::{Functional, Sums};
-use crate::surface::{Component, DualGraph};
+use crate::surface::{Component, DualGraph, Rows};
 
 /// Passes of moves between the sides, at most.
 const PASSES: usize = 12;
@@ -58,16 +58,14 @@ pub fn restricted<E: Functional>(graph: &DualGraph<E>, faces: &[u32], energy_shi
     let mut part = DualGraph {
         points: faces.iter().map(|&face| graph.points[face as usize]).collect(),
         weights: faces.iter().map(|&face| graph.weights[face as usize]).collect(),
-        neighbour_offsets: Vec::with_capacity(faces.len() + 1),
-        neighbours: Vec::with_capacity(3 * faces.len()),
+        neighbours: Rows { offsets: Vec::with_capacity(faces.len() + 1), items: Vec::with_capacity(3 * faces.len()) },
         components: Vec::new(),
         moves: graph.moves,
     };
-    part.neighbour_offsets.push(0);
+    part.neighbours.offsets.push(0);
     for &face in faces {
         let places = graph.neighbours_of(face).iter().filter_map(|near| faces.binary_search(near).ok());
-        part.neighbours.extend(places.map(|place| place as u32));
-        part.neighbour_offsets.push(part.neighbours.len() as u32);
+        part.neighbours.push(places.map(|place| place as u32));
     }
     let weight = part.weights.iter().map(|&weight| u64::from(weight)).sum();
     part.components.push(Component { first_face: 0, faces: faces.len() as u32, weight, energy_shift });

@@ -35,7 +35,7 @@ fn a_bid_is_renewed_when_its_face_is_no_longer_on_the_boundary() {
 }
 
 /// Moves of a third of the boundary faces that leave a face in each cluster.
-fn random_moves(partition: &mut Partition<'_, Energy>, random: &mut impl FnMut(usize) -> usize) -> Vec<Move> {
+fn random_moves(partition: &mut Partition<'_, Energy>, next: &mut impl FnMut(usize) -> usize) -> Vec<Move> {
     let Partition { graph, labels, clusters, .. } = partition;
     let labels = labels.all();
     let mut left: Vec<u32> = (0..labels.len() as u32).map(|cluster| clusters.sums(cluster).faces).collect();
@@ -43,8 +43,8 @@ fn random_moves(partition: &mut Partition<'_, Energy>, random: &mut impl FnMut(u
     for face in 0..labels.len() as u32 {
         let near = graph.neighbours_of(face);
         let from = labels[face as usize];
-        let to = labels[near[random(near.len())] as usize];
-        if to != from && left[from as usize] > 1 && random(3) == 0 {
+        let to = labels[near[next(near.len())] as usize];
+        if to != from && left[from as usize] > 1 && next(3) == 0 {
             left[from as usize] -= 1;
             moves.push(Move { face, from, to });
         }
@@ -55,7 +55,7 @@ fn random_moves(partition: &mut Partition<'_, Energy>, random: &mut impl FnMut(u
 #[test]
 fn whatever_faces_move_all_pieces_are_found() {
     let mut states = random(1);
-    let mut random = |below: usize| (states() >> 33) as usize % below;
+    let mut next = |below: usize| (states() >> 33) as usize % below;
     let mut cut_off = 0;
     for (sample, faces) in [(Sample::Sphere, 1500), (Sample::Strip, 300), (Sample::Cube, 600), (Sample::Parts, 900)] {
         let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
@@ -69,7 +69,7 @@ fn whatever_faces_move_all_pieces_are_found() {
             steps.merge(&pairs).expect("merges");
             steps.with_listed(|listed| {
                 for _ in 0..3 {
-                    let moves = random_moves(&mut listed.partition, &mut random);
+                    let moves = random_moves(&mut listed.partition, &mut next);
                     listed.apply(&moves);
                 }
                 let cut_off_faces = |labels: &[u32]| cut_off_faces(graph, component_of_cluster.len(), labels);

@@ -81,7 +81,7 @@ impl SurfaceMemory {
         let sizes = Sizes {
             axes: E::AXES,
             faces: graph.faces() as u64,
-            neighbours: graph.neighbours.len() as u64,
+            neighbours: graph.neighbours.items.len() as u64,
             clusters: 0,
             face_groups: graph.faces().div_ceil(connection.tuning.workgroup as usize) as u64,
         };
@@ -260,7 +260,7 @@ fn proxies<E: Words>(graph: &DualGraph<E>, component_of_cluster: &[u32]) -> Resu
 
 /// Refuses more faces than threads can number in u32, and more neighbours than u32 can index behind the rows.
 fn check_counts<E: Words>(connection: &Connection, graph: &DualGraph<E>) -> Result<()> {
-    let (faces, both) = (graph.faces(), graph.faces() + 1 + graph.neighbours.len());
+    let (faces, both) = (graph.faces(), graph.faces() + 1 + graph.neighbours.items.len());
     for (what, found, limit) in
         [("faces", faces, MOST_FACES), ("faces and neighbours of faces", both, u32::MAX as usize)]
     {

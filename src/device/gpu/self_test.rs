@@ -14,7 +14,7 @@ use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Step};
 use crate::energy::Words;
 use crate::error::{Error, Kind, Result};
-use crate::surface::{Component, DualGraph, Moves};
+use crate::surface::{Component, DualGraph, Moves, Rows};
 
 /// Faces in a row of a component, and rows.
 const SIDE: u32 = 32;
@@ -122,8 +122,7 @@ fn graph<E: Words>() -> DualGraph<E> {
     let mut graph = DualGraph {
         points: Vec::new(),
         weights: Vec::new(),
-        neighbour_offsets: vec![0],
-        neighbours: Vec::new(),
+        neighbours: Rows::empty(0),
         components: Vec::new(),
         moves: Moves::Free,
     };
@@ -152,8 +151,7 @@ fn graph<E: Words>() -> DualGraph<E> {
                 (column + 1 < SIDE).then_some(at + 1),
                 (row + 1 < SIDE).then_some(at + SIDE),
             ];
-            graph.neighbours.extend(beside.into_iter().flatten().map(|near| first + near));
-            graph.neighbour_offsets.push(graph.neighbours.len() as u32);
+            graph.neighbours.push(beside.into_iter().flatten().map(|near| first + near));
         }
         let range = first as usize..(first + FACES) as usize;
         let weight = graph.weights[range].iter().map(|&weight| u64::from(weight)).sum();

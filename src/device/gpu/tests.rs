@@ -17,7 +17,7 @@ use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
 use crate::energy::Energy;
-use crate::surface::{Component, DualGraph, Moves, Surface};
+use crate::surface::{Component, DualGraph, Moves, Rows, Surface};
 
 /// The best adapter, opened.
 fn device(overrides: Overrides) -> GpuDevice {
@@ -201,8 +201,10 @@ fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_do
                 moves: Moves::Free,
                 points: vec![[0; 3]; faces as usize],
                 weights: vec![1; faces as usize],
-                neighbour_offsets: (0..=count).map(|face| 3 * face).collect(),
-                neighbours: (0..3 * count).map(|at| (at / 3 + at % 3 + 1) % count).collect(),
+                neighbours: Rows {
+                    offsets: (0..=count).map(|face| 3 * face).collect(),
+                    items: (0..3 * count).map(|at| (at / 3 + at % 3 + 1) % count).collect(),
+                },
                 components: vec![Component { first_face: 0, faces: count, weight: faces, energy_shift: 0 }],
             };
             let clusters = vec![0; (faces / 4) as usize];

@@ -37,7 +37,7 @@ pub(super) fn upload_graph<E: Words>(
         range.for_each(|face| words.extend(E::of_face(graph.face(face))));
         to.copy_from_slice(cast_slice(&words));
     })?;
-    upload_rows(connection, neighbours, &graph.neighbour_offsets, 1, &graph.neighbours)
+    upload_rows(connection, neighbours, &graph.neighbours.offsets, 1, &graph.neighbours.items)
 }
 
 /// Writes rows of items through [`Staging`]: the index of the first word of each row, and one more index for the end,

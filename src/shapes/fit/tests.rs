@@ -6,7 +6,7 @@ use crate::shapes::moments::{Higher, Moments};
 use crate::shapes::proxy::Proxy;
 use crate::shapes::shape::across;
 use crate::surface::samples::Samples;
-use crate::surface::{Component, DualGraph, Moves};
+use crate::surface::{Component, DualGraph, Moves, Rows};
 
 /// Faces with a normal at points of a shape.
 fn faces_at(points: &[(DVec3, DVec3)]) -> (DualGraph<OfPoints<3>>, Samples) {
@@ -21,8 +21,7 @@ fn faces_at(points: &[(DVec3, DVec3)]) -> (DualGraph<OfPoints<3>>, Samples) {
     let graph = DualGraph {
         points: vec![[0; 3]; faces.len()],
         weights: (0..count).map(|at| 1000 + at % 7).collect(),
-        neighbour_offsets: vec![0; faces.len() + 1],
-        neighbours: Vec::new(),
+        neighbours: Rows::empty(faces.len()),
         components: vec![Component { first_face: 0, faces: count, weight: 0, energy_shift: 0 }],
         moves: Moves::Free,
     };
@@ -128,13 +127,13 @@ fn cone(apex: DVec3, slope: f64, heights: [f64; 2], arc: f64, noise: f64) -> Vec
     let u = across(AXIS);
     let v = AXIS.cross(u);
     let mut states = random(5);
-    let mut random = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
+    let mut next = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
     let points = grid(|a, b| {
         let out = libm::cos(a * arc) * u + libm::sin(a * arc) * v;
         let along = heights[0] + b * (heights[1] - heights[0]);
         (apex + along * (AXIS + slope * out), (out - slope * AXIS).normalize())
     });
-    points.into_iter().map(|(at, normal)| (at + noise * random() * normal, normal)).collect()
+    points.into_iter().map(|(at, normal)| (at + noise * next() * normal, normal)).collect()
 }
 
 #[test]

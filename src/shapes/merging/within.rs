@@ -74,7 +74,7 @@ pub fn merged_within(
     }
     let components = faces.graph.components.len();
     let edges = merging.edges_inside(&vec![0; faces.count()], &[1]);
-    let most = LOOKS_AN_EDGE * faces.graph.neighbours.len() / 2;
+    let most = LOOKS_AN_EDGE * faces.graph.neighbours.items.len() / 2;
     let (has_begun, looks_left) = (begun.is_some(), LOOKS_A_CORNER * tolerance.corners.faces.all_corners().len());
     let mut state = MergingWithin { merging, tolerance, shapes, has_begun, looks_left, waiting: Vec::new() };
     let mut edges = state.without_waiting(edges);

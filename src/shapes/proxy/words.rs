@@ -16,7 +16,8 @@ impl Proxy {
     }
 }
 
-#[cfg(all(test, feature = "gpu"))]
+#[cfg(feature = "gpu")]
+#[cfg(test)]
 mod tests {
     //! The kernel against `cost`. Needs a Vulkan driver.
 
@@ -30,7 +31,7 @@ mod tests {
     use crate::shapes::moments::SHIFT;
     use crate::shapes::shape::Shape;
     use crate::surface::samples::Samples;
-    use crate::surface::{DualGraph, Moves};
+    use crate::surface::{DualGraph, Moves, Rows};
 
     /// Shapes, half as many as clusters: every second one is the one before but for a bit.
     const SHAPES: usize = 64;
@@ -81,8 +82,7 @@ mod tests {
             moves: Moves::Free,
             points: Vec::new(),
             weights: Vec::new(),
-            neighbour_offsets: vec![0; clusters + 1],
-            neighbours: Vec::new(),
+            neighbours: Rows::empty(clusters),
             components: Vec::new(),
         };
         let mut labels: Vec<u32> = (0..clusters as u32).collect();
@@ -93,8 +93,7 @@ mod tests {
             let sample = |_| origin.map(|x| (x + number() * most).floor().clamp(-most, most) as i32);
             faces.push(((0..count).map(sample).collect(), [0; 3]));
             let beside = [own ^ 1, at / 7 % clusters, own, at / 11 % clusters];
-            graph.neighbours.extend(beside.map(|cluster| cluster as u32));
-            graph.neighbour_offsets.push(graph.neighbours.len() as u32);
+            graph.neighbours.push(beside.map(|cluster| cluster as u32));
             labels.push(own as u32);
         }
         graph.weights = vec![1; labels.len()];

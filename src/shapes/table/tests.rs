@@ -126,13 +126,13 @@ fn angles_at_borders_take_winding_and_faces_without_area_into_account() {
 fn slice(turn: f64, noise: f64, kinds: &[Kind], profile: impl Fn(f64) -> [f64; 2]) -> ClusterShape {
     let (around, along) = ((turn / 10.0) as u32 + 6, 8u32);
     let mut states = random(1);
-    let mut random = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
+    let mut next = || (states() >> 11) as f64 / (1u64 << 52) as f64 - 1.0;
     let mut positions = Vec::new();
     for (row, column) in (0..=along).flat_map(|row| (0..=around).map(move |column| (row, column))) {
         let [from_axis, height] = profile(f64::from(row) / f64::from(along));
         let (sine, cosine) = libm::sincos((turn * f64::from(column) / f64::from(around)).to_radians());
         // uniform, with the deviation of the noise; most slices are some 3 wide
-        let off = [0; 3].map(|_| random() * 3f64.sqrt() * noise / 100.0 * 3.0);
+        let off = [0; 3].map(|_| next() * 3f64.sqrt() * noise / 100.0 * 3.0);
         let [x, y, z] = [from_axis * cosine + off[0], from_axis * sine + off[1], height + off[2]];
         positions.push([0.8 * x - 0.36 * y + 0.48 * z, 0.6 * x + 0.48 * y - 0.64 * z, 0.8 * y + 0.6 * z]);
     }

@@ -69,7 +69,7 @@ impl<E: Functional> Contraction<E> {
     pub fn new(graph: &DualGraph<E>, ties: Ties) -> Self {
         let faces = graph.faces() as u32;
         let row = |face: u32| {
-            let start = graph.neighbour_offsets[face as usize] as usize;
+            let start = graph.neighbours.offsets[face as usize] as usize;
             NodeEdges::new(start, graph.neighbours_of(face).len() as u32, NEVER)
         };
         let node = |face: u32| Node {
@@ -78,8 +78,8 @@ impl<E: Functional> Contraction<E> {
             best: Edge::LOST.packed().into(),
         };
         let edge = |&other: &u32| AtomicU64::new(Edge { other, cost: 0.0 }.packed());
-        let mut edges = Vec::with_capacity(room(graph.neighbours.len(), graph.faces()));
-        edges.extend(graph.neighbours.iter().map(edge));
+        let mut edges = Vec::with_capacity(room(graph.neighbours.items.len(), graph.faces()));
+        edges.extend(graph.neighbours.items.iter().map(edge));
         Self {
             rows: (0..faces).map(row).collect(),
             nodes: (0..faces).map(node).collect(),

@@ -6,7 +6,7 @@ use crate::device::dual_edge::{self, Rank};
 use crate::device::plain;
 use crate::device::{DualEdge, MergeSteps};
 use crate::energy::Energy;
-use crate::surface::{Component, Surface};
+use crate::surface::{Component, Rows, Surface};
 
 /// Clusters and their contraction, and the plain device that they are compared with.
 struct Both<'a> {
@@ -56,8 +56,10 @@ fn graph_of(points: Vec<[i32; 3]>, weights: Vec<u32>, edges: &[[u32; 2]], compon
     };
     DualGraph {
         components: components.iter().map(&mut component).collect(),
-        neighbour_offsets: (0..=points.len()).map(first).collect(),
-        neighbours: directed.iter().map(|edge| edge[1]).collect(),
+        neighbours: Rows {
+            offsets: (0..=points.len()).map(first).collect(),
+            items: directed.iter().map(|edge| edge[1]).collect(),
+        },
         points,
         weights,
         moves: crate::surface::Moves::Free,
