@@ -17,7 +17,7 @@ use super::Partition;
 use super::clusters::{DRIFT_STEP, slot};
 use super::labels::Labels;
 use super::nearby::{Bound, Rival};
-use super::tuning::chunks::{CLUSTERS, FACES, ITEMS};
+use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::tuning::face_set::FaceSet;
 use super::tuning::stored_bound::StoredBound;
 use crate::energy::{Functional, Sums};
@@ -57,7 +57,7 @@ impl ActiveFaces {
         let faces = graph.faces();
         let mut candidates = FaceSet::new(faces);
         boundary.all().for_each(|face| candidates.insert(face));
-        let bounds = (0..faces).into_par_iter().with_min_len(FACES).map(|_| StoredBound::active()).collect();
+        let bounds = std::iter::repeat_with(StoredBound::active).take(faces).collect();
         Self { candidates, candidate_count: 0, bounds, queue: Vec::new(), arrivals: Vec::new() }
     }
 
