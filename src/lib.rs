@@ -32,8 +32,8 @@
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures; numbers of tests |
 //!
-//! Below all of them: `union_find`, `power` and `prefetch`. The feature `gpu` has the device of that name (wgpu);
-//! without it, everything else works on the cpu.
+//! Below all of them: `union_find`, `power`, `parallel` and `prefetch`. The feature `gpu` has the device of that name
+//! (wgpu); without it, everything else works on the cpu.
 //!
 //! # Where to begin
 //!
@@ -77,6 +77,7 @@ pub mod fuzzing;
 pub mod hierarchy;
 pub mod job;
 pub mod mesh;
+mod parallel;
 pub mod parameters;
 mod power;
 mod prefetch;

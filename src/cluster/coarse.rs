@@ -24,8 +24,6 @@
 //! groups instead of a hundred faces, the rounds are cheap. Energies end below those of the next best seeds, and below
 //! ACVD's (`benches/results/choices.md`, with what else was tried).
 
-use rayon::prelude::*;
-
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
@@ -33,6 +31,7 @@ use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, DualEdge, Ending, MergeSteps, Steps};
 use crate::energy::{Energy, Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
+use crate::parallel;
 use crate::surface::{Coarse, DualGraph, Items, number_by_first_face};
 use crate::union_find;
 
@@ -161,11 +160,12 @@ impl<E: Functional> CoarseStart<E> {
         let others: Option<Vec<Box<dyn Device<E>>>> =
             self.seeds.iter().map(|_| device.for_start(coarsest.faces())).collect();
         let started: Result<Vec<(LatticeEnergy, Start)>> = match others {
-            Some(others) => {
-                let start = |(seeds, mut device): (_, Box<dyn Device<E>>)| {
-                    self.merged(coarsest, seeds, device.as_mut(), cancel)
-                };
-                self.seeds.par_iter().zip(others).map(start).collect()
+            Some(mut others) => {
+                let started = parallel::runs_mut(&mut others, 1, &|first, devices| {
+                    let starts = self.seeds[first..].iter().zip(devices);
+                    starts.map(|(seeds, device)| self.merged(coarsest, seeds, device.as_mut(), cancel)).collect()
+                });
+                parallel::joined(started).into_iter().collect()
             }
             None => self.seeds.iter().map(|seeds| self.merged(coarsest, seeds, device, cancel)).collect(),
         };

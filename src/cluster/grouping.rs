@@ -18,8 +18,6 @@
 //! are a tenth as many, and of a face's neighbours, the cheapest lies across a sharp edge only if all do. Moves of
 //! whole clusters take a tenth of the time there, too. `docs/constants.md` has the figures.
 
-use rayon::prelude::*;
-
 use super::coarse::Start;
 use super::connected::settle;
 use super::merging::{self, Pairs};
@@ -30,6 +28,7 @@ use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, Device, Ending};
 use crate::energy::{Functional, RoughEnd};
 use crate::error::Result;
+use crate::parallel;
 use crate::surface::{Coarse, DualGraph, Grouping};
 
 /// Faces of a group at most.
@@ -145,7 +144,7 @@ fn choices<E: Functional>(graph: &DualGraph<E>) -> Vec<u32> {
         let rank = |&near: &u32| Rank::new(E::rough_merge_cost(own, end(near)).to_bits(), face, near, Ties::Hash);
         graph.neighbours_of(face).iter().copied().min_by_key(rank).unwrap_or(face)
     };
-    (0..graph.faces() as u32).into_par_iter().with_min_len(CHUNK).map(choice).collect()
+    parallel::map(graph.faces(), CHUNK, |face| choice(face as u32))
 }
 
 #[cfg(test)]

@@ -6,11 +6,10 @@
 
 use std::cmp::Reverse;
 
-use rayon::prelude::*;
-
 use crate::device::DualEdge;
 use crate::device::dual_edge::{Rank, mutual};
 use crate::energy::{Functional, Sums};
+use crate::parallel;
 use crate::surface::{DualGraph, Rows};
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
@@ -50,8 +49,9 @@ impl<'a, E: Functional> Teleports<'a, E> {
             let (faces, shift) = (faces_of_cluster.of(cluster), graph.components[component].energy_shift);
             Split::of(graph, faces, cluster, shift).map(|split| (component, split))
         };
-        let all = (0..component_of_cluster.len() as u32).into_par_iter().with_min_len(CHUNK);
-        let all: Vec<(usize, Split<E>)> = all.filter_map(split).collect();
+        let all = parallel::list(component_of_cluster.len(), CHUNK, &|range, all| {
+            all.extend((range.start as u32..range.end as u32).filter_map(split));
+        });
         let mut splits: Vec<Vec<Split<E>>> = graph.components.iter().map(|_| Vec::new()).collect();
         all.into_iter().for_each(|(component, split)| splits[component].push(split));
         for splits in &mut splits {

@@ -1,10 +1,9 @@
 //! The tree of a hierarchical run, as its rounds are recorded. Clusters have internal numbers here, and those of the
 //! upload in the tree.
 
-use rayon::prelude::*;
-
 use crate::energy::{Functional, Merged};
 use crate::hierarchy::{FaceMove, Merge, Round, Tree};
+use crate::parallel;
 use crate::surface::{Items, Loose};
 
 /// Merges that a thread records at a time.
@@ -61,11 +60,11 @@ impl<'a, E: Functional> Builder<'a, E> {
     /// Records merges (from, into), of which no cluster is in two, with the sums of both ends before, in either order.
     pub fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[E::Sums; 2]]) {
         let Self { items, moments, component_of_cluster, .. } = self;
-        let made = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
+        let made: Vec<Merged> = parallel::map(pairs.len(), MERGES_A_THREAD, |nth| {
+            let ((from, into), [a, b]) = (pairs[nth], &sums[nth]);
             let moment = moments[from as usize] + moments[into as usize];
             items.merged(a, b, moment, component_of_cluster[into as usize])
         });
-        let made: Vec<Merged> = made.collect();
         pairs.iter().zip(made).for_each(|(&pair, made)| self.record(pair, made));
     }
 

@@ -3,10 +3,9 @@
 //! Coordinates are centred on their range, axis by axis, and scaled by one power of two for all axes, so that columns
 //! keep their ranges relative to each other.
 
-use rayon::prelude::*;
-
 use super::members::Members;
 use super::{MOST_DIMENSIONS, PointSet};
+use crate::parallel;
 use crate::power::factors;
 
 /// Items that a thread takes at once.
@@ -44,11 +43,11 @@ impl Frame {
     /// The frame of the members: the longest half range is below 2^[`bits`], and not by half.
     pub fn of(set: &PointSet, members: &Members) -> Self {
         let none = || vec![(f64::INFINITY, f64::NEG_INFINITY); set.dimensions];
-        let ranges = (0..members.len().div_ceil(PIECE)).into_par_iter().map(|piece| {
+        let ranges = parallel::ranges(members.len(), PIECE, &|range| {
             let mut ranges = none();
-            for member in members.piece(piece, PIECE) {
+            for member in range {
                 for (axis, (low, high)) in ranges.iter_mut().enumerate() {
-                    let value = set.at(members.item(member) as usize, axis);
+                    let value = set.at(members.item(member as u32) as usize, axis);
                     (*low, *high) = (low.min(value), high.max(value));
                 }
             }
@@ -57,7 +56,7 @@ impl Frame {
         let join = |a: Vec<(f64, f64)>, b: Vec<(f64, f64)>| {
             a.into_iter().zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).collect()
         };
-        let ranges = ranges.reduce(none, join);
+        let ranges = ranges.into_iter().fold(none(), join);
         // halves first: the sum of two finite numbers may not be finite. Adding 0 leaves no −0, which comes by chance
         let centre: Vec<f64> = ranges.iter().map(|(low, high)| low / 2.0 + high / 2.0 + 0.0).collect();
         let reaches = ranges.iter().zip(&centre).map(|((low, high), centre)| (high - centre).max(centre - low));
@@ -71,9 +70,9 @@ impl Frame {
         let most = f64::from((1 << bits(set.dimensions)) - 1);
         let [first, second] = factors(self.exponent);
         let mut points = vec![[0; D]; members.len()];
-        points.par_chunks_mut(PIECE).enumerate().for_each(|(piece, points)| {
-            for (point, member) in points.iter_mut().zip(members.piece(piece, PIECE)) {
-                let item = members.item(member) as usize;
+        parallel::runs_mut(&mut points, PIECE, &|start, points| {
+            for (member, point) in (start..).zip(points) {
+                let item = members.item(member as u32) as usize;
                 for (axis, (x, centre)) in point.iter_mut().zip(&self.centre).enumerate() {
                     let scaled = (set.at(item, axis) - centre) * first * second;
                     *x = (scaled + 0.5).floor().clamp(-most, most) as i32;
@@ -87,9 +86,9 @@ impl Frame {
 /// n² times the variance of each of `dimensions` axes, exactly: n·Σx² − (Σx)², below 2¹¹⁶.
 pub fn spreads<const D: usize>(points: &[[i32; D]], dimensions: usize) -> Vec<u128> {
     let none = || vec![(0i64, 0u128); dimensions];
-    let sums = points.par_chunks(PIECE).map(|points| {
+    let sums = parallel::ranges(points.len(), PIECE, &|range| {
         let mut sums = none();
-        for point in points {
+        for point in &points[range] {
             for ((sum, squares), &x) in sums.iter_mut().zip(point) {
                 *sum += i64::from(x);
                 *squares += u128::from(x.unsigned_abs()) * u128::from(x.unsigned_abs());
@@ -99,7 +98,7 @@ pub fn spreads<const D: usize>(points: &[[i32; D]], dimensions: usize) -> Vec<u1
     });
     let join =
         |a: Vec<(i64, u128)>, b: Vec<(i64, u128)>| a.into_iter().zip(b).map(|(a, b)| (a.0 + b.0, a.1 + b.1)).collect();
-    let sums = sums.reduce(none, join);
+    let sums = sums.into_iter().fold(none(), join);
     let spread = |(sum, squares): (i64, u128)| {
         points.len() as u128 * squares - u128::from(sum.unsigned_abs()) * u128::from(sum.unsigned_abs())
     };

@@ -11,12 +11,12 @@
 //! has at most n/4 parts, so that up to 2¹⁵ points are never too many.
 
 use std::collections::BinaryHeap;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-use rayon::prelude::*;
 
 use super::csr::check_neighbours;
 use crate::error::{Error, Result};
+use crate::parallel;
 use crate::surface::Rows;
 use crate::surface::rows::symmetric;
 
@@ -78,7 +78,8 @@ fn in_tree<const D: usize>(points: &[[i32; D]], count: usize, budget: u64) -> Re
         Ok(found)
     };
     // in the order of the tree, so that searches after each other see the same parts
-    let found: Vec<Vec<u32>> = numbers.par_chunks(PIECE).map(search).collect::<Result<_>>()?;
+    let found = parallel::pieces(numbers.len(), PIECE, &|range| search(&numbers[range]));
+    let found: Vec<Vec<u32>> = found.into_iter().collect::<Result<_>>()?;
     let mut sorted = vec![0; points.len() * count];
     let lists = found.iter().flat_map(|piece| piece.chunks_exact(count.max(1)));
     for (&query, list) in numbers.iter().zip(lists) {
@@ -92,10 +93,11 @@ fn among_all<const D: usize>(points: &[[i32; D]], count: usize) -> Result<Vec<u3
     if points.len() as u64 > MOST_COMPARED {
         return Err(too_much(points.len()));
     }
-    let compare = |(piece, queries): (usize, &[[i32; D]])| {
+    let compare = |range: Range<usize>| {
+        let (first, queries) = (range.start as u32, &points[range]);
         let mut nearest = vec![Nearest::new(count); queries.len()];
         for (block, others) in points.chunks(BLOCK).enumerate() {
-            for ((query, point), nearest) in ((piece * PIECE) as u32..).zip(queries).zip(&mut nearest) {
+            for ((query, point), nearest) in (first..).zip(queries).zip(&mut nearest) {
                 for (other, place) in ((block * BLOCK) as u32..).zip(others) {
                     if other != query {
                         nearest.offer((squared_length(point, place), other.wrapping_sub(query)));
@@ -103,9 +105,9 @@ fn among_all<const D: usize>(points: &[[i32; D]], count: usize) -> Result<Vec<u3
                 }
             }
         }
-        ((piece * PIECE) as u32..).zip(nearest).flat_map(|(query, found)| found.numbers(query)).collect::<Vec<u32>>()
+        (first..).zip(nearest).flat_map(|(query, found)| found.numbers(query)).collect::<Vec<u32>>()
     };
-    Ok(points.par_chunks(PIECE).enumerate().flat_map_iter(compare).collect())
+    Ok(parallel::joined(parallel::pieces(points.len(), PIECE, &compare)))
 }
 
 fn too_much(points: usize) -> Error {

@@ -1,7 +1,5 @@
 //! The items that take part.
 
-use std::ops::Range;
-
 /// The items that take part, numbered from 0 on in upload order.
 #[derive(Debug)]
 pub struct Members {
@@ -40,11 +38,6 @@ impl Members {
     #[expect(clippy::len_without_is_empty, reason = "a set without members is refused")]
     pub fn len(&self) -> usize {
         self.masked.as_ref().map_or(self.items, |(item_of, _)| item_of.len())
-    }
-
-    /// The members of one of the pieces of some size that all are cut into.
-    pub fn piece(&self, piece: usize, size: usize) -> Range<u32> {
-        (piece * size) as u32..((piece + 1) * size).min(self.len()) as u32
     }
 
     /// The item that a member is.

@@ -8,12 +8,11 @@
 
 use std::hint::select_unpredictable;
 
-use rayon::prelude::*;
-
 use super::components::Component;
 use super::graph::DualGraph;
 use super::rows::Rows;
 use crate::energy::{Functional, Sums};
+use crate::parallel;
 
 /// No group yet.
 const NONE: u32 = u32::MAX;
@@ -104,13 +103,9 @@ impl<E: Functional> DualGraph<E> {
         let groups = grouping.groups() as usize;
         let Grouping { group_of_face, offsets } = grouping;
         let faces = Rows::grouped(&group_of_face, groups);
-        let runs: Vec<Run<E>> = (0..groups.div_ceil(RUN))
-            .into_par_iter()
-            .map(|run| {
-                let groups = run * RUN..((run + 1) * RUN).min(groups);
-                Run::of(self, &group_of_face, groups.map(|group| (group as u32, faces.of(group as u32))))
-            })
-            .collect();
+        let runs: Vec<Run<E>> = parallel::pieces(groups, RUN, &|groups| {
+            Run::of(self, &group_of_face, groups.map(|group| (group as u32, faces.of(group as u32))))
+        });
 
         let components = self.components.iter().zip(offsets.windows(2)).map(|(component, ends)| Component {
             first_face: ends[0],

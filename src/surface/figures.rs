@@ -3,12 +3,12 @@
 use std::ops::Range;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Surface;
 use super::lattice::PIECE;
 use super::of_faces::OfFaces;
 use crate::mesh::Frame;
+use crate::parallel;
 
 /// Figures of a clustering.
 #[derive(Debug, Clone, Copy)]
@@ -70,11 +70,9 @@ impl<E: OfFaces> Surface<E> {
             let point = |(face, label)| (self.position(face), self.geometry[face].area, label);
             E::source_proxies(faces.map(point), range.len())
         });
-        let term = |(face, &label): (usize, &u32)| {
-            E::source_term(self.position(face), self.geometry[face].area, proxies[label as usize])
-        };
-        let pieces = labels.par_chunks(PIECE).enumerate();
-        in_order(pieces.map(|(piece, labels)| (piece * PIECE..).zip(labels).map(term).sum()))
+        let term =
+            |face: usize| E::source_term(self.position(face), self.geometry[face].area, proxies[labels[face] as usize]);
+        parallel::pieces(labels.len(), PIECE, &|faces| faces.map(term).sum::<f64>()).into_iter().sum()
     }
 
     fn position(&self, face: usize) -> E::Position {
@@ -84,8 +82,8 @@ impl<E: OfFaces> Surface<E> {
     /// The energy of a flat tiling that faces of this size can have, lattice units.
     fn tiling(&self, clusters: usize) -> Option<f64> {
         let inside = self.moment_inside_faces.filter(|_| E::HAS_TILING && !self.has_density)?;
-        let areas = self.geometry.par_chunks(PIECE).map(|faces| faces.iter().map(|face| face.area).sum());
-        let area = in_order(areas);
+        let area = |faces: Range<usize>| self.geometry[faces].iter().map(|face| face.area).sum::<f64>();
+        let area: f64 = parallel::pieces(self.geometry.len(), PIECE, &area).into_iter().sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         (tiling - inside > tiling / 2.0).then_some(tiling - inside)
     }
@@ -117,17 +115,11 @@ fn faces_in(labels: &[u32], range: Range<u32>) -> impl Iterator<Item = (usize, u
     faces.map(move |(face, label)| (face, label - first))
 }
 
-/// The sum of numbers in their order.
-fn in_order(numbers: impl IndexedParallelIterator<Item = f64>) -> f64 {
-    numbers.collect::<Vec<f64>>().into_iter().sum()
-}
-
 /// A figure of each cluster. `of_range` has those of a range of clusters; threads take ranges, and go over all faces.
-fn by_cluster<T: Send>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
+fn by_cluster<T: Send + Sync>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
     /// Ranges at most: each goes over all labels.
     const MOST: usize = 16;
     let ranges = rayon::current_num_threads().min(MOST).min(clusters);
-    let bound = |range: usize| (clusters * range / ranges) as u32;
-    let figures = (0..ranges).into_par_iter().map(|range| of_range(bound(range)..bound(range + 1)));
-    figures.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
+    let length = clusters.div_ceil(ranges.max(1)).max(1);
+    parallel::joined(parallel::pieces(clusters, length, &|range| of_range(range.start as u32..range.end as u32)))
 }

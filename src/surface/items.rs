@@ -2,14 +2,13 @@
 
 use std::ops::Deref;
 
-use rayon::prelude::*;
-
 use super::components::Component;
 use super::graph::DualGraph;
 use super::lattice::PIECE;
 use super::loose::Loose;
 use super::order;
 use crate::energy::{Energy, Functional, LatticeEnergy, Merged, Sums};
+use crate::parallel;
 
 /// What algorithms and reports need of what is clustered.
 #[derive(Debug)]
@@ -58,9 +57,11 @@ impl<E: Functional> Items<E> {
     pub fn new(graph: DualGraph<E>, upload_face: Vec<u32>, units: Units<E>) -> Self {
         let moment_of = |component: &Component| {
             // of small components, of which there may be as many as faces, by one thread
-            let items = component.range().into_par_iter().with_min_len(PIECE);
-            let moment: i128 = items.map(|item| E::constant(graph.face(item))).sum();
-            moment << component.energy_shift
+            let first = component.first_face as usize;
+            let moments = parallel::ranges(component.faces as usize, PIECE, &|range| -> i128 {
+                range.map(|item| E::constant(graph.face(first + item))).sum()
+            });
+            moments.into_iter().sum::<i128>() << component.energy_shift
         };
         let moment = graph.components.iter().map(moment_of).sum();
         Self { graph, upload_face, loose: Vec::new(), moment, units, has_features: false, noun: "faces" }

@@ -1,24 +1,26 @@
 //! The faces of a mesh as energies of normals and of shapes see them.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
+use super::lattice::PIECE;
 use super::of_faces::OfFaces;
 use super::{DualGraph, Items, Moves, Surface};
 use crate::mesh::MeshView;
+use crate::parallel;
 
 impl Surface {
     /// The same faces with their normals; the mesh is the one that it was built from.
     pub fn with_normals(mut self, mesh: MeshView<'_>) -> Self {
-        let normal = |&face: &u32| self.frame.vector_area(mesh, face as usize).normalize_or_zero();
-        self.normals = self.items.upload_face.par_iter().map(normal).collect();
+        let faces = &self.items.upload_face;
+        let normal = |face: usize| self.frame.vector_area(mesh, faces[face] as usize).normalize_or_zero();
+        self.normals = parallel::map(faces.len(), PIECE, normal);
         self
     }
 
     /// The same faces as another energy sees them; `moves` is how they move.
     pub fn seen_by<E: OfFaces>(self, moves: Moves) -> Surface<E> {
-        let points = (0..self.geometry.len()).into_par_iter();
-        let points = points.map(|face| E::point(&self.geometry[face], self.normal(face))).collect();
+        let point = |face: usize| E::point(&self.geometry[face], self.normal(face));
+        let points = parallel::map(self.geometry.len(), PIECE, point);
         let Self { items, counts, geometry, normals, frame, moment_inside_faces, has_density, features } = self;
         let Items { graph, upload_face, loose, units, noun, has_features, .. } = items;
         let DualGraph { weights, neighbours, components, .. } = graph;

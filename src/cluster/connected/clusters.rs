@@ -3,14 +3,13 @@
 //! Devices keep labels and sums for moves of single faces, all at once. A merge or a split reads one cluster whole, and
 //! few of them pay, so this state is kept on the host. Every cluster is connected, and every change keeps that.
 
-use rayon::prelude::*;
-
 use super::connection::Connection;
 use super::lists::Lists;
 use super::totals::Totals;
 use crate::device::Ending;
 use crate::device::dual_edge::from_into;
 use crate::energy::{Bounds, Functional, LatticeEnergy, Sums};
+use crate::parallel;
 use crate::surface::DualGraph;
 
 /// Passes at most, those over some of the clusters counted by their faces, and by the neighbours of those at borders.
@@ -50,9 +49,11 @@ impl<'a, E: Functional> Clusters<'a, E> {
                 totals[label as usize].shift = component.energy_shift;
             });
         }
-        totals.par_iter_mut().zip(0..lists.len() as u32).with_min_len(CHUNK).for_each(|(totals, cluster)| {
-            lists.faces(cluster).iter().for_each(|&face| totals.count(graph.face(face as usize), 1));
-            totals.refit();
+        parallel::runs_mut(&mut totals, CHUNK, &|first, totals| {
+            for (cluster, totals) in (first as u32..).zip(totals) {
+                lists.faces(cluster).iter().for_each(|&face| totals.count(graph.face(face as usize), 1));
+                totals.refit();
+            }
         });
         let explained = totals.iter().map(Totals::explained).sum();
         let numbers = (0..lists.len() as u32).rev();

@@ -1,8 +1,7 @@
 //! The faces of each cluster, its boundary faces first: passes and merges read no others.
 
-use rayon::prelude::*;
-
 use crate::energy::Functional;
+use crate::parallel;
 use crate::surface::DualGraph;
 
 /// Faces of a chunk.
@@ -36,12 +35,11 @@ impl Lists {
     /// From labels in which every face has one.
     pub fn new<E: Functional>(graph: &DualGraph<E>, labels: Vec<u32>) -> Self {
         let numbers = labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0);
-        let outer = |face: u32| {
-            let label = labels[face as usize];
-            graph.neighbours_of(face).iter().map(|&near| u32::from(labels[near as usize] != label)).sum()
+        let outer = |face: usize| {
+            let label = labels[face];
+            graph.neighbours_of(face as u32).iter().map(|&near| u32::from(labels[near as usize] != label)).sum()
         };
-        let outer_neighbours: Vec<u32> =
-            (0..labels.len() as u32).into_par_iter().with_min_len(CHUNK).map(outer).collect();
+        let outer_neighbours: Vec<u32> = parallel::map(labels.len(), CHUNK, outer);
         // how many boundary and how many interior faces each cluster has, then where the next one of either goes
         let mut next = vec![[0u32; 2]; numbers];
         let is_interior = |face: usize| usize::from(outer_neighbours[face] == 0);
@@ -94,7 +92,7 @@ impl Lists {
                 let is_boundary = self.outer_neighbours[face as usize] > 0;
                 is_boundary && (has_changed(face) || graph.neighbours_of(face).iter().any(|&near| has_changed(near)))
             };
-            return (0..self.labels.len() as u32).into_par_iter().with_min_len(CHUNK).filter(is_due).collect();
+            return parallel::filter(self.labels.len(), CHUNK, is_due);
         }
         let mut faces = Vec::new();
         for &cluster in changed {

@@ -2,15 +2,17 @@
 
 use std::cmp::Reverse;
 
-use rayon::prelude::*;
-
 use super::split::Split;
 use crate::cluster::connected::Clusters;
 use crate::energy::Functional;
+use crate::parallel;
 use crate::surface::DualGraph;
 
 /// Clusters whose merges a thread finds at least.
 const MERGES_A_THREAD: usize = 64;
+
+/// Clusters whose splits a thread finds at least.
+const SPLITS_A_THREAD: usize = 8;
 
 /// Clusters, and what each of them offers, by its number.
 #[derive(Debug, Clone)]
@@ -52,11 +54,13 @@ impl<'a, E: Functional> Offers<'a, E> {
         self.refresh();
         let Self { clusters, splits, .. } = self;
         let (clusters, numbers) = (&*clusters, clusters.numbers());
-        splits.par_iter_mut().zip(numbers.clone()).with_min_len(8).for_each(|(split, cluster)| {
-            if split.is_none() && wanted(clusters, cluster) {
-                let mut faces = clusters.faces(cluster).to_vec();
-                faces.sort_unstable();
-                *split = Some(Split::of(clusters.graph, &faces, clusters.totals(cluster).shift));
+        parallel::runs_mut(splits, SPLITS_A_THREAD, &|first, splits| {
+            for (cluster, split) in (first as u32..).zip(splits) {
+                if split.is_none() && wanted(clusters, cluster) {
+                    let mut faces = clusters.faces(cluster).to_vec();
+                    faces.sort_unstable();
+                    *split = Some(Split::of(clusters.graph, &faces, clusters.totals(cluster).shift));
+                }
             }
         });
         let known = splits.iter().zip(numbers);
@@ -95,11 +99,13 @@ impl<'a, E: Functional> Offers<'a, E> {
                 }
             }
         }
-        merges.par_iter_mut().zip(clusters.numbers()).with_min_len(MERGES_A_THREAD).for_each(|(merge, cluster)| {
-            // the other one may no longer lie beside it
-            if is_stale[cluster as usize] || merge.is_some_and(|(_, other)| has_changed[other as usize]) {
-                let cost = |other| (clusters.totals(cluster).merge_cost(clusters.totals(other)), other);
-                *merge = clusters.beside(cluster).into_iter().map(cost).min();
+        parallel::runs_mut(merges, MERGES_A_THREAD, &|first, merges| {
+            for (cluster, merge) in (first as u32..).zip(merges) {
+                // the other one may no longer lie beside it
+                if is_stale[cluster as usize] || merge.is_some_and(|(_, other)| has_changed[other as usize]) {
+                    let cost = |other| (clusters.totals(cluster).merge_cost(clusters.totals(other)), other);
+                    *merge = clusters.beside(cluster).into_iter().map(cost).min();
+                }
             }
         });
     }

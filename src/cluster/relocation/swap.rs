@@ -19,14 +19,13 @@
 //! F is a sum over clusters, and no cluster takes part in two swaps, so the changes of a round add up exactly; each is
 //! negative. Settling lowers F, too. F is an integer that is not negative.
 
-use rayon::prelude::*;
-
 use super::offers::Offers;
 use crate::cluster::connected::Clusters;
 use crate::cluster::connected::settle::settle;
 use crate::device::Cancel;
 use crate::energy::{Bounds, Functional};
 use crate::error::Result;
+use crate::parallel;
 use crate::surface::DualGraph;
 
 /// Rounds at most.
@@ -104,9 +103,10 @@ pub fn may_pay<E: Functional>(graph: &DualGraph<E>, labels: &[u32], clusters: us
         let ((a, unit), (b, _)) = (&all[a as usize], &all[b as usize]);
         a.least_merge_cost(b) * unit < most
     };
-    labels.par_chunks(CHUNK).enumerate().any(|(chunk, own)| {
-        (chunk as u32 * CHUNK as u32..).zip(own).any(|(face, &own)| {
-            let others = graph.neighbours_of(face).iter().map(|&near| labels[near as usize]);
+    parallel::any(labels.len(), CHUNK, &|mut faces| {
+        faces.any(|face| {
+            let own = labels[face];
+            let others = graph.neighbours_of(face as u32).iter().map(|&near| labels[near as usize]);
             others.filter(|&other| other < own).any(|other| is_cheap(own, other))
         })
     })

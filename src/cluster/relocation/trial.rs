@@ -20,8 +20,6 @@
 //! A [paying swap](super::swap) counts only the merge and the split. After either, the clusters around gain, too, and
 //! more so where clusters have few faces.
 
-use rayon::prelude::*;
-
 use super::offers::Offers;
 use super::split::restricted;
 use crate::cluster::connected::Clusters;
@@ -29,11 +27,13 @@ use crate::cluster::connected::settle::settle;
 use crate::device::Cancel;
 use crate::energy::Functional;
 use crate::error::Result;
+use crate::parallel;
 
 /// A round tries one in this many clusters.
 const TRIALS_OF: usize = 8;
 
 /// A trial, before it is made.
+#[derive(Clone)]
 struct Claim {
     /// The pair that merges, or the cluster that is split.
     own: Vec<u32>,
@@ -55,8 +55,9 @@ const NEW: u32 = u32::MAX;
 
 /// Makes one round. Returns the number of pairs of a merge and a split that were kept.
 pub fn round<E: Functional>(offers: &mut Offers<'_, E>, cancel: &Cancel) -> Result<usize> {
-    let claims = claims(offers).into_par_iter();
-    let mut trials: Vec<Trial> = claims.map(|claim| claim.made(offers, cancel)).collect::<Result<_>>()?;
+    let claims = claims(offers);
+    let trials = parallel::map(claims.len(), 1, |nth| claims[nth].made(offers, cancel));
+    let mut trials = trials.into_iter().collect::<Result<Vec<Trial>>>()?;
     // the sort is stable, so ties are in the order of the claims
     trials.sort_by_key(|trial| trial.rise);
     let (merges, splits): (Vec<_>, Vec<_>) = trials.into_iter().partition(|trial| trial.claim.own.len() == 2);
@@ -111,8 +112,8 @@ fn claims<E: Functional>(offers: &mut Offers<'_, E>) -> Vec<Claim> {
 
 impl Claim {
     /// Makes the trial on a copy of its region.
-    fn made<E: Functional>(self, offers: &Offers<'_, E>, cancel: &Cancel) -> Result<Trial> {
-        let (Self { own, region }, clusters) = (&self, &offers.clusters);
+    fn made<E: Functional>(&self, offers: &Offers<'_, E>, cancel: &Cancel) -> Result<Trial> {
+        let (Self { own, region }, clusters) = (self, &offers.clusters);
         let mut faces: Vec<u32> = region.iter().flat_map(|&cluster| clusters.faces(cluster)).copied().collect();
         faces.sort_unstable();
         let graph = restricted(clusters.graph, &faces, clusters.totals(region[0]).shift);
@@ -129,6 +130,6 @@ impl Claim {
         settle(&mut part, changed, u32::MAX, cancel)?;
         let label = |&label: &u32| region.get(label as usize).copied().unwrap_or(NEW);
         let labels = faces.iter().copied().zip(part.labels().iter().map(label)).collect();
-        Ok(Trial { rise: before.explained - part.energy().explained, labels, claim: self })
+        Ok(Trial { rise: before.explained - part.energy().explained, labels, claim: self.clone() })
     }
 }

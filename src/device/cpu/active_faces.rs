@@ -11,8 +11,6 @@
 //!
 //! [`add`]: ActiveFaces::add
 
-use rayon::prelude::*;
-
 use super::Partition;
 use super::clusters::{DRIFT_STEP, slot};
 use super::labels::Labels;
@@ -21,6 +19,7 @@ use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::tuning::face_set::FaceSet;
 use super::tuning::stored_bound::StoredBound;
 use crate::energy::{Functional, Sums};
+use crate::parallel;
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
 use crate::surface::DualGraph;
 
@@ -132,8 +131,8 @@ impl ActiveFaces {
         let Self { candidates, candidate_count, bounds, queue, .. } = self;
         let listed: usize = changed.iter().map(|&cluster| view.boundary.listed(cluster)).sum();
         if SCATTERED * (listed + queue.len()) < *candidate_count {
-            let around = |changed: &[u32]| exceeded_around(view, changed, bounds, rival);
-            let exceeded: Vec<Vec<u32>> = changed.par_chunks(CLUSTERS).map(around).collect();
+            let around = |range| exceeded_around(view, &changed[range], bounds, rival);
+            let exceeded = parallel::ranges(changed.len(), CLUSTERS, &around);
             for face in exceeded.into_iter().flatten() {
                 if bounds[face as usize].queue() {
                     queue.push(face);
@@ -168,18 +167,17 @@ impl ActiveFaces {
             decision
         };
         let outgrows_caches = partition.graph.outgrows_caches();
-        let decisions = queue.par_chunks(ITEMS).map(|faces| {
+        let decisions = parallel::list(queue.len(), ITEMS, &|range, decisions| {
             let evaluate = |(face, ahead)| {
                 if outgrows_caches {
                     prefetch_ahead(partition, bounds, ahead);
                 }
                 evaluate(face)
             };
-            with_lookahead(faces).filter_map(evaluate).collect()
+            decisions.extend(with_lookahead(&queue[range]).filter_map(evaluate));
         });
-        let decisions: Vec<Vec<T>> = decisions.collect();
         queue.clear();
-        decisions.into_iter().flatten().collect()
+        decisions
     }
 }
 

@@ -3,12 +3,11 @@
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use rayon::prelude::*;
-
 use super::labels::Labels;
 use super::tuning::chunks::{CLUSTERS, FACES};
 use crate::device::FREE;
 use crate::energy::Functional;
+use crate::parallel;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
@@ -62,8 +61,7 @@ impl BoundaryFaces {
             let own = all[face as usize];
             graph.neighbours_of(face).iter().fold(false, |is, &near| is | (all[near as usize] != own))
         };
-        let faces = (0..all.len() as u32).into_par_iter().with_min_len(FACES);
-        let found: Vec<u32> = faces.filter(is_boundary).collect();
+        let found = parallel::filter(all.len(), FACES, is_boundary);
         let mut listed_of_cluster = vec![0; clusters];
         found.iter().for_each(|&face| listed_of_cluster[all[face as usize] as usize] += 1);
         // twice the length, as after pruning
@@ -159,14 +157,13 @@ impl BoundaryFaces {
         let Self { faces_of_cluster, listed_in } = self;
         let take = |&cluster: &u32| std::mem::take(&mut faces_of_cluster[cluster as usize]);
         let mut lists: Vec<Vec<u32>> = clusters.iter().map(take).collect();
-        let found = clusters
-            .par_iter()
-            .zip(&mut lists)
-            .with_min_len(CLUSTERS)
-            .map_init(state, |state, (&cluster, faces)| search(state, ClusterList { cluster, faces, listed_in }));
-        let found = found.collect();
+        let found = parallel::runs_mut(&mut lists, CLUSTERS, &|first, lists| {
+            let mut state = state();
+            let lists = clusters[first..].iter().zip(lists);
+            lists.map(|(&cluster, faces)| search(&mut state, ClusterList { cluster, faces, listed_in })).collect()
+        });
         clusters.iter().zip(lists).for_each(|(&cluster, faces)| faces_of_cluster[cluster as usize] = faces);
-        found
+        parallel::joined(found)
     }
 
     /// Lists a face, and brings the labels around it up to date.

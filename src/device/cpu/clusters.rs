@@ -3,12 +3,11 @@
 //! Faces move and clusters merge one at a time; [`Clusters::refit`] then fits the proxies of all clusters that changed.
 //! A proxy has a *drift*: the length of its way so far. Bounds of faces are made of drifts ([`super::nearby`]).
 
-use rayon::prelude::*;
-
 use super::change_log::{ChangeLog, Cursor};
 use super::tuning::chunks::ITEMS;
 use crate::device::FREE;
 use crate::energy::{Functional, LatticeEnergy, Sums};
+use crate::parallel;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
@@ -152,8 +151,7 @@ impl<E: Functional> Clusters<E> {
     pub fn refit(&mut self) {
         let changed = self.change_log.take(Cursor::Proxies);
         for changed in changed.chunks(FITS) {
-            let fits = changed.par_iter().with_min_len(ITEMS).map(|&cluster| self.sums[cluster as usize].fit());
-            let fits: Vec<Option<(E::Point, i128)>> = fits.collect();
+            let fits = parallel::map(changed.len(), ITEMS, |nth| self.sums[changed[nth] as usize].fit());
             changed.iter().zip(fits).for_each(|(&cluster, fit)| self.store_fit(cluster, fit));
         }
     }

@@ -6,11 +6,10 @@
 //! over all labels, all are renewed at once, by all threads. Under a contraction no label is refreshed until boundaries
 //! are listed.
 
-use rayon::prelude::*;
-
 use super::tuning::chunks::FACES;
 use crate::device::FREE;
 use crate::energy::Functional;
+use crate::parallel;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 use crate::union_find::root;
@@ -142,7 +141,7 @@ impl Labels {
         for cluster in std::mem::take(&mut self.ended).into_iter().rev() {
             merged_into[cluster as usize] = merged_into[merged_into[cluster as usize] as usize];
         }
-        self.raw.par_chunks_mut(FACES).for_each(|labels| {
+        parallel::runs_mut(&mut self.raw, FACES, &|_, labels| {
             labels.iter_mut().filter(|label| **label != FREE).for_each(|label| *label = merged_into[*label as usize]);
         });
     }

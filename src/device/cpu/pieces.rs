@@ -3,11 +3,10 @@
 use std::cmp::Reverse;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use rayon::prelude::*;
-
 use super::Partition;
 use super::tuning::chunks::CLUSTERS;
 use crate::energy::Functional;
+use crate::parallel;
 use crate::surface::DualGraph;
 use crate::union_find::root;
 
@@ -104,18 +103,16 @@ impl<'a> Walk<'a> {
 /// given clusters, each given once, sorted.
 pub fn cut_off<E: Functional>(partition: &Partition<'_, E>, of_clusters: &[u32], places: &Places) -> Vec<u32> {
     let Partition { graph, labels, boundary, .. } = partition;
-    let of_chunk = |of_clusters: &[u32]| {
-        let (mut cut_off, mut walk) = (Vec::new(), Walk::new(places));
-        for &cluster in of_clusters {
+    let mut cut_off = parallel::list(of_clusters.len(), CLUSTERS, &|range, cut_off| {
+        let mut walk = Walk::new(places);
+        for &cluster in &of_clusters[range] {
             // of several pieces, each has a boundary face
             let starts = boundary.of_cluster(cluster);
             if walk.pieces(graph, starts, |face| labels.of(face) == cluster) > 1 {
                 cut_off.extend(walk.outside_largest());
             }
         }
-        cut_off
-    };
-    let mut cut_off: Vec<u32> = of_clusters.par_chunks(CLUSTERS).flat_map_iter(of_chunk).collect();
+    });
     cut_off.sort_unstable();
     cut_off
 }

@@ -2,8 +2,6 @@
 
 use std::cmp::Reverse;
 
-use rayon::prelude::*;
-
 use super::active_faces::{ActiveFaces, Evaluation};
 use super::bids::{Bid, Bids, Verdict};
 use super::change_log::Cursor;
@@ -11,6 +9,7 @@ use super::nearby::{Bound, Nearby, Rival, other_clusters};
 use super::tuning::chunks::CLUSTERS;
 use super::{Move, Partition};
 use crate::energy::{Functional, RefinementSlack, Side, Sums};
+use crate::parallel;
 use crate::surface::DualGraph;
 
 /// What refinement keeps between iterations.
@@ -66,7 +65,8 @@ fn verdicts<E: Functional>(
     bids: &Bids,
     winners: &[Move],
 ) -> Vec<Verdict> {
-    let verdict = |&winner: &Move| {
+    parallel::map(winners.len(), CLUSTERS, |nth| {
+        let winner = winners[nth];
         let Move { from, to, .. } = winner;
         if clusters.improves(from, to, &sums_of(graph, bids.joining(winner))) {
             Verdict::AllMove
@@ -75,8 +75,7 @@ fn verdicts<E: Functional>(
         } else {
             Verdict::Refused
         }
-    };
-    winners.par_iter().with_min_len(CLUSTERS).map(verdict).collect()
+    })
 }
 
 /// The sums of faces that move.

@@ -7,10 +7,9 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
-
 use crate::device::FREE;
 use crate::error::{Error, Kind, Result};
+use crate::parallel;
 
 /// Labels that a thread translates at a time.
 const LABELS: usize = 1 << 14;
@@ -64,9 +63,11 @@ impl Numbering {
 
     /// Places of labels. Fails for a cluster without one.
     pub(super) fn to_places<'a>(&self, labels: &'a [u32]) -> Result<Cow<'a, [u32]>> {
-        let wrong = |&label: &u32| label != FREE && self.places.get(label as usize).is_none_or(|&place| place == FREE);
-        if let Some(label) = labels.par_iter().with_min_len(LABELS).copied().find_first(wrong) {
-            return Err(unknown(label));
+        let is_known =
+            |label: u32| label == FREE || self.places.get(label as usize).is_some_and(|&place| place != FREE);
+        let wrong = parallel::filter(labels.len(), LABELS, |&face| !is_known(labels[face as usize]));
+        if let Some(&face) = wrong.first() {
+            return Err(unknown(labels[face as usize]));
         }
         Ok(if self.is_identity() { labels.into() } else { translated(labels, &self.places).into() })
     }
@@ -89,8 +90,7 @@ fn unknown(cluster: u32) -> Error {
 
 /// What a table has for each label; [`FREE`] where it has nothing, as for free faces.
 fn translated(labels: &[u32], table: &[u32]) -> Vec<u32> {
-    let entry = |&label: &u32| table.get(label as usize).copied().unwrap_or(FREE);
-    labels.par_iter().with_min_len(LABELS).map(entry).collect()
+    parallel::map(labels.len(), LABELS, |face| table.get(labels[face] as usize).copied().unwrap_or(FREE))
 }
 
 #[cfg(test)]

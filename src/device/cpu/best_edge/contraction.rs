@@ -21,8 +21,6 @@ mod search;
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use rayon::prelude::*;
-
 use self::node::{Edge, Grown, NO_NODE, Node, NodeEdges, Status, resolve};
 use self::search::SearchResult;
 use crate::device::cpu::best_edge::rough_end;
@@ -30,6 +28,7 @@ use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::energy::{Functional, RoughEnd};
+use crate::parallel;
 use crate::surface::DualGraph;
 
 /// The round before the first. A row of this round has no costs.
@@ -99,11 +98,11 @@ impl<E: Functional> Contraction<E> {
     /// The neighbour that each cluster would best merge with, in the order of the clusters.
     pub fn choices(&mut self, clusters: &Clusters<E>) -> Vec<(u32, u32)> {
         self.update(clusters);
-        let choice = |(node, &cluster): (&Node<E>, &u32)| {
-            let other = node.best().other;
-            (other != NO_NODE).then(|| (cluster, self.cluster_of_node[other as usize]))
+        let choice = |node: usize| {
+            let other = self.nodes[node].best().other;
+            (other != NO_NODE).then(|| (self.cluster_of_node[node], self.cluster_of_node[other as usize]))
         };
-        self.nodes.par_iter().zip(&self.cluster_of_node).with_min_len(ITEMS).filter_map(choice).collect()
+        parallel::list(self.nodes.len(), ITEMS, &|range, choices| choices.extend(range.filter_map(choice)))
     }
 
     /// The pairs of clusters that chose each other, in any order. They are kept between rounds: only new ones get
@@ -155,8 +154,8 @@ impl<E: Functional> Contraction<E> {
         for grown in &grown {
             self.nodes[grown.node as usize].end = end(self.cluster_of_node[grown.node as usize]);
         }
-        let search = |grown: &[Grown]| self.search_grown(clusters, grown);
-        let results: Vec<SearchResult> = grown.par_chunks(ITEMS).map(search).collect();
+        let search = |range| self.search_grown(clusters, &grown[range]);
+        let results: Vec<SearchResult> = parallel::ranges(grown.len(), ITEMS, &search);
         for &(node, edge) in results.iter().flat_map(|result| &result.offers) {
             // nodes that search by themselves get no offers
             if self.prefers(clusters, node, edge, self.nodes[node as usize].best()) {
@@ -164,7 +163,7 @@ impl<E: Functional> Contraction<E> {
             }
         }
         lost.extend(results.into_iter().flat_map(|result| result.lost));
-        lost.par_chunks(ITEMS).for_each(|lost| self.search_lost(clusters, lost));
+        parallel::ranges(lost.len(), ITEMS, &|range| self.search_lost(clusters, &lost[range]));
         let searched: Vec<u32> = grown.iter().map(|grown| grown.node).chain(lost).collect();
         self.pair_up(clusters, &searched);
     }
@@ -185,8 +184,13 @@ impl<E: Functional> Contraction<E> {
                 (Rank::new(self.packed_cost(clusters, node, other), low, high, Ties::Hash), [node, other])
             })
         };
-        let mut pairs: Vec<_> = self.pairs.par_iter().with_min_len(ITEMS).copied().filter(stays).collect();
-        pairs.par_extend(searched.par_iter().with_min_len(ITEMS).filter_map(pair));
+        let kept = &self.pairs;
+        let mut pairs = parallel::list(kept.len(), ITEMS, &|range, pairs| {
+            pairs.extend(kept[range].iter().copied().filter(stays));
+        });
+        pairs.append(&mut parallel::list(searched.len(), ITEMS, &|range, pairs| {
+            pairs.extend(searched[range].iter().filter_map(pair));
+        }));
         self.pairs = pairs;
     }
 
@@ -222,7 +226,7 @@ impl<E: Functional> Contraction<E> {
             }
             NodeEdges::new(start, row_edges.len() as u32, searched)
         };
-        let new_rows = left.par_iter().with_min_len(ITEMS).map(compacted_row).collect();
+        let new_rows = parallel::map(left.len(), ITEMS, |new| compacted_row(&left[new]));
         let renewed = |(new, &(old, ..)): (u32, &(u32, &NodeEdges, usize))| {
             let Node { end, status, best } = &nodes[old as usize];
             let mut best = Edge::unpacked(best.load(Relaxed));

@@ -10,19 +10,19 @@ pub mod boundary;
 pub mod contraction;
 pub mod queue;
 
-use rayon::prelude::*;
-
 use super::clusters::Clusters;
 use super::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{DualEdge, FREE};
 use crate::energy::{Functional, RoughEnd, Sums};
+use crate::parallel;
 
 /// The best dual edges, given the choices.
 pub fn optimal<E: Functional>(clusters: &Clusters<E>, choices: &[(u32, u32)]) -> Vec<DualEdge> {
-    let edge =
-        |&(cluster, other): &(u32, u32)| DualEdge { cluster, other, cost: packed_cost(clusters, cluster, other) };
-    choices.par_iter().with_min_len(ITEMS).map(edge).collect()
+    parallel::map(choices.len(), ITEMS, |nth| {
+        let (cluster, other) = choices[nth];
+        DualEdge { cluster, other, cost: packed_cost(clusters, cluster, other) }
+    })
 }
 
 /// The pairs of clusters that chose each other. Costs less than [`optimal`]: only these edges get packed costs.
@@ -31,7 +31,9 @@ pub fn mutual<E: Functional>(clusters: &Clusters<E>, choices: &[(u32, u32)]) -> 
     choices.iter().for_each(|&(cluster, other)| choice_of_cluster[cluster as usize] = other);
     let is_mutual = |&&(cluster, other): &&(u32, u32)| cluster < other && choice_of_cluster[other as usize] == cluster;
     let rank = |&(low, high): &(u32, u32)| Rank::new(packed_cost(clusters, low, high), low, high, Ties::Hash);
-    choices.par_iter().with_min_len(ITEMS).filter(is_mutual).map(rank).collect()
+    parallel::list(choices.len(), ITEMS, &|range, pairs| {
+        pairs.extend(choices[range].iter().filter(is_mutual).map(rank))
+    })
 }
 
 /// The packed cost of merging two clusters.

@@ -3,9 +3,9 @@
 use std::iter;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use rayon::prelude::*;
+use crate::parallel;
 
-/// Words of 64 faces of a chunk.
+/// Words of 64 faces that a thread takes at least.
 const WORDS: usize = 64;
 
 /// Some of the faces of a graph.
@@ -33,21 +33,20 @@ impl FaceSet {
     /// The faces of the set for which `is_kept` holds, ascending, and the size of the set. `is_kept` gets the face and
     /// its item; there is one item a face.
     pub fn filter<T: Sync>(&self, items: &[T], is_kept: impl Fn(u32, &T) -> bool + Sync) -> (Vec<u32>, usize) {
-        let chunks = self.0.par_chunks(WORDS).zip(items.par_chunks(64 * WORDS)).enumerate();
-        let filtered = chunks.map(|(chunk, (words, items))| {
+        let filtered = parallel::ranges(self.0.len(), WORDS, &|words| {
             let mut size = 0;
             let mut kept = Vec::new();
-            for (word, (bits, items)) in words.iter().zip(items.chunks(64)).enumerate() {
-                let bits = bits.load(Relaxed);
-                let first = (64 * (WORDS * chunk + word)) as u32;
+            for (word, items) in words.clone().zip(items[64 * words.start..].chunks(64)) {
+                let bits = self.0[word].load(Relaxed);
+                let first = (64 * word) as u32;
                 size += bits.count_ones() as usize;
                 let faces = ones(bits).map(|bit| first + bit);
                 kept.extend(faces.filter(|&face| is_kept(face, &items[face as usize % 64])));
             }
             (kept, size)
         });
-        let (kept, sizes): (Vec<Vec<u32>>, Vec<usize>) = filtered.unzip();
-        (kept.concat(), sizes.iter().sum())
+        let (kept, sizes): (Vec<_>, Vec<usize>) = filtered.into_iter().unzip();
+        (parallel::joined(kept), sizes.iter().sum())
     }
 }
 
