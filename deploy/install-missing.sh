@@ -34,6 +34,10 @@ has_software_vulkan() {
     compgen -G '/usr/share/vulkan/icd.d/lvp_icd*.json' || compgen -G '/etc/vulkan/icd.d/lvp_icd*.json'
 }
 
+has_software_gl() {
+    compgen -G '/usr/lib/*/dri/swrast_dri.so' && has_library libEGL_mesa.so.0
+}
+
 has_postgresql() {
     command -v initdb || compgen -G '/usr/lib/postgresql/*/bin/initdb'
 }
@@ -44,6 +48,8 @@ need npm command -v npm
 if [ "${1:-}" = test ]; then
     need libvulkan1 has_library libvulkan.so.1
     need mesa-vulkan-drivers has_software_vulkan
+    need libegl-mesa0 has_software_gl
+    need libgl1-mesa-dri has_software_gl
     need curl command -v curl
     need postgresql has_postgresql
     need python3 command -v python3
