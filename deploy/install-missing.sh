@@ -35,7 +35,7 @@ has_software_vulkan() {
 }
 
 has_software_gl() {
-    compgen -G '/usr/lib/*/dri/swrast_dri.so' && has_library libEGL_mesa.so.0
+    has_library libEGL_mesa.so.0 && { compgen -G '/usr/lib/*/dri/swrast_dri.so' || compgen -G '/usr/lib/*/libgallium*.so'; }
 }
 
 has_postgresql() {
@@ -48,6 +48,7 @@ need npm command -v npm
 if [ "${1:-}" = test ]; then
     need libvulkan1 has_library libvulkan.so.1
     need mesa-vulkan-drivers has_software_vulkan
+    need libegl1 has_library libEGL.so.1
     need libegl-mesa0 has_software_gl
     need libgl1-mesa-dri has_software_gl
     need curl command -v curl

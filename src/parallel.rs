@@ -1,8 +1,8 @@
 //! Work divided among the threads of rayon's pool: the one that it is called in, else the global one.
 //!
-//! Code that is compiled for each energy divides its work by these functions. They are compiled once for each type of
-//! result; an iterator of rayon is compiled for each closure, into some thirty functions, which were a quarter of the
-//! engine's machine code.
+//! Code that is compiled for each energy divides its work by these functions, most of which are compiled once for each
+//! type of result. An iterator of rayon is compiled for each closure, into some thirty functions: they took 2.2 of 12.3
+//! MB of a release build (`benches/results/2026-11-29-two-cores/test-times.md`).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -66,7 +66,7 @@ pub fn joined<T>(mut lists: Vec<Vec<T>>) -> Vec<T> {
         return lists.swap_remove(0);
     }
     let mut all = Vec::with_capacity(lists.iter().map(Vec::len).sum());
-    lists.iter_mut().for_each(|list| all.append(list));
+    lists.into_iter().for_each(|list| all.extend(list));
     all
 }
 
@@ -88,7 +88,7 @@ fn each(numbers: Range<usize>, of: &(dyn Fn(usize) + Sync)) {
     }
 }
 
-/// Each is locked once: what a panic leaves is not read.
+/// What a panic leaves is not read.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -114,6 +114,15 @@ mod tests {
                 assert!(ranges.len() < 2 || ranges[..ranges.len() - 1].iter().all(|range| range.len() >= least));
                 assert_eq!(ranges.into_iter().flatten().collect::<Vec<_>>(), numbers, "{threads} {least}");
                 assert_eq!(pool.install(|| map(count, least, |number| number)), numbers);
+                let even: Vec<u32> = (0..count as u32).filter(|number| number % 2 == 0).collect();
+                assert_eq!(pool.install(|| filter(count, least, |number| number % 2 == 0)), even);
+                for wanted in [0, count / 2, count] {
+                    let found = pool.install(|| any(count, least, &|mut range| range.any(|number| number == wanted)));
+                    assert_eq!(found, wanted < count);
+                }
+                let pieces: Vec<usize> = pool.install(|| pieces(count, least, &|range| range.len()));
+                assert_eq!(pieces.len(), count.div_ceil(least));
+                assert!(pieces.iter().rev().skip(1).all(|&piece| piece == least));
                 let mut items = vec![0; count];
                 pool.install(|| {
                     runs_mut(&mut items, least, &|first, run| {

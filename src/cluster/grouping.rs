@@ -43,7 +43,7 @@ const FACES_A_CLUSTER: usize = 20;
 /// Fewer faces are not grouped: of few groups, moves of clusters find less.
 const LEAST_FACES: usize = 2560;
 
-/// Faces of a chunk.
+/// Faces that a thread takes at least.
 const CHUNK: usize = 1 << 12;
 
 /// No group yet.

@@ -15,7 +15,7 @@ use crate::surface::{DualGraph, Rows};
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
 const TRIED_SPLITS: usize = 64;
 
-/// Clusters of a chunk.
+/// Clusters that a thread takes at least.
 const CHUNK: usize = 64;
 
 /// The teleports that a clustering allows.

@@ -6,7 +6,7 @@ use crate::hierarchy::{FaceMove, Merge, Round, Tree};
 use crate::parallel;
 use crate::surface::{Items, Loose};
 
-/// Merges that a thread records at a time.
+/// Merges that a thread records at least.
 const MERGES_A_THREAD: usize = 256;
 
 /// Builds the tree of a run.

@@ -8,7 +8,7 @@ use super::{MOST_DIMENSIONS, PointSet};
 use crate::parallel;
 use crate::power::factors;
 
-/// Items that a thread takes at once.
+/// Items that a thread takes at least.
 const PIECE: usize = 1 << 12;
 
 /// Lattice coordinates of points of d coordinates stay below 2 to this power.

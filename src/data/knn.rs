@@ -65,6 +65,9 @@ fn in_tree<const D: usize>(points: &[[i32; D]], count: usize, budget: u64) -> Re
     let root = Node::of(points, &mut numbers);
     let compared = AtomicU64::new(0);
     let search = |queries: &[u32]| {
+        if compared.load(Ordering::Relaxed) > budget {
+            return Err(too_much(points.len()));
+        }
         let mut found = Vec::with_capacity(queries.len() * count);
         for &query in queries {
             let mut nearest = Nearest::new(count);

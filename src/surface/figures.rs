@@ -116,7 +116,7 @@ fn faces_in(labels: &[u32], range: Range<u32>) -> impl Iterator<Item = (usize, u
 }
 
 /// A figure of each cluster. `of_range` has those of a range of clusters; threads take ranges, and go over all faces.
-fn by_cluster<T: Send + Sync>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
+fn by_cluster<T: Send>(clusters: usize, of_range: impl Fn(Range<u32>) -> Vec<T> + Sync) -> Vec<T> {
     /// Ranges at most: each goes over all labels.
     const MOST: usize = 16;
     let ranges = rayon::current_num_threads().min(MOST).min(clusters);

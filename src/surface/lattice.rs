@@ -17,7 +17,7 @@ pub const COORDINATE_BITS: i32 = 27;
 const WEIGHT_SUM_BITS: i32 = 33;
 /// No weight exceeds 2 to this power.
 const WEIGHT_BITS: i32 = 31;
-/// Faces that a thread takes at once. Sums in f64 go by piece, whatever the number of threads.
+/// Faces that a thread takes at least. Sums in f64 go by so many, whatever the number of threads.
 pub const PIECE: usize = 1 << 12;
 /// Exponents of components differ by at most this, or less where there are many.
 const MAX_EXPONENT_SPREAD: i32 = 30;

@@ -12,10 +12,6 @@ const FLAGS = [
   "--disable-background-networking",
   "--disable-component-update",
   "--disable-sync",
-  // Mesa's software GL keeps compiled shaders: half of the processor time of Chromium's own
-  "--use-gl=angle",
-  "--use-angle=gl-egl",
-  "--ignore-gpu-blocklist",
   `--disable-features=${[
     // Playwright's, whose list this one replaces
     "AvoidCorsURLLoaderRestartOnRedirect",
@@ -39,20 +35,38 @@ const FLAGS = [
   ]}`,
 ];
 
+/** Chromium's own software GL, which bars of times are of. */
+const OWN_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
+
+/** Mesa's, which takes half of that one's time of processors: it keeps compiled shaders. */
+const MESA_GL = ["--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist"];
+const MESA = {
+  LIBGL_ALWAYS_SOFTWARE: "1",
+  __EGL_VENDOR_LIBRARY_FILENAMES: "/usr/share/glvnd/egl_vendor.d/50_mesa.json",
+};
+
 /** Most time of a call of Playwright, and until the browser has closed. */
 const [CALL_MS, CLOSE_MS] = [180_000, 60_000];
 
 const FILES = ["page.js", "scene.js", "page.css", "mark.svg", "licences.txt"];
 
 export class Browser {
-  /** `files`: a folder whose bundle is served in place of that of the binary, while it is worked on. */
-  constructor(files) {
+  /**
+   * `files`: a folder whose bundle is served in place of that of the binary, while it is worked on. `mesa`: whether Mesa
+   * draws.
+   */
+  constructor(files, { mesa = false } = {}) {
     this.files = files;
     this.complaints = [];
+    this.options = {
+      executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+      args: [...FLAGS, ...(mesa ? MESA_GL : OWN_GL)],
+      env: { ...process.env, ...(mesa ? MESA : {}) },
+    };
   }
 
   async launch() {
-    this.chromium = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: FLAGS });
+    this.chromium = await chromium.launch(this.options);
     this.system = await this.chromium.newBrowserCDPSession();
     this.pid = (await this.processes()).find(({ type }) => type === "browser").id;
     return this;

@@ -40,7 +40,7 @@ const forbidden = {
 const goOn = [{ ...results, ...reach }, design];
 const groups = values.times ? [times] : [...goOn, images, cuts, sending, states, ends, deletions, words, forbidden];
 
-const browser = await new Browser(values.files).launch();
+const browser = await new Browser(values.files, { mesa: !values.times }).launch();
 const service = await new Service(binary).start();
 let failures = 0;
 process.on("unhandledRejection", (error) => {

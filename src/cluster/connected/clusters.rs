@@ -18,7 +18,7 @@ const PASSES: usize = 1024;
 /// Neighbours that count as a face.
 const NEIGHBOURS: usize = 4;
 
-/// Clusters of a chunk.
+/// Clusters that a thread takes at least.
 const CHUNK: usize = 64;
 
 /// A clustering of a graph. Numbers of clusters may be free: [`crate::cluster::numbers::compact`] closes the gaps.

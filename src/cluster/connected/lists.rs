@@ -4,7 +4,7 @@ use crate::energy::Functional;
 use crate::parallel;
 use crate::surface::DualGraph;
 
-/// Faces of a chunk.
+/// Faces that a thread takes at least.
 const CHUNK: usize = 1 << 13;
 
 /// With more boundary faces of changed clusters than one in so many faces, all faces are scanned, which is faster than

@@ -31,7 +31,7 @@ use crate::surface::DualGraph;
 /// Rounds at most.
 const ROUNDS: u32 = 32;
 
-/// Faces of a chunk.
+/// Faces that a thread takes at least.
 const CHUNK: usize = 1 << 13;
 
 /// Makes rounds; `on_round` is called after each with swaps.

@@ -33,7 +33,6 @@ use crate::parallel;
 const TRIALS_OF: usize = 8;
 
 /// A trial, before it is made.
-#[derive(Clone)]
 struct Claim {
     /// The pair that merges, or the cluster that is split.
     own: Vec<u32>,
@@ -42,8 +41,8 @@ struct Claim {
 }
 
 /// A trial that was made.
-struct Trial {
-    claim: Claim,
+struct Trial<'a> {
+    claim: &'a Claim,
     /// What F rises by; negative where it falls.
     rise: i128,
     /// The faces of the region, and the cluster of each after the trial.
@@ -57,7 +56,7 @@ const NEW: u32 = u32::MAX;
 pub fn round<E: Functional>(offers: &mut Offers<'_, E>, cancel: &Cancel) -> Result<usize> {
     let claims = claims(offers);
     let trials = parallel::map(claims.len(), 1, |nth| claims[nth].made(offers, cancel));
-    let mut trials = trials.into_iter().collect::<Result<Vec<Trial>>>()?;
+    let mut trials = trials.into_iter().collect::<Result<Vec<Trial<'_>>>>()?;
     // the sort is stable, so ties are in the order of the claims
     trials.sort_by_key(|trial| trial.rise);
     let (merges, splits): (Vec<_>, Vec<_>) = trials.into_iter().partition(|trial| trial.claim.own.len() == 2);
@@ -70,7 +69,7 @@ pub fn round<E: Functional>(offers: &mut Offers<'_, E>, cancel: &Cancel) -> Resu
         let number = clusters.free_number();
         let named = split.labels.into_iter().map(|(face, label)| (face, if label == NEW { number } else { label }));
         clusters.relabel(named);
-        changed.extend(merge.claim.region.into_iter().chain(split.claim.region).chain([number]));
+        changed.extend(merge.claim.region.iter().chain(&split.claim.region).chain([&number]));
         kept += 1;
     }
     changed.retain(|&cluster| !clusters.faces(cluster).is_empty());
@@ -112,7 +111,7 @@ fn claims<E: Functional>(offers: &mut Offers<'_, E>) -> Vec<Claim> {
 
 impl Claim {
     /// Makes the trial on a copy of its region.
-    fn made<E: Functional>(&self, offers: &Offers<'_, E>, cancel: &Cancel) -> Result<Trial> {
+    fn made<E: Functional>(&self, offers: &Offers<'_, E>, cancel: &Cancel) -> Result<Trial<'_>> {
         let (Self { own, region }, clusters) = (self, &offers.clusters);
         let mut faces: Vec<u32> = region.iter().flat_map(|&cluster| clusters.faces(cluster)).copied().collect();
         faces.sort_unstable();
@@ -130,6 +129,6 @@ impl Claim {
         settle(&mut part, changed, u32::MAX, cancel)?;
         let label = |&label: &u32| region.get(label as usize).copied().unwrap_or(NEW);
         let labels = faces.iter().copied().zip(part.labels().iter().map(label)).collect();
-        Ok(Trial { rise: before.explained - part.energy().explained, labels, claim: self.clone() })
+        Ok(Trial { rise: before.explained - part.energy().explained, labels, claim: self })
     }
 }

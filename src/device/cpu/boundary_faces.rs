@@ -147,12 +147,12 @@ impl BoundaryFaces {
     }
 
     /// Calls `search` with the list of each of some clusters, ascending and each given once, in all threads. Returns
-    /// the results in that order. `state` makes the scratch memory of a thread.
+    /// the results in that order. `state` makes the scratch memory of a range of clusters.
     pub fn search<S, T: Send>(
         &mut self,
         clusters: &[u32],
-        state: impl Fn() -> S + Sync + Send,
-        search: impl Fn(&mut S, ClusterList<'_>) -> T + Sync + Send,
+        state: impl Fn() -> S + Sync,
+        search: impl Fn(&mut S, ClusterList<'_>) -> T + Sync,
     ) -> Vec<T> {
         let Self { faces_of_cluster, listed_in } = self;
         let take = |&cluster: &u32| std::mem::take(&mut faces_of_cluster[cluster as usize]);

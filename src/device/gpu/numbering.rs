@@ -11,7 +11,7 @@ use crate::device::FREE;
 use crate::error::{Error, Kind, Result};
 use crate::parallel;
 
-/// Labels that a thread translates at a time.
+/// Labels that a thread translates at least.
 const LABELS: usize = 1 << 14;
 
 /// The places of clusters.
