@@ -178,19 +178,20 @@ def rolling_update(replicas, kinds):
 def nothing_is_left(database, front):
     """Jobs expire, and the sweep removes what killed services left."""
     two_days_ago = time.time() - 2 * 86_400
-    leftovers = 0
-    for folder, _, files in os.walk(BLOBS):
-        for name in files:
-            if name != "owner":
-                os.utime(os.path.join(folder, name), (two_days_ago, two_days_ago))
-                leftovers += 1
+
+    def files():
+        return [os.path.join(folder, name) for folder, _, names in os.walk(BLOBS) for name in names if name != "owner"]
+    # as of a service that was killed while it tried its storage
+    probe = BLOBS / "probes" / "left" / "probe"
+    probe.parent.mkdir(parents=True)
+    probe.write_text("probe")
+    leftovers = files()
+    for path in leftovers:
+        os.utime(path, (two_days_ago, two_days_ago))
     front.arguments += ["--retention", "1"]
     front.start()
     front.wait_until_ready()
-
-    def files():
-        return [name for folder, _, names in os.walk(BLOBS) for name in names if name != "owner"]
     wait_for(lambda: database.ask("SELECT count(*) FROM tesserae.jobs") == "0", "all jobs expire", 120)
-    wait_for(lambda: not files(), f"{leftovers} files go", 120)
+    wait_for(lambda: not files(), f"all go of {leftovers}", 120)
     front.stop()
-    print(f"farm: all jobs expired, and of {leftovers} files none is left after the sweep")
+    print(f"farm: all jobs expired, and of {len(leftovers)} files none is left after the sweep")

@@ -31,6 +31,9 @@ use tokio::runtime::Handle;
 use tokio_util::io::{ReaderStream, StreamReader, SyncIoBridge};
 use uuid::Uuid;
 
+/// Where blobs of [`Blobs::probe`] lie.
+const PROBES: &str = "probes";
+
 #[derive(Debug)]
 pub(crate) struct Blobs {
     store: Box<dyn ObjectStore>,
@@ -116,11 +119,22 @@ impl Blobs {
 
     /// Stores a blob, finds it, and removes it; returns the time by the clock of the place.
     pub async fn probe(&self) -> Result<SystemTime> {
-        let below = Path::from_iter(["probes", &Uuid::new_v4().to_string()]);
+        let below = Path::from_iter([PROBES, &Uuid::new_v4().to_string()]);
         self.put(&below.clone().join("probe"), Bytes::from_static(b"probe")).await?;
         let time = self.newest(&below).await?;
         self.remove(&below).await?;
         time.ok_or_else(|| Error::new(Kind::Unavailable, "a file that was stored cannot be found"))
+    }
+
+    /// Removes what killed processes left of probes, before a time by the clock of the place.
+    pub async fn sweep_probes(&self, before: SystemTime) -> Result<()> {
+        for name in self.names(&Path::from(PROBES)).await? {
+            let below = Path::from_iter([PROBES, &name]);
+            if self.newest(&below).await?.is_some_and(|newest| newest <= before) {
+                self.remove(&below).await?;
+            }
+        }
+        Ok(())
     }
 }
 

@@ -123,11 +123,13 @@ impl Files {
     /// were stored after `old`, all of them when none. Returns how many folders went.
     pub async fn sweep(&self, store: &Store, old: Option<SystemTime>) -> Result<usize> {
         let (mut removed, mut unknown) = (0, 0);
-        let old = match self.is_shared() {
+        let mut old = old;
+        if self.is_shared() {
             // an upload that takes longer is lost
-            true => self.blobs.probe().await?.checked_sub(Duration::from_secs(86_400)),
-            false => old,
-        };
+            let day_ago = self.blobs.probe().await? - Duration::from_secs(86_400);
+            self.blobs.sweep_probes(day_ago).await?;
+            old = Some(day_ago);
+        }
         for id in self.jobs_in(UPLOADS).await? {
             // looked at before the store, which knows an accepted one before it stops coming in
             let is_coming_in = self.incoming.lock().contains(&id);

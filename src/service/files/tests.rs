@@ -269,12 +269,20 @@ async fn what_is_new_at_a_shared_place_stays_although_the_store_does_not_know_it
     assert!(is_there(&one, upload, MESH).await);
 
     let day = Duration::from_secs(86_400);
-    for (folder, name, age) in [(upload, MESH, day - day / 24), (Folder::Result(unknown, 1), "x", day + day / 24)] {
-        let path = blobs.path().join(folder.path().as_ref()).join(name);
-        let file = std::fs::File::options().write(true).open(path).expect("there");
-        file.set_modified(SystemTime::now() - age).expect("set");
+    let aged = |path: &str, age| {
+        let file = std::fs::File::options().write(true).create(true).truncate(false).open(blobs.path().join(path));
+        file.expect("it opens").set_modified(SystemTime::now() - age).expect("set");
+    };
+    aged(&format!("{}/{MESH}", upload.path()), day - day / 24);
+    aged(&format!("{}/x", Folder::Result(unknown, 1).path()), day + day / 24);
+    // of processes that were killed
+    for (name, age) in [("new", day / 24), ("old", 2 * day)] {
+        std::fs::create_dir_all(blobs.path().join("probes").join(name)).expect("made");
+        aged(&format!("probes/{name}/probe"), age);
     }
     assert_eq!(one.sweep(&store, None).await, Ok(1));
+    let probes = one.blobs.names(&"probes".into()).await;
+    assert_eq!(probes, Ok(vec!["new".to_owned()]));
     assert!(is_there(&one, upload, MESH).await);
     assert!(!is_there(&one, Folder::Result(unknown, 1), "x").await);
 }
