@@ -68,7 +68,7 @@ unit: install-test bundle  ## the tests of the three crates
 test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, devices, kills of services and farms
 	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
 	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
-	TESSERAE_TEST_LONG=1 cargo test --locked $(FEATURES) --no-fail-fast --test clustering --test gpu -- bounds:: real_meshes
+	TESSERAE_TEST_LONG=1 cargo test --locked $(FEATURES) --no-fail-fast --test clustering --test gpu --test complex
 	TESSERAE_TEST_LONG=1 $(MAKE) --no-print-directory --old-file debug-binary end-to-end
 	$(MAKE) --no-print-directory --old-file debug-binary crash KILLS=1000 CRASH_SECONDS=600
 	$(MAKE) --no-print-directory --old-file debug-binary farm FARM_JOBS=1000 FARM_KILLS=40 FARM_STOPS=5

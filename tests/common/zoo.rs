@@ -12,6 +12,16 @@ pub fn is_long() -> bool {
     std::env::var_os("TESSERAE_TEST_LONG").is_some()
 }
 
+/// Faces of a mesh of a sweep, of which shorter runs have half.
+pub fn sized(faces: u64) -> u64 {
+    if is_long() { faces } else { faces / 2 }
+}
+
+/// What mesh number `at` of a sweep is tried with: all of these, in shorter runs one of them in turn.
+pub fn in_turn<T: Clone>(at: usize, all: &[T]) -> Vec<T> {
+    if is_long() { all.to_vec() } else { vec![all[at % all.len()].clone()] }
+}
+
 /// A mesh from positions and faces.
 pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     let mut all = Faces::default();
@@ -63,9 +73,10 @@ pub fn flea_and_elephant() -> PolygonMesh {
 pub fn all() -> Vec<(String, PolygonMesh)> {
     let mut zoo = Vec::new();
     for sample in Sample::ALL {
-        for faces in [sample.fewest_faces(), 700.max(sample.fewest_faces()), 2500] {
-            let mesh = generate(sample, faces).expect("the sample allows this number");
-            zoo.push((format!("{}-{faces}", sample.name()), mesh));
+        let sizes = [("few", 0), ("hundreds", sized(700)), ("thousands", sized(2500))];
+        for (size, faces) in sizes.into_iter().filter(|&(_, faces)| faces == 0 || faces > sample.fewest_faces()) {
+            let mesh = generate(sample, faces.max(sample.fewest_faces())).expect("the sample allows this number");
+            zoo.push((format!("{}-{size}", sample.name()), mesh));
         }
     }
     let corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.5, 0.5, 1.0]];

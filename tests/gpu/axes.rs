@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use crate::common::gpu::device;
+use crate::common::zoo::sized;
 use tesserae_mesh::Kind;
 use tesserae_mesh::data::{Graph, PointSet, Values};
 use tesserae_mesh::dev::sample::{Sample, generate};
@@ -46,7 +47,7 @@ fn compare(gpu: &mut GpuDevice, prepared: &Prepared, context: &str) {
 fn faces_by_their_normals_are_clustered_alike() {
     let mut gpu = device();
     for (sample, faces) in [(Sample::Knot, 1500), (Sample::Cube, 600), (Sample::Parts, 900)] {
-        let mesh = generate(sample, faces).expect("a sample");
+        let mesh = generate(sample, sized(faces)).expect("a sample");
         for (algorithm, seeds, allow_disconnected) in [
             (Algorithm::Bb, Seeds::Coarse, false),
             (Algorithm::Bb, Seeds::Morton, true),
@@ -71,14 +72,15 @@ fn faces_by_their_normals_are_clustered_alike() {
 
 /// Points in a grid, of so many coordinates: waves and steps.
 fn points(dimensions: usize, graph: Graph) -> PointSet {
-    let shape = vec![20, 30];
+    let rows = sized(20) as usize;
+    let shape = vec![rows, 30];
     let value = |at: usize| {
         let (item, axis) = (at / dimensions, at % dimensions);
         let (row, column) = (item / 30, item % 30);
         let wave = ((row * (axis + 1) + column) as f64 / 9.0).sin();
         wave + f64::from(u8::from((row + 3 * axis) % 13 > 6)) + (at * 7919 % 101) as f64 / 400.0
     };
-    let values = Values::F8((0..600 * dimensions).map(value).collect());
+    let values = Values::F8((0..rows * 30 * dimensions).map(value).collect());
     PointSet { dimensions, values, weights: None, mask: None, shape, graph }
 }
 

@@ -67,15 +67,22 @@ fn small_zoo(most: usize) -> Vec<(String, Surface)> {
 fn parallel_hierarchies_of_the_zoo_are_alike() {
     let mut gpu = device();
     let mut phases = BTreeSet::new();
-    for (name, surface) in small_zoo(700) {
-        for ties in [Ties::Hash, Ties::LargestId] {
+    for (at, (name, surface)) in small_zoo(700).into_iter().enumerate() {
+        for ties in zoo::in_turn(at, &[Ties::Hash, Ties::LargestId]) {
             compare(&mut gpu, &name, &surface, &Options { ties, optimised_from: 4, ..pml() });
             let outcome = compare(&mut gpu, &name, &surface, &Options { ties, ..pml() });
             phases.extend(outcome.rows.iter().map(|row| format!("{:?}", row.phase)));
         }
-        compare(&mut gpu, &name, &surface, &Options { optimise: false, ..pml() });
-        compare(&mut gpu, &name, &surface, &Options { refine: false, ..pml() });
-        compare(&mut gpu, &name, &surface, &Options { refine: false, pairs: Pairs::All, ..pml() });
+        for options in zoo::in_turn(
+            at,
+            &[
+                Options { optimise: false, ..pml() },
+                Options { refine: false, ..pml() },
+                Options { refine: false, pairs: Pairs::All, ..pml() },
+            ],
+        ) {
+            compare(&mut gpu, &name, &surface, &options);
+        }
     }
     // otherwise the comparison says little
     assert_eq!(Vec::from_iter(phases), ["Boundary", "Refine", "Repair"]);
@@ -84,8 +91,8 @@ fn parallel_hierarchies_of_the_zoo_are_alike() {
 #[test]
 fn sequential_hierarchies_of_the_zoo_are_alike() {
     let mut gpu = device();
-    for (name, surface) in small_zoo(130) {
-        for ties in [Ties::Hash, Ties::LargestId] {
+    for (at, (name, surface)) in small_zoo(130).into_iter().enumerate() {
+        for ties in zoo::in_turn(at, &[Ties::Hash, Ties::LargestId]) {
             compare(&mut gpu, &name, &surface, &Options { ties, ..ml() });
             compare(&mut gpu, &name, &surface, &Options { ties, optimise: false, ..ml() });
         }
@@ -108,18 +115,21 @@ fn hierarchies_around_a_hub_are_alike() {
 #[test]
 fn larger_hierarchies_stops_and_mixtures_are_alike() {
     let mut gpu = device();
-    for (sample, faces) in [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)] {
-        let surface = surface(sample, faces);
-        for options in [
-            Options { levels: vec![321, 40], ..pml() },
-            Options { optimised_from: 4, levels: vec![900], ..pml() },
-            Options { levels: vec![321], clusters: Some(77), iterations_a_round: [3; 2], ..pml() },
-            Options { clusters: Some(50), allow_disconnected: true, ..pml() },
-            Options { sequential_at: 30, ..pml() },
-            Options { iterations_a_round: [30; 2], pairs: Pairs::All, ..pml() },
-            Options { iterations_a_round: [u32::MAX; 2], ..pml() },
-        ] {
-            let outcome = compare(&mut gpu, sample.name(), &surface, &options);
+    let samples = [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)];
+    for (at, options) in [
+        Options { levels: vec![321, 40], ..pml() },
+        Options { optimised_from: 4, levels: vec![900], ..pml() },
+        Options { levels: vec![321], clusters: Some(77), iterations_a_round: [3; 2], ..pml() },
+        Options { clusters: Some(50), allow_disconnected: true, ..pml() },
+        Options { sequential_at: 30, ..pml() },
+        Options { iterations_a_round: [30; 2], pairs: Pairs::All, ..pml() },
+        Options { iterations_a_round: [u32::MAX; 2], ..pml() },
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        for (sample, faces) in zoo::in_turn(at, &samples) {
+            let outcome = compare(&mut gpu, sample.name(), &surface(sample, faces), &options);
             let levels: Vec<u64> =
                 outcome.rounds.iter().filter(|round| round.is_level).map(|round| round.clusters).collect();
             assert!(options.levels.iter().all(|level| levels.contains(level)), "{levels:?}");
@@ -136,20 +146,23 @@ fn hierarchies_whose_first_merges_are_the_cpus_are_alike() {
         profile.map(|profile| profile.total().dispatches)
     };
     let late = Options { optimised_from: 4, ..pml() };
-    for (name, surface) in small_zoo(700) {
-        for ties in [Ties::Hash, Ties::LargestId] {
+    for (at, (name, surface)) in small_zoo(700).into_iter().enumerate() {
+        for ties in zoo::in_turn(at, &[Ties::Hash, Ties::LargestId]) {
             compare(&mut gpu, &name, &surface, &Options { ties, ..late.clone() });
         }
     }
-    for (sample, faces) in [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)] {
-        let surface = surface(sample, faces);
-        for options in [
-            late.clone(),
-            Options { levels: vec![900, 40], ..late.clone() },
-            Options { sequential_at: 30, clusters: Some(20), ..late.clone() },
-            Options { sequential_at: 700, levels: vec![600], clusters: Some(590), ..late.clone() },
-        ] {
-            compare(&mut gpu, sample.name(), &surface, &options);
+    let samples = [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)];
+    for (at, options) in [
+        late.clone(),
+        Options { levels: vec![900, 40], ..late.clone() },
+        Options { sequential_at: 30, clusters: Some(20), ..late.clone() },
+        Options { sequential_at: 700, levels: vec![600], clusters: Some(590), ..late.clone() },
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        for (sample, faces) in zoo::in_turn(at, &samples) {
+            compare(&mut gpu, sample.name(), &surface(sample, faces), &options);
         }
     }
     // the device makes fewer rounds

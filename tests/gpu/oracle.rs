@@ -18,50 +18,46 @@ fn surface(sample: Sample, faces: u64) -> Surface {
 #[test]
 fn every_step_is_the_one_that_the_definition_says() {
     // an iteration as one dispatch, and as several
-    for chain_items in [Tuning::default().chain_items, 0] {
-        check_every_step(&mut tuned(Tuning { chain_items, ..Tuning::default() }));
+    let tunings = [Tuning::default().chain_items, 0].map(|chain_items| Tuning { chain_items, ..Tuning::default() });
+    let mut gpus = tunings.map(tuned);
+    for (at, (name, mesh)) in zoo::all().into_iter().enumerate() {
+        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
+        for (turn, clusters) in cluster_counts(&surface).into_iter().enumerate() {
+            for gpu in zoo::in_turn(at + turn, &[0, 1]) {
+                check_every_step(&mut gpus[gpu], &format!("{name} k={clusters}"), &surface, clusters);
+            }
+        }
     }
 }
 
-fn check_every_step(gpu: &mut GpuDevice) {
-    for (name, mesh) in zoo::all() {
-        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
-        for clusters in cluster_counts(&surface) {
-            let context = format!("{name} k={clusters}");
-            let seeds = seeds(&surface, clusters, &Seeds::Random, 5);
-            let components = &seeds.component_of_cluster;
-            let mut labels = vec![FREE; surface.faces()];
-            for (cluster, &face) in (0..).zip(&seeds.face_of_cluster) {
-                labels[face as usize] = cluster;
-            }
-            let mut steps = gpu.open(&surface, components).expect("it fits");
-            steps.set_labels(&labels).expect("set");
-            steps.grow(&Cancel::default()).expect("grow");
-            let mut labels = plain::grow(&surface, &labels);
-            assert_eq!(steps.labels().expect("labels"), labels, "{context}: growth");
-            let energy = steps.energy().expect("energy").explained;
-            assert_eq!(energy, plain::explained(&surface, components, &labels), "{context}");
-
-            let mut found: Vec<Step> = Vec::new();
-            let ending =
-                steps.optimise_boundary(u32::MAX, &Cancel::default(), &mut |step| found.push(step)).expect("optimise");
-            assert_eq!(ending, Ending::Converged, "{context}");
-            for (at, step) in (1..).zip(&found) {
-                let state = plain::iterate(&surface, components, &labels, at)
-                    .unwrap_or_else(|| panic!("{context}: only {at} iterations"));
-                assert_eq!(
-                    (step.moves, step.energy.explained),
-                    (state.moves, state.explained),
-                    "{context}: iteration {at}"
-                );
-                labels = state.labels;
-            }
-            assert_eq!(plain::iterate(&surface, components, &labels, 1), None, "{context}");
-            assert_eq!(steps.labels().expect("labels"), labels, "{context}");
-            let energy = steps.energy().expect("energy").explained;
-            assert_eq!(energy, plain::explained(&surface, components, &labels), "{context}");
-        }
+fn check_every_step(gpu: &mut GpuDevice, context: &str, surface: &Surface, clusters: u64) {
+    let seeds = seeds(surface, clusters, &Seeds::Random, 5);
+    let components = &seeds.component_of_cluster;
+    let mut labels = vec![FREE; surface.faces()];
+    for (cluster, &face) in (0..).zip(&seeds.face_of_cluster) {
+        labels[face as usize] = cluster;
     }
+    let mut steps = gpu.open(surface, components).expect("it fits");
+    steps.set_labels(&labels).expect("set");
+    steps.grow(&Cancel::default()).expect("grow");
+    let mut labels = plain::grow(surface, &labels);
+    assert_eq!(steps.labels().expect("labels"), labels, "{context}: growth");
+    let energy = steps.energy().expect("energy").explained;
+    assert_eq!(energy, plain::explained(surface, components, &labels), "{context}");
+
+    let mut found: Vec<Step> = Vec::new();
+    let ending = steps.optimise_boundary(u32::MAX, &Cancel::default(), &mut |step| found.push(step)).expect("optimise");
+    assert_eq!(ending, Ending::Converged, "{context}");
+    for (at, step) in (1..).zip(&found) {
+        let state = plain::iterate(surface, components, &labels, at)
+            .unwrap_or_else(|| panic!("{context}: only {at} iterations"));
+        assert_eq!((step.moves, step.energy.explained), (state.moves, state.explained), "{context}: iteration {at}");
+        labels = state.labels;
+    }
+    assert_eq!(plain::iterate(surface, components, &labels, 1), None, "{context}");
+    assert_eq!(steps.labels().expect("labels"), labels, "{context}");
+    let energy = steps.energy().expect("energy").explained;
+    assert_eq!(energy, plain::explained(surface, components, &labels), "{context}");
 }
 
 #[test]
