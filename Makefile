@@ -69,7 +69,7 @@ test-long: debug-binary  ## what `make test` has shorter runs of: damaged and re
 	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
 	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
 	TESSERAE_TEST_LONG=1 cargo test --locked $(FEATURES) --no-fail-fast --test clustering --test gpu --test complex
-	TESSERAE_TEST_LONG=1 $(MAKE) --no-print-directory --old-file debug-binary end-to-end
+	TESSERAE_TEST_LONG=1 $(MAKE) --no-print-directory --old-file debug-binary end-to-end fuzz
 	$(MAKE) --no-print-directory --old-file debug-binary crash KILLS=1000 CRASH_SECONDS=600
 	$(MAKE) --no-print-directory --old-file debug-binary farm FARM_JOBS=1000 FARM_KILLS=40 FARM_STOPS=5
 	$(MAKE) --no-print-directory --old-file debug-binary memory MEMORY_JOBS=10000
@@ -193,8 +193,8 @@ page-times: debug-binary  ## what the page takes: until the first pictures, and 
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --times
 
 .PHONY: memory
-memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=1000)
-	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),1000)
+memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=500)
+	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),500)
 
 .PHONY: throughput
 throughput: bundle  ## measure small jobs a second

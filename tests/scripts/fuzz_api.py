@@ -14,6 +14,8 @@ import urllib.request
 
 from service import Service
 
+# of shorter runs, `make test-long` makes longer ones
+IS_LONG = "TESSERAE_TEST_LONG" in os.environ
 SCHEMATHESIS = pathlib.Path(sys.executable).parent / "schemathesis"
 HOOKS = pathlib.Path(__file__).resolve().parent / "fuzz_hooks.py"
 
@@ -55,14 +57,16 @@ CANCELLED = ["--exclude-checks", "positive_data_acceptance,use_after_free"]
 ONE_BY_ONE = ["--phases", "examples,coverage,fuzzing"]
 
 
-def fuzz(url, folder, config, *options, **more):
+def fuzz(url, folder, config, examples, *options, **more):
     """One run. Whether bytes are a mesh is nothing that the document can say: that they are refused is no fault."""
+    most = ["--max-examples", str(examples if IS_LONG else examples // 3)]
     path = folder / "schemathesis.toml"
     path.write_text(f'hooks = "{HOOKS}"\n' + config + REFUSALS + NO_HIERARCHY)
     # by one worker: in several threads, ast of CPython 3.11 and 3.12.1 fails at random (python/cpython issue 106905)
     subprocess.run(
         [SCHEMATHESIS, "--no-color", "--config-file", path, "run", url + "/openapi.yaml", "--seed", "1", "--workers", "1",
-         "--request-timeout", "30", "--max-failures", "20", "--exclude-checks", "positive_data_acceptance", *options],
+         "--request-timeout", "30", "--max-failures", "20", "--exclude-checks", "positive_data_acceptance", *most,
+         *options],
         check=True, timeout=300, cwd=folder, **more)
 
 
@@ -71,7 +75,7 @@ def follow_links(url, folder):
     output = folder / "links.txt"
     try:
         with output.open("w") as file:
-            fuzz(url, folder, "", *CANCELLED, "--max-examples", "40", "--phases", "stateful",
+            fuzz(url, folder, "", 40, *CANCELLED, "--phases", "stateful",
                  env={**os.environ, "LINKS_ONLY": "1"}, stdout=file)
     finally:
         print(output.read_text(), flush=True)
@@ -83,14 +87,13 @@ def main(binary):
     with Service(binary) as service, tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         print("every operation", flush=True)
-        fuzz(service.url, folder, "", "--max-examples", "150", *ONE_BY_ONE)
+        fuzz(service.url, folder, "", 150, *ONE_BY_ONE)
         print("links from one operation to the next", flush=True)
         follow_links(service.url, folder)
         # made only now, because the first run deletes what it finds
         job = ended_job(binary, service.url, folder)
         print("everything that can be read of a job that ended", flush=True)
-        fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n',
-             "--max-examples", "60", *ONE_BY_ONE, "--include-method", "GET")
+        fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n', 60, *ONE_BY_ONE, "--include-method", "GET")
         assert "panicked" not in service.logged(), service.logged()
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
@@ -100,11 +103,10 @@ def main(binary):
         with Service(binary, "--tokens", str(tokens)) as service:
             print("every operation, with a token", flush=True)
             header = ["--header", f"Authorization: Bearer {token}"]
-            fuzz(service.url, folder, "", "--max-examples", "40", *ONE_BY_ONE, *header)
+            fuzz(service.url, folder, "", 40, *ONE_BY_ONE, *header)
             job = ended_job(binary, service.url, folder, token)
             print("everything that can be read of a job that ended, without one", flush=True)
-            fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n',
-                 "--max-examples", "30", *ONE_BY_ONE, "--include-method", "GET")
+            fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n', 30, *ONE_BY_ONE, "--include-method", "GET")
             assert "panicked" not in service.logged() and token not in service.logged(), service.logged()
 
 

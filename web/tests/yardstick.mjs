@@ -51,7 +51,7 @@ async function yardstick() {
 }
 
 /** How much slower than that one this machine draws, 1 at least; the best of three turns. No other page may draw meanwhile. */
-export async function slowness(browser) {
+async function slowness(browser) {
   const page = await browser.open("about:blank", {}, undefined, "");
   const times = [];
   for (let turn = 0; turn < 3; turn++) {
@@ -62,4 +62,12 @@ export async function slowness(browser) {
   await page.close();
   console.log(`  the yardstick takes ${times.map(Math.round).join(", ")} ms of processors`);
   return Math.max(1, Math.min(...times) / YARDSTICK_MS);
+}
+
+let known = null;
+
+/** What a budget is on this machine. It draws the yardstick once, and again where what was measured is more. */
+export async function allowed(browser, budget, measured) {
+  if (known === null || measured > budget * known) known = await slowness(browser);
+  return budget * known;
 }
