@@ -69,7 +69,7 @@ pub fn points(bytes: &[u8]) {
     writer.finish().expect("memory");
     let _ = npz::graph(&archive, LIMIT);
     for (bytes, graph) in [(bytes, graph), (&archive, None)] {
-        match data::read(bytes, None, graph, LIMIT) {
+        match data::read(bytes, graph, LIMIT) {
             Ok(set) if set.items() < 1 << 10 => {
                 lay::<64>(&set, &Members::new(set.items(), set.mask.as_deref()), true).expect("few points");
             }

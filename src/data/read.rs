@@ -17,23 +17,18 @@ pub const USUAL_NEIGHBOURS: u32 = 8;
 /// Points in a `.npy` file (n × d, or the shape of a grid and then d), or in an `.npz` file with arrays X and, if they
 /// are there, weights, mask, indptr and indices.
 ///
-/// `weights` may come from another file. Neighbours are as `graph` says; without it by the edges of the `.npz` file,
-/// else the nearest 8. `limit` bounds the bytes that are inflated.
-pub fn read(bytes: &[u8], weights: Option<Weights<'_>>, graph: Option<Graph>, limit: u64) -> Result<PointSet> {
-    let weights_beside = weights.map(|Weights(array)| array);
+/// Neighbours are as `graph` says; without it by the edges of the `.npz` file, else the nearest 8. `limit` bounds the
+/// bytes that are inflated.
+pub fn read(bytes: &[u8], graph: Option<Graph>, limit: u64) -> Result<PointSet> {
     if !bytes.starts_with(npz::MAGIC) {
         let x = npy::parse(bytes, "array of points", &VALUES, VALUES_IN_WORDS)?;
-        return Arrays { x, weights: weights_beside, mask: None, csr: None }.points(graph);
+        return Arrays { x, weights: None, mask: None, csr: None }.points(graph);
     }
     let npz::Npz { x, weights, mask, csr } = npz::open(bytes, limit)?;
-    let weights = weights.as_deref().map(|bytes| floats(bytes, "array weights")).transpose()?;
-    if weights.is_some() && weights_beside.is_some() {
-        return Err(Error::parameter("weights are there twice: in the .npz file and beside it"));
-    }
     let read_mask = |bytes| npy::parse(bytes, "array mask", &["|b1", "|u1"], "True and False, or bytes");
     Arrays {
         x: npy::parse(&x, "array X", &VALUES, VALUES_IN_WORDS)?,
-        weights: weights.or(weights_beside),
+        weights: weights.as_deref().map(|bytes| floats(bytes, "array weights")).transpose()?,
         mask: mask.as_deref().map(read_mask).transpose()?,
         csr,
     }
@@ -64,9 +59,7 @@ struct Arrays<'a> {
 impl<'a> Arrays<'a> {
     fn points(self, graph: Option<Graph>) -> Result<PointSet> {
         let graph = match (graph, self.csr) {
-            (Some(_), Some(_)) => {
-                return Err(Error::parameter("a graph is there twice: in the .npz file and beside it"));
-            }
+            (Some(_), Some(_)) => return Err(graph_twice()),
             (Some(graph), None) => graph,
             (None, Some(csr)) => Graph::Rows(csr),
             (None, None) => Graph::Knn(USUAL_NEIGHBOURS),
@@ -81,19 +74,50 @@ impl<'a> Arrays<'a> {
                 self.x.shape
             )));
         };
-        let of_items = |array: Option<Array<'a>>, what: &str| match array {
-            Some(array) if array.shape != shape => Err(Error::parameter(format_args!(
-                "the {what} must have the shape of the items, {shape:?}, not {:?}",
-                array.shape
-            ))),
-            array => Ok(array),
-        };
-        let weights = of_items(self.weights, "weights")?.map(|array| array.floats());
-        let mask = of_items(self.mask, "mask")?.map(|array| array.is_set().collect());
+        let weights = self.weights.map(|array| of_items(array, "weights", shape)).transpose()?;
+        let weights = weights.map(|array| array.floats());
+        let mask = self.mask.map(|array| of_items(array, "mask", shape)).transpose()?;
+        let mask = mask.map(|array| array.is_set().collect());
         let shape = shape.to_vec();
         let set = PointSet { dimensions, values: Values::of(&self.x), weights, mask, shape, graph };
         set.check()?;
         Ok(set)
+    }
+}
+
+fn of_items<'a>(array: Array<'a>, what: &str, shape: &[usize]) -> Result<Array<'a>> {
+    match array.shape == shape {
+        true => Ok(array),
+        false => Err(Error::parameter(format_args!(
+            "the {what} must have the shape of the items, {shape:?}, not {:?}",
+            array.shape
+        ))),
+    }
+}
+
+fn graph_twice() -> Error {
+    Error::parameter("a graph is there twice: in the .npz file and beside it")
+}
+
+impl PointSet {
+    /// With weights of a file of their own.
+    pub fn with_weights(mut self, Weights(array): Weights<'_>) -> Result<Self> {
+        if self.weights.is_some() {
+            return Err(Error::parameter("weights are there twice: in the .npz file and beside it"));
+        }
+        self.weights = Some(of_items(array, "weights", &self.shape)?.floats());
+        self.check_weights(self.items())?;
+        Ok(self)
+    }
+
+    /// With edges of a file of their own, in place of the neighbours of [`read`] without a graph.
+    pub fn with_edges(mut self, edges: Csr) -> Result<Self> {
+        if matches!(self.graph, Graph::Rows(_)) {
+            return Err(graph_twice());
+        }
+        self.graph = Graph::Rows(edges);
+        self.check_graph(self.items())?;
+        Ok(self)
     }
 }
 

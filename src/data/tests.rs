@@ -140,10 +140,10 @@ fn what_contradicts_itself_is_refused_in_a_line() {
         (two[..30].to_vec(), None, "ends early"),
         (b"PK\x03\x04and nothing".to_vec(), None, "npz"),
     ] {
-        let error = read(&bytes, None, graph, 1 << 20).expect_err(words);
+        let error = read(&bytes, graph, 1 << 20).expect_err(words);
         assert!(error.message.contains(words) && !error.message.contains('\n'), "{words}: {error}");
     }
-    let set = read(&two, None, None, 1 << 20).expect("points");
+    let set = read(&two, None, 1 << 20).expect("points");
     assert_eq!((set.items(), set.dimensions, &set.graph), (2, 3, &Graph::Knn(8)));
 }
 
@@ -357,7 +357,7 @@ proptest! {
         bytes[at] = byte;
         bytes.truncate(cut.max(6));
         let graph = if byte % 2 == 0 { None } else { Some(Graph::Grid { full: true }) };
-        if let Ok(set) = read(&bytes, None, graph, 1 << 20) {
+        if let Ok(set) = read(&bytes, graph, 1 << 20) {
             prop_assert!(lay::<64>(&set, &Members::new(set.items(), None), false).is_ok());
         }
     }

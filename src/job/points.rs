@@ -143,12 +143,17 @@ pub fn check_head_of_graph(head: &[u8]) -> Result<(), Error> {
 /// The points of arrays.
 fn arrays(request: &PointsRequest<'_>) -> Result<PointSet, Refusal> {
     let PointsRequest { bytes, limits, parameters, graph, weights, .. } = *request;
-    let graph = match graph {
-        Some(graph) => Some(Graph::Rows(npz::graph(graph, limits.max_bytes).map_err(Refusal::of(InputFile::Graph))?)),
-        None => parameters.graph.as_ref().and_then(Neighbours::graph),
-    };
-    let weights = weights.map(data::read_weights).transpose().map_err(Refusal::of(InputFile::Weights))?;
-    data::read(bytes, weights, graph, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))
+    let neighbours = parameters.graph.as_ref().filter(|_| graph.is_none()).and_then(Neighbours::graph);
+    let mut set = data::read(bytes, neighbours, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))?;
+    if let Some(graph) = graph {
+        let edges = npz::graph(graph, limits.max_bytes);
+        set = edges.and_then(|edges| set.with_edges(edges)).map_err(Refusal::of(InputFile::Graph))?;
+    }
+    if let Some(weights) = weights {
+        let weights = data::read_weights(weights);
+        set = weights.and_then(|weights| set.with_weights(weights)).map_err(Refusal::of(InputFile::Weights))?;
+    }
+    Ok(set)
 }
 
 /// The pixels of an image.

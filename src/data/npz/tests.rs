@@ -93,13 +93,13 @@ fn arrays_are_found_by_name_stored_or_deflated() {
             file("indptr.npy", &counts(&[0, 1, 2, 2])),
             file("indices.npy", &counts(&[1, 2])),
         ]);
-        let set = read(&bytes, None, None, 1 << 20).expect("points");
+        let set = read(&bytes, None, 1 << 20).expect("points");
         assert_eq!((set.dimensions, set.items(), set.at(2, 0)), (1, 3, 2.0));
         assert_eq!(set.weights.as_deref(), Some(&[1.0, 2.0, 4.0][..]));
         assert_eq!(set.mask.as_deref(), Some(&[true, false, true][..]));
         let rows = Csr::new([0, 1, 2, 2].into_iter(), [1, 2].into_iter()).expect("rows");
         assert_eq!(set.graph, Graph::Rows(rows));
-        let error = read(&bytes, None, Some(Graph::Knn(2)), 1 << 20).expect_err("two graphs");
+        let error = read(&bytes, Some(Graph::Knn(2)), 1 << 20).expect_err("two graphs");
         assert!(error.message.contains("twice"), "{error}");
     }
 }
@@ -151,8 +151,8 @@ fn rows_that_contradict_themselves_are_refused_with_their_place() {
 fn archives_are_inflated_to_no_more_than_they_declare_and_the_limit_allows() {
     let x = points();
     let fits = archive(&[deflated("X.npy", &x), deflated("other.npy", &[0; 100_000])]);
-    assert!(read(&fits, None, None, x.len() as u64).is_ok(), "what is not needed does not count");
-    let error = read(&fits, None, None, x.len() as u64 - 1).expect_err("one byte too many");
+    assert!(read(&fits, None, x.len() as u64).is_ok(), "what is not needed does not count");
+    let error = read(&fits, None, x.len() as u64 - 1).expect_err("one byte too many");
     assert_eq!(error.kind, crate::Kind::TooLarge, "{error}");
 
     // a thousandth of the bytes that it inflates to
@@ -180,7 +180,7 @@ fn archives_are_inflated_to_no_more_than_they_declare_and_the_limit_allows() {
         (whole[..whole.len() - 30].to_vec(), "no .npz archive"),
         (moved, ".npz"),
     ] {
-        let error = read(&bytes, None, None, 1 << 20).expect_err(words);
+        let error = read(&bytes, None, 1 << 20).expect_err(words);
         assert!(error.message.contains(words) && !error.message.contains('\n'), "{error}");
     }
 }

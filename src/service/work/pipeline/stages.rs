@@ -10,7 +10,7 @@ use parking_lot::Mutex;
 use tesserae_mesh::artifacts::{self, Artifact, Content};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::{self, InputFormat, Outcome, PointsRequest, Prepared, milliseconds};
+use tesserae_mesh::job::{self, InputFile, InputFormat, Outcome, PointsRequest, Prepared, Refusal, milliseconds};
 use tesserae_mesh::mesh::{Limits, Resources};
 use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::report::Input;
@@ -228,18 +228,29 @@ fn open(
             let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
             let build = |opened: job::Opened<'_>| {
                 admits(Needed::of_faces(opened.faces(), Some(&opened.spec().clustering)))?;
-                opened.prepare().map_err(|refusal| refusal.error)
+                opened.prepare().map_err(naming_part)
             };
-            job::open(&request, build).map_err(|refusal| refusal.error).flatten()
+            job::open(&request, build).map_err(naming_part).flatten()
         }
         InputFormat::Points(format) => {
             let request = PointsRequest { bytes, format, limits, parameters, graph, seeds, weights, outputs };
-            let size = request.size().map_err(|refusal| refusal.error)?;
+            let size = request.size().map_err(naming_part)?;
             let merges_items = parameters.algorithm.is_hierarchical() || parameters.seeds == Seeds::Merged;
             admits(Needed::of_points(size, merges_items))?;
-            job::prepare_points(&request).map_err(|refusal| refusal.error)
+            job::prepare_points(&request).map_err(naming_part)
         }
     }
+}
+
+/// The error of a refusal; it names the part that it is about, other than the mesh or the points.
+fn naming_part(Refusal { file, error }: Refusal) -> Error {
+    let part = match file {
+        Some(InputFile::Seeds) => files::SEEDS,
+        Some(InputFile::Weights) => files::WEIGHTS,
+        Some(InputFile::Graph) => files::GRAPH,
+        Some(InputFile::Mesh) | None => return error,
+    };
+    Error::new(error.kind, format_args!("the part {part}: {}", error.message))
 }
 
 /// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.
