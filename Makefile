@@ -65,7 +65,7 @@ unit: install-test bundle  ## the tests of the three crates
 	cargo test --locked $(FEATURES) --no-fail-fast
 
 .PHONY: test-long
-test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, devices, kills of services and farms
+test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, devices, requests at random, memory, kills of services and farms
 	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
 	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
 	TESSERAE_TEST_LONG=1 cargo test --locked $(FEATURES) --no-fail-fast --test clustering --test gpu --test complex

@@ -63,7 +63,7 @@ pub(super) fn head_of_points(bytes: &[u8], limit: u64) -> Result<(Cow<'_, [u8]>,
 }
 
 /// The bytes that the arrays of a matrix have when they are inflated, at the most.
-pub(super) fn inflated_of_graph(bytes: &[u8], limit: u64) -> Result<u64> {
+pub fn inflated_of_graph(bytes: &[u8], limit: u64) -> Result<u64> {
     Archive::open(bytes, limit)?.inflated(&["format", "shape", "indptr", "indices", "data"])
 }
 

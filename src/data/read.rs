@@ -100,7 +100,8 @@ fn graph_twice() -> Error {
 }
 
 impl PointSet {
-    /// With weights of a file of their own.
+    /// Adds the weights of a separate file. Refuses another shape, values that are not finite and above 0, and weights
+    /// beside those of an `.npz` file.
     pub fn with_weights(mut self, Weights(array): Weights<'_>) -> Result<Self> {
         if self.weights.is_some() {
             return Err(Error::parameter("weights are there twice: in the .npz file and beside it"));
@@ -110,7 +111,8 @@ impl PointSet {
         Ok(self)
     }
 
-    /// With edges of a file of their own, in place of the neighbours of [`read`] without a graph.
+    /// Adds the edges of a separate file, in place of the neighbours that [`read`] gives without a graph. Refuses another
+    /// number of rows, and edges beside those of an `.npz` file.
     pub fn with_edges(mut self, edges: Csr) -> Result<Self> {
         if matches!(self.graph, Graph::Rows(_)) {
             return Err(graph_twice());

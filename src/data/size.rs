@@ -17,25 +17,21 @@ pub struct Size {
 }
 
 impl Size {
-    /// Reads the heads of the files of a job. `edges` is a file with a sparse matrix, `limit` the bytes that may be
-    /// inflated.
-    pub fn of(bytes: &[u8], format: Format, graph: Option<&Graph>, edges: Option<&[u8]>, limit: u64) -> Result<Self> {
+    /// Reads the head of a file. `limit` bounds the bytes that may be inflated.
+    pub fn of(bytes: &[u8], format: Format, graph: Option<&Graph>, limit: u64) -> Result<Self> {
         if format.is_image() {
             let (width, height) = image::size(bytes)?;
             let items = u64::from(width) * u64::from(height);
             // two bytes a sample of at most four channels
             return Ok(Self { items, dimensions: 5, neighbours: 4, inflated: items.saturating_mul(8) });
         }
-        let (shape, mut inflated) = match format {
+        let (shape, inflated) = match format {
             Format::Npz => {
                 let (head, inflated) = npz::head_of_points(bytes, limit)?;
                 (npy::shape(&head, "array X")?, inflated)
             }
             _ => (npy::shape(bytes, "array of points")?, 0),
         };
-        if let Some(edges) = edges {
-            inflated = inflated.saturating_add(npz::inflated_of_graph(edges, limit)?);
-        }
         let neighbours = match graph {
             Some(Graph::Grid { full: false }) => 6,
             Some(Graph::Grid { full: true }) => 26,

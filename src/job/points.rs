@@ -46,7 +46,13 @@ impl PointsRequest<'_> {
     pub fn size(&self) -> Result<data::Size, Refusal> {
         let Self { bytes, format, limits, parameters, graph, .. } = *self;
         let listed = parameters.graph.as_ref().and_then(Neighbours::graph);
-        data::Size::of(bytes, format, listed.as_ref(), graph, limits.max_bytes).map_err(Refusal::of(InputFile::Mesh))
+        let size = data::Size::of(bytes, format, listed.as_ref(), limits.max_bytes);
+        let mut size = size.map_err(Refusal::of(InputFile::Mesh))?;
+        if let Some(graph) = graph {
+            let inflated = npz::inflated_of_graph(graph, limits.max_bytes).map_err(Refusal::of(InputFile::Graph))?;
+            size.inflated = size.inflated.saturating_add(inflated);
+        }
+        Ok(size)
     }
 }
 

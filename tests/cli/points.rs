@@ -115,6 +115,7 @@ fn what_points_do_not_have_is_refused() {
     folder.sample("quads", 400, "q.obj");
     folder.write("x.npy", npy("(12, 20, 3)", &values(12, 20)));
     folder.write("flat.npy", npy("(240, 3)", &values(12, 20)));
+    folder.write("half.npy", npy("(120, 3)", &values(6, 20)));
     folder.write("two.npy", npy("(2,)", &[1.0; 2]));
     folder.write("negative.npy", npy("(240,)", &[-1.0; 240]));
     run(&folder, "cluster flat.npy -k 240 --clusters-graph items.npz -o all.npy");
@@ -122,6 +123,7 @@ fn what_points_do_not_have_is_refused() {
         ("cluster flat.npy -k 4 --weights two.npy", "tesserae: two.npy: the weights must have the shape of the items"),
         ("cluster flat.npy -k 4 --weights negative.npy", "tesserae: negative.npy: weights must be finite and above 0"),
         ("cluster two.npy -k 1 --graph items.npz", "tesserae: two.npy: points must be an array of items × columns"),
+        ("cluster half.npy -k 4 --graph items.npz", "tesserae: items.npz: the graph must have a row for each of 120"),
         ("cluster x.npy -k 4 --graph grid --mesh m.glb", "--mesh is made of a mesh, and these are points"),
         ("cluster x.npy -k 4 --graph grid --remesh m.ply", "--remesh is made of a mesh"),
         ("cluster x.npy -k 4 -o l.npy", "items × columns, as X.reshape(-1, d) makes it, or a grid"),

@@ -137,13 +137,13 @@ fn a_phase_that_is_stopped_goes_on_as_if_it_had_not_been() {
     for (at, (name, mesh)) in small.enumerate() {
         let surface = Surface::build(&mesh).expect("a surface");
         let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
-        for clusters in [fewest + 2, most / 20, most / 4] {
+        for (turn, clusters) in [fewest + 2, most / 20, most / 4].into_iter().enumerate() {
             let seeds = gpu::seeds(&surface, clusters.clamp(fewest, most), &Seeds::Random, 9);
             let grown = Options { max_iterations: Some(0), refine: false, allow_disconnected: true };
             let labels = gpu::run(&mut CpuDevice::new(), &surface, &seeds, grown).expect("a run").0;
             let start = (&labels[..], &seeds.component_of_cluster[..]);
             let whole = refine(&mut CpuDevice::new(), &surface, start, (u32::MAX, false));
-            for stop_after in zoo::in_turn(at, &[1, 3]) {
+            for stop_after in zoo::in_turn(at + turn, &[1, 3]) {
                 let here = refine(&mut CpuDevice::new(), &surface, start, (stop_after, true));
                 assert!(here == whole, "{name} k={clusters} {stop_after}");
                 let there = refine(&mut gpu, &surface, start, (stop_after, true));

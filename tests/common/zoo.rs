@@ -17,7 +17,7 @@ pub fn sized(faces: u64) -> u64 {
     if is_long() { faces } else { faces / 2 }
 }
 
-/// What mesh number `at` of a sweep is tried with: all of these, in shorter runs one of them in turn.
+/// What step `at` of a sweep tries: all of these, in shorter runs one of them in turn.
 pub fn in_turn<T: Clone>(at: usize, all: &[T]) -> Vec<T> {
     if is_long() { all.to_vec() } else { vec![all[at % all.len()].clone()] }
 }

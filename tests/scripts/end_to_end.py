@@ -270,7 +270,7 @@ def check_cpu_against_gpu():
         counts = [faces // 60, faces // 9, components]
         if not is_long:
             # with few clusters, large meshes take a software gpu long
-            counts = [counts[0 if faces > 100_000 else at // 3 % 3]]
+            counts = [counts[0 if faces > 100_000 else (at + at // 3) % 3]]
         counts = sorted({max(clusters, components) for clusters in counts})
         both = [reports_of(mesh, counts, "--device", device, "--seeds", seeds, "--seed", seed) for device in ("cpu", "gpu")]
         for clusters, cpu, gpu in zip(counts, *both):

@@ -181,7 +181,7 @@ def nothing_is_left(database, front):
 
     def files():
         return [os.path.join(folder, name) for folder, _, names in os.walk(BLOBS) for name in names if name != "owner"]
-    # as of a service that was killed while it tried its storage
+    # what a service leaves that is killed while it probes its storage
     probe = BLOBS / "probes" / "left" / "probe"
     probe.parent.mkdir(parents=True)
     probe.write_text("probe")
@@ -192,6 +192,9 @@ def nothing_is_left(database, front):
     front.start()
     front.wait_until_ready()
     wait_for(lambda: database.ask("SELECT count(*) FROM tesserae.jobs") == "0", "all jobs expire", 120)
-    wait_for(lambda: not files(), f"all go of {leftovers}", 120)
+    try:
+        wait_for(lambda: not files(), f"{len(leftovers)} files go", 120)
+    finally:
+        print(*files(), sep="\n", end="")
     front.stop()
     print(f"farm: all jobs expired, and of {len(leftovers)} files none is left after the sweep")

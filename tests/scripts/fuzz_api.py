@@ -14,7 +14,7 @@ import urllib.request
 
 from service import Service
 
-# of shorter runs, `make test-long` makes longer ones
+# `make test-long` sets it, for three times the examples
 IS_LONG = "TESSERAE_TEST_LONG" in os.environ
 SCHEMATHESIS = pathlib.Path(sys.executable).parent / "schemathesis"
 HOOKS = pathlib.Path(__file__).resolve().parent / "fuzz_hooks.py"

@@ -154,8 +154,13 @@ async fn what_points_or_meshes_do_not_have_is_refused_before_there_is_a_job() {
 async fn an_error_names_the_part_beside_the_points_that_it_is_about() {
     let service = Service::start().await;
     let (flat, two) = (array("(240, 3)"), [npy_header("<f4", "(2,)"), vec![0; 8]].concat());
-    for (name, words) in [("weights", "the part weights: the weights must have"), ("seeds", "the part seeds: ")] {
-        let form = form(&[("points", &flat), (name, &two)]);
+    let damaged = b"PK\x03\x04and nothing".to_vec();
+    for (name, part, words) in [
+        ("weights", &two, "the part weights: the weights must have"),
+        ("seeds", &two, "the part seeds: "),
+        ("graph", &damaged, "the part graph: "),
+    ] {
+        let form = form(&[("points", &flat), (name, part)]);
         let request = service.post("/v1/jobs?clusters=4").multipart(form).header("prefer", "wait=50");
         let text = request.send().await.expect("answered").text().await.expect("text");
         assert!(text.contains(words), "{text}");

@@ -1,5 +1,7 @@
 //! What every place for blobs does, what happens to the parts of a blob, and what errors become.
 
+use std::time::Duration;
+
 use async_trait::async_trait;
 use object_store::memory::InMemory;
 use object_store::path::Path;
@@ -115,6 +117,13 @@ async fn times(blobs: &Blobs) {
     let after = blobs.probe().await.expect("it works");
     assert!(before <= newest("times/a").await && newest("times/a").await <= newest("times").await);
     assert!(newest("times").await <= after);
+    blobs.put(&Path::from("probes/left/probe"), content(1)).await.expect("stored");
+    let left = newest("probes/left").await;
+    for (before, is_there) in [(left - Duration::from_secs(60), true), (left, false)] {
+        blobs.sweep_probes(before).await.expect("swept");
+        let found = blobs.newest(&Path::from("probes/left")).await.expect("listed");
+        assert_eq!(found.is_some(), is_there);
+    }
     // object stores have no empty folders
     for left in sorted_names(blobs, "probes").await {
         assert!(sorted_names(blobs, &format!("probes/{left}")).await.is_empty());

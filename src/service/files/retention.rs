@@ -121,14 +121,16 @@ impl Files {
     /// Removes uploads of jobs that were never accepted, or have ended and are not kept for a retry, and results of
     /// attempts that neither run nor succeeded. Uploads that are coming in stay, and so do files of unknown jobs that
     /// were stored after `old`, all of them when none. Returns how many folders went.
-    pub async fn sweep(&self, store: &Store, old: Option<SystemTime>) -> Result<usize> {
+    pub async fn sweep(&self, store: &Store, mut old: Option<SystemTime>) -> Result<usize> {
         let (mut removed, mut unknown) = (0, 0);
-        let mut old = old;
         if self.is_shared() {
             // an upload that takes longer is lost
-            let day_ago = self.blobs.probe().await? - Duration::from_secs(86_400);
-            self.blobs.sweep_probes(day_ago).await?;
-            old = Some(day_ago);
+            old = self.blobs.probe().await?.checked_sub(Duration::from_secs(86_400));
+            if let Some(old) = old
+                && let Err(error) = self.blobs.sweep_probes(old).await
+            {
+                tracing::warn!("{error}");
+            }
         }
         for id in self.jobs_in(UPLOADS).await? {
             // looked at before the store, which knows an accepted one before it stops coming in

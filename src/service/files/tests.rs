@@ -275,7 +275,7 @@ async fn what_is_new_at_a_shared_place_stays_although_the_store_does_not_know_it
     };
     aged(&format!("{}/{MESH}", upload.path()), day - day / 24);
     aged(&format!("{}/x", Folder::Result(unknown, 1).path()), day + day / 24);
-    // of processes that were killed
+    // killed processes leave such files
     for (name, age) in [("new", day / 24), ("old", 2 * day)] {
         std::fs::create_dir_all(blobs.path().join("probes").join(name)).expect("made");
         aged(&format!("probes/{name}/probe"), age);
