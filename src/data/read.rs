@@ -111,8 +111,8 @@ impl PointSet {
         Ok(self)
     }
 
-    /// Adds the edges of a separate file, in place of the neighbours that [`read`] gives without a graph. Refuses another
-    /// number of rows, and edges beside those of an `.npz` file.
+    /// Adds the edges of a separate file, in place of the neighbours that [`read`] gives without a graph. Refuses
+    /// another number of rows, and edges beside those of an `.npz` file.
     pub fn with_edges(mut self, edges: Csr) -> Result<Self> {
         if matches!(self.graph, Graph::Rows(_)) {
             return Err(graph_twice());

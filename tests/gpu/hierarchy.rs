@@ -73,14 +73,12 @@ fn parallel_hierarchies_of_the_zoo_are_alike() {
             let outcome = compare(&mut gpu, &name, &surface, &Options { ties, ..pml() });
             phases.extend(outcome.rows.iter().map(|row| format!("{:?}", row.phase)));
         }
-        for options in zoo::in_turn(
-            at,
-            &[
-                Options { optimise: false, ..pml() },
-                Options { refine: false, ..pml() },
-                Options { refine: false, pairs: Pairs::All, ..pml() },
-            ],
-        ) {
+        let others = [
+            Options { optimise: false, ..pml() },
+            Options { refine: false, ..pml() },
+            Options { refine: false, pairs: Pairs::All, ..pml() },
+        ];
+        for options in zoo::in_turn(at, &others) {
             compare(&mut gpu, &name, &surface, &options);
         }
     }
@@ -152,17 +150,15 @@ fn hierarchies_whose_first_merges_are_the_cpus_are_alike() {
         }
     }
     let samples = [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)];
-    for (at, options) in [
+    let all = [
         late.clone(),
         Options { levels: vec![900, 40], ..late.clone() },
         Options { sequential_at: 30, clusters: Some(20), ..late.clone() },
         Options { sequential_at: 700, levels: vec![600], clusters: Some(590), ..late.clone() },
-    ]
-    .into_iter()
-    .enumerate()
-    {
+    ];
+    for (at, options) in all.iter().enumerate() {
         for (sample, faces) in zoo::in_turn(at, &samples) {
-            compare(&mut gpu, sample.name(), &surface(sample, faces), &options);
+            compare(&mut gpu, sample.name(), &surface(sample, faces), options);
         }
     }
     // the device makes fewer rounds
