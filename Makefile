@@ -34,14 +34,13 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
-# What the suites need, the debug binary too, is built first by one command, which compiles the engine and its tests side by
-# side. Then four suites run at a time, since most of them wait for much of their time: the longest first, and the checks that
-# compile with one thread beside them. Those that measure run alone. One that hangs fails when its time has passed, with what
-# it printed.
+# What the suites need is built first; then four of them run at a time, since most of them wait for much of their time:
+# the longest first, and the checks that compile with one thread beside them. Those that measure run alone. One that hangs
+# fails when its time has passed, with what it printed.
 SUITES := page unit python lint farm end-to-end fuzz bucket memory crash outputs deploy
 ALONE := page-times costs
 .PHONY: test
-test: install-test bundle $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
+test: debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
 	cargo test --locked $(FEATURES) --no-run
 	@failed=0; \
 		$(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target $(SUITES:%=bounded-%) || failed=1; \
