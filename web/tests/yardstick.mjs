@@ -64,7 +64,7 @@ async function slowness(browser) {
   return Math.max(1, Math.min(...times) / YARDSTICK_MS);
 }
 
-/** What a budget is on this machine, for what was measured: the yardstick is drawn where that is above the budget. */
+/** What a budget is on this machine, for what was measured: the yardstick is drawn where that is not below the budget. */
 export async function allowed(browser, budget, measured) {
-  return measured <= budget ? budget : budget * (await slowness(browser));
+  return measured < budget ? budget : budget * (await slowness(browser));
 }
