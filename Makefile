@@ -35,21 +35,22 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@exec $(TARGET)/release/tesserae serve
 
 # What the suites need is built first; then four of them run at a time, since most of them wait for much of their time:
-# the longest first, and the checks that compile with one thread beside them. Those that measure run alone. One that hangs
-# fails when its time has passed, with what it printed.
+# the longest first, and the checks that compile with one thread beside them. The two that measure processor time run at the
+# end, a core each. A suite that hangs fails when its time has passed, with what it printed.
 SUITES := page unit python lint farm end-to-end fuzz bucket memory crash outputs deploy
-ALONE := page-times costs
+MEASURES := page-times costs
 .PHONY: test
-test: debug-binary $(VENV)/ready  ## install what is missing and check everything, on cpu and on a software gpu
+test:  ## install what is missing and check everything, on cpu and on a software gpu
+	@$(MAKE) --no-print-directory --jobs 2 debug-binary wheel $(VENV)/ready
 	cargo test --locked $(FEATURES) --no-run
 	@failed=0; \
 		$(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target $(SUITES:%=bounded-%) || failed=1; \
-		$(MAKE) --no-print-directory --keep-going $(ALONE:%=bounded-%) || failed=1; \
+		$(MAKE) --no-print-directory --jobs 2 --keep-going --output-sync=target $(MEASURES:%=bounded-%) || failed=1; \
 		exit $$failed
 
 bounded-%:
 	@TIMEFORMAT="$*: %0R s, of processors %0U s"; \
-		time timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary $*
+		time timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary --old-file wheel $*
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -116,10 +117,17 @@ aarch64: install-test bundle  ## the labels of samples and real meshes on a 64-b
 	$(AARCH64_COMMAND) devices
 	TESSERAE_TEST_COMMAND="$(AARCH64_COMMAND)" cargo test --locked $(FEATURES) --test clustering labels::
 
-# The wheel has neither service nor gpu; `pip install ./python` builds the same, with optimisation across crates, which
-# takes two fifths of the processor time of a build.
 PYTHON_VENV := $(abspath $(TARGET))/python-venv
 WHEELS := $(abspath $(TARGET))/wheels
+
+# The wheel has neither service nor gpu; `pip install ./python` builds the same, with optimisation across crates, which
+# takes two fifths of the processor time of a build.
+.PHONY: wheel
+wheel: $(PYTHON_VENV)/ready
+	rm -rf $(WHEELS)
+	CARGO_PROFILE_RELEASE_LTO=off \
+		$(PYTHON_VENV)/bin/maturin build --manifest-path python/Cargo.toml --release --locked --auditwheel repair \
+		--interpreter $(PYTHON_VENV)/bin/python --target-dir $(abspath $(TARGET)) --out $(WHEELS)
 
 # pyacvd's own tests, which its source distribution leaves out.
 PYACVD := $(abspath $(TARGET))/pyacvd-0.4.0
@@ -130,13 +138,9 @@ pyacvd-tests:
 		--branch v0.4.0 https://github.com/pyvista/pyacvd $(PYACVD) || echo "skipped: pyacvd's own tests cannot be fetched"
 
 .PHONY: python
-python: debug-binary $(PYTHON_VENV)/ready pyacvd-tests  ## build the Python package, check its types, and run its tests
+python: debug-binary wheel pyacvd-tests  ## build the Python package, check its types, and run its tests
 	cargo fmt --check --manifest-path python/Cargo.toml
 	cargo clippy --locked --manifest-path python/Cargo.toml --target-dir $(abspath $(TARGET)) -- -D warnings
-	rm -rf $(WHEELS)
-	CARGO_PROFILE_RELEASE_LTO=off \
-		$(PYTHON_VENV)/bin/maturin build --manifest-path python/Cargo.toml --release --locked --auditwheel repair \
-		--interpreter $(PYTHON_VENV)/bin/python --target-dir $(abspath $(TARGET)) --out $(WHEELS)
 	$(PYTHON_VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall $(WHEELS)/*.whl
 	$(PYTHON_VENV)/bin/vermin --quiet --no-tips --eval-annotations --target=3.9- --violations python/tesserae_mesh
 	cd python && $(PYTHON_VENV)/bin/mypy --cache-dir $(PYTHON_VENV)/mypy tesserae_mesh examples tests

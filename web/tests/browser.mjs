@@ -1,4 +1,4 @@
-// Chromium with an empty profile and software GL, and what a page must not do: foreign requests, violations of the
+// Chromium without windows, with an empty profile and software GL, and what a page must not do: foreign requests, violations of the
 // policy, errors. Each is recorded, and `complaints` has them all.
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
@@ -59,7 +59,7 @@ export class Browser {
     this.files = files;
     this.complaints = [];
     this.options = {
-      executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+      executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium-headless-shell",
       args: [...FLAGS, ...(mesa ? MESA_GL : OWN_GL)],
       env: { ...process.env, ...(mesa ? MESA : {}) },
     };
