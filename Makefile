@@ -34,15 +34,15 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
-# What the suites need is built first; then four of them run at a time, since most of them wait for much of their time:
-# the longest first, and the checks that compile with one thread beside them. The two that measure processor time run at the
-# end, a core each. A suite that hangs fails when its time has passed, with what it printed.
-SUITES := page unit python lint farm end-to-end fuzz bucket memory crash outputs deploy
+# What most suites need is built first; then four of them run at a time, since most of them wait for much of their time.
+# The longest come first; of those that compile in one folder, `unit` does, and `lint` when that is done. The two that
+# measure processor time run at the end, a core each. A suite that hangs fails when its time has passed, with what it
+# printed.
+SUITES := unit page farm python end-to-end lint fuzz bucket memory crash outputs deploy
 MEASURES := page-times costs
 .PHONY: test
 test:  ## install what is missing and check everything, on cpu and on a software gpu
 	@$(MAKE) --no-print-directory --jobs 2 debug-binary wheel $(VENV)/ready
-	cargo test --locked $(FEATURES) --no-run
 	@failed=0; \
 		$(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target $(SUITES:%=bounded-%) || failed=1; \
 		$(MAKE) --no-print-directory --jobs 2 --keep-going --output-sync=target $(MEASURES:%=bounded-%) || failed=1; \
@@ -55,8 +55,10 @@ bounded-%:
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
 	cargo fmt --check
+	cargo fmt --check --manifest-path python/Cargo.toml
 	cargo clippy --locked --all-targets $(FEATURES) -- -D warnings
 	cargo clippy --locked --test costs $(FEATURES) -- -D warnings
+	cargo clippy --locked --manifest-path python/Cargo.toml --target-dir $(abspath $(TARGET)) -- -D warnings
 	tests/scripts/features.sh
 	web/node_modules/.bin/prettier --log-level warn --check web/src web/tests web/bundle.mjs
 	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked $(FEATURES) --no-deps --document-private-items
@@ -139,8 +141,6 @@ pyacvd-tests:
 
 .PHONY: python
 python: debug-binary wheel pyacvd-tests  ## build the Python package, check its types, and run its tests
-	cargo fmt --check --manifest-path python/Cargo.toml
-	cargo clippy --locked --manifest-path python/Cargo.toml --target-dir $(abspath $(TARGET)) -- -D warnings
 	$(PYTHON_VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall $(WHEELS)/*.whl
 	$(PYTHON_VENV)/bin/vermin --quiet --no-tips --eval-annotations --target=3.9- --violations python/tesserae_mesh
 	cd python && $(PYTHON_VENV)/bin/mypy --cache-dir $(PYTHON_VENV)/mypy tesserae_mesh examples tests
