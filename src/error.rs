@@ -293,6 +293,26 @@ impl Error {
         Self::new(Kind::TooLarge, message)
     }
 
+    /// What goes against what is there, as the results of a job that has not ended.
+    pub fn conflict(message: impl Display) -> Self {
+        Self::new(Kind::Conflict, message)
+    }
+
+    /// What is not there.
+    pub fn not_found(message: impl Display) -> Self {
+        Self::new(Kind::NotFound, message)
+    }
+
+    /// What is away for now.
+    pub fn unavailable(message: impl Display) -> Self {
+        Self::new(Kind::Unavailable, message)
+    }
+
+    /// A fault of this program.
+    pub fn internal(message: impl Display) -> Self {
+        Self::new(Kind::Internal, message)
+    }
+
     /// What the device cannot do.
     pub fn unsuitable(message: impl Display) -> Self {
         Self::new(Kind::DeviceUnsuitable, message)
@@ -301,6 +321,11 @@ impl Error {
     /// A file that could not be read or written.
     pub fn io(what: impl Display, error: io::Error) -> Self {
         Self::new(Kind::Io, format_args!("{what}: {error}"))
+    }
+
+    /// A file that could not be stored: for want of room, or the disk failed.
+    pub fn storage(what: impl Display, error: io::Error) -> Self {
+        Self::new(Kind::of_storage(&error), format_args!("{what}: {error}"))
     }
 
     /// Whether the disk failed, not the request: a later attempt may succeed.

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use png::{BitDepth, ColorType, Encoder};
 
 use super::Content;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 /// Writes an image. `samples` has the bytes of its rows, one after the other; those of 16 bits begin with the high
 /// byte.
@@ -31,10 +31,9 @@ pub(super) fn size(content: &Content<'_>, file: &str) -> Result<[u32; 2]> {
         _ => None,
     };
     let (rows, columns) = size.ok_or_else(|| {
-        Error::new(
-            Kind::Conflict,
-            format_args!("{file} is of labels in rows and columns: of an image, or a grid of two dimensions"),
-        )
+        Error::conflict(format_args!(
+            "{file} is of labels in rows and columns: of an image, or a grid of two dimensions"
+        ))
     })?;
     Ok([rows, columns])
 }

@@ -5,7 +5,7 @@ use png::{BitDepth, ColorType};
 use super::{Artifact, Content, Encoding, Flag, Form, Need, given, image};
 use crate::data::image::colour;
 use crate::device::FREE;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 /// The image with each cluster in its mean colour.
 pub static MEANS: Artifact = Artifact {
@@ -26,7 +26,7 @@ pub static MEANS: Artifact = Artifact {
 /// 8-bit red, green, blue and alpha, which is 0 where a mask leaves a pixel out.
 fn png<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let labels = given(content.labels)?.labels;
-    let no_image = || Error::new(Kind::Conflict, "means.png is made of an image, and this is none");
+    let no_image = || Error::conflict("means.png is made of an image, and this is none");
     let compactness = content.compactness.ok_or_else(no_image)?;
     let size = image::size(content, MEANS.forms[0].file)?;
     let colours: Vec<[u8; 3]> = given(content.points)?.rows.iter().map(|row| colour(&row.mean, compactness)).collect();

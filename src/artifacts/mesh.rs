@@ -33,10 +33,11 @@ pub static MESH: Artifact = Artifact {
 pub(super) fn geometry<'a>(content: &Content<'a>) -> Result<(Geometry<'a>, u64)> {
     let (mesh, labels) = (given(content.mesh)?, given(content.labels)?);
     if labels.labels.len() != mesh.faces.len() {
-        return Err(Error::new(
-            Kind::Internal,
-            format_args!("there are {} labels of {} faces", labels.labels.len(), mesh.faces.len()),
-        ));
+        return Err(Error::internal(format_args!(
+            "there are {} labels of {} faces",
+            labels.labels.len(),
+            mesh.faces.len()
+        )));
     }
     let clusters = Clusters::OfFaces(labels.labels);
     Ok((Geometry { points: &mesh.positions, faces: &mesh.faces, clusters }, labels.clusters))

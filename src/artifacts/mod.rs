@@ -32,7 +32,7 @@ use utoipa::openapi::{RefOr, Schema};
 
 use crate::cluster::record::Record;
 use crate::data::PointTable;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 pub use crate::export::npz::npy_header;
 use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::Stored;
@@ -276,7 +276,7 @@ pub struct Content<'a> {
 
 /// A part of a content that an encoder needs.
 fn given<T>(part: Option<T>) -> Result<T> {
-    part.ok_or_else(|| Error::new(Kind::Internal, "an output was to be written without what it is made of"))
+    part.ok_or_else(|| Error::internal("an output was to be written without what it is made of"))
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ use super::teleport::Teleports;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, DualEdge, Ending, MergeSteps, Steps};
 use crate::energy::{Energy, Functional, LatticeEnergy};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::parallel;
 use crate::surface::{Coarse, DualGraph, Items, number_by_first_face};
 use crate::union_find;
@@ -171,7 +171,7 @@ impl<E: Functional> CoarseStart<E> {
         };
         // in reverse, so that the first of equal ones is taken
         let best = started?.into_iter().rev().max_by_key(|&(energy, _)| energy);
-        let (_, mut start) = best.ok_or_else(|| Error::new(Kind::Internal, "there is no start"))?;
+        let (_, mut start) = best.ok_or_else(|| Error::internal("there is no start"))?;
         while let Some(coarse) = self.levels.pop() {
             start.labels = coarse.refined(&start.labels);
             drop(coarse);
@@ -283,7 +283,7 @@ fn merge_cheaper_half<E: Functional>(
     mutual.sort_unstable();
     mutual.retain(|pair| take(surplus, component_of_cluster, pair.ends().0));
     if mutual.is_empty() {
-        return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
+        return Err(Error::internal("no two clusters chose each other"));
     }
     let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
     steps.merge_pairs(&pairs)?;
@@ -305,7 +305,7 @@ pub(super) fn merge_chosen<E: Functional>(
         has_merged |= one != another && may_merge(cluster) && union_find::join(&mut merged_into, one, another);
     }
     if !has_merged {
-        return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
+        return Err(Error::internal("there is no dual edge left to collapse"));
     }
     labels.iter_mut().for_each(|label| *label = union_find::root(&mut merged_into, *label));
     steps.set_labels(&labels)

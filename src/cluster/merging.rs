@@ -17,7 +17,7 @@ use super::numbers;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half, keep_first};
 use crate::device::{Cancel, Device, DualEdge};
 use crate::energy::Functional;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 
 /// Rounds from single faces, or from a stop of a hierarchy, in which both of two clusters must have chosen each other.
@@ -81,7 +81,7 @@ pub fn merged<E: Functional>(
 /// Those of some pairs that merge in a round, the cheapest first, where clusters are too many by `surplus`.
 pub(super) fn chosen(mut of: Vec<Rank<u32>>, pairs: Pairs, surplus: usize) -> Result<Vec<(u32, u32)>> {
     if of.is_empty() {
-        return Err(Error::new(Kind::Internal, "there is no dual edge left to collapse"));
+        return Err(Error::internal("there is no dual edge left to collapse"));
     }
     if pairs == Pairs::CheaperHalf {
         keep_cheaper_half(&mut of);

@@ -11,7 +11,7 @@ use super::tree_builder::Builder;
 use crate::device::dual_edge::Ties;
 use crate::device::{Cancel, MergeSteps, Merges};
 use crate::energy::{Functional, LatticeEnergy};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::hierarchy::Tree;
 use crate::surface::{Items, Moves};
 use crate::union_find;
@@ -249,7 +249,7 @@ impl<'a, E: Functional> Rounds<'a, E> {
         let mut merges = 0;
         while merges < times && !self.hubs.are_bounded() {
             let pair = steps.cheapest_dual_edge(self.options.ties)?;
-            let pair = pair.ok_or_else(|| Error::new(Kind::Internal, "there is no dual edge left to collapse"))?;
+            let pair = pair.ok_or_else(|| Error::internal("there is no dual edge left to collapse"))?;
             let into = self.merge(steps, &[pair])?.first().map_or(pair.0, |&(_, into)| into);
             self.hubs.count(into, self.options.optimise);
             merges += 1;

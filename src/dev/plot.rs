@@ -213,7 +213,7 @@ fn draw_panel(area: &DrawingArea<SVGBackend<'_>, Shift>, panel: &Panel<'_>) -> R
 
 /// Drawing into a string does not fail.
 fn defect(error: impl std::fmt::Display) -> Error {
-    Error::new(Kind::Internal, format_args!("the picture cannot be drawn: {error}"))
+    Error::internal(format_args!("the picture cannot be drawn: {error}"))
 }
 
 #[cfg(test)]

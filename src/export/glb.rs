@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 
 use self::container::Container;
 use super::{Clusters, Geometry, Split, colour, fan, single};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::mesh::Faces;
 
 /// Most clusters that u16 counts.
@@ -128,7 +128,7 @@ pub fn plain(points: &[[f64; 3]], faces: &Faces) -> Result<Vec<u8>> {
 pub fn lines(points: &[[f64; 3]], lines: &Faces, clusters: &[u32]) -> Result<Vec<u8>> {
     if lines.is_empty() {
         let message = "there are no boundaries, and a GLB file cannot be without lines: take json, obj or vtp";
-        return Err(Error::new(Kind::Conflict, message));
+        return Err(Error::conflict(message));
     }
     // a vertex a line and corner: colours are attributes of vertices
     let mut indices = Vec::new();
@@ -214,7 +214,7 @@ fn material() -> Value {
 
 /// The error of a mesh without triangles, which glTF cannot express.
 fn no_triangles() -> Error {
-    Error::new(Kind::Conflict, "the mesh has no triangle, which a GLB file must have: take ply, vtp or obj")
+    Error::conflict("the mesh has no triangle, which a GLB file must have: take ply, vtp or obj")
 }
 
 /// The centre of the bounding box; the origin without points.
@@ -289,6 +289,7 @@ fn property_table(file: &mut Container, clusters: u64, table: &[Column]) -> Valu
 mod tests {
     use super::*;
     use crate::dev::sample::{Sample, generate};
+    use crate::error::Kind;
     use crate::mesh::{self, Format, Limits, NoResources};
 
     fn json_of(file: &[u8]) -> Value {

@@ -26,7 +26,7 @@ pub mod stl;
 pub mod submeshes;
 pub mod vtp;
 
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::mesh::Faces;
 
 pub use split::Split;
@@ -76,13 +76,10 @@ fn single(points: impl Iterator<Item = [f64; 3]>, centre: [f64; 3], format: &str
             let near: [f32; 3] = std::array::from_fn(|axis| (point[axis] - centre[axis]) as f32);
             match near.iter().all(|x| x.is_finite()) {
                 true => Ok(near),
-                false => Err(Error::new(
-                    Kind::Conflict,
-                    format_args!(
-                        "{format} has single precision, whose range positions leave: take ply, vtp or obj, or scale \
+                false => Err(Error::conflict(format_args!(
+                    "{format} has single precision, whose range positions leave: take ply, vtp or obj, or scale \
                          the mesh; the position is {point:?}"
-                    ),
-                )),
+                ))),
             }
         })
         .collect()
@@ -96,6 +93,7 @@ fn are_single(points: &[[f64; 3]]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::Kind;
 
     #[test]
     fn a_fan_covers_a_polygon() {

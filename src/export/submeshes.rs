@@ -18,7 +18,7 @@ use glam::DVec3;
 use super::archive::Archive;
 use super::npz::{self, Array};
 use super::{Geometry, Split, fan, glb, obj, ply, single, stl};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 /// Nodes of a GLB that readers load within seconds.
 pub const MOST_NODES: usize = 2000;
@@ -40,13 +40,10 @@ pub enum Member {
 /// There are too many clusters, and as those of [`glb::nodes`].
 pub fn nodes(geometry: &Geometry<'_>, split: &Split, is_forced: bool) -> Result<Vec<u8>> {
     if split.clusters() > MOST_NODES && !is_forced {
-        return Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "readers of GLB take long to load more nodes than {MOST_NODES}: take zip, or force it; clusters: {}",
-                split.clusters()
-            ),
-        ));
+        return Err(Error::conflict(format_args!(
+            "readers of GLB take long to load more nodes than {MOST_NODES}: take zip, or force it; clusters: {}",
+            split.clusters()
+        )));
     }
     glb::nodes(geometry, split)
 }

@@ -12,7 +12,7 @@
 use super::stored::Stored;
 use super::{Nodes, Tree};
 use crate::error::names::Name;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 /// One row of the matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +32,7 @@ pub struct Linkage {
 impl Stored {
     /// The linkage matrix. [`Kind::Conflict`] when the tree has none, with what to ask for to get one.
     pub fn linkage(&self) -> Result<Linkage> {
-        let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
+        let conflict = |message: String| Err(Error::conflict(message));
         let tree = &self.tree;
         let roots = u64::from(tree.roots());
         if !tree.is_nested() {

@@ -12,7 +12,7 @@ use super::shapes::LastShapes;
 use super::subject::with_items;
 use super::{Clustered, Outcome, Points, Prepared, Shaped, Subject, finite, hierarchical, milliseconds};
 use crate::device::{FREE, pieces};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::hierarchy::stored::{Mask, Stored};
 use crate::report::{Energy, Report, Timings};
 use crate::surface::Surface;
@@ -217,7 +217,7 @@ impl Numbered {
             *label = *number;
         }
         if seen as usize != clusters {
-            return Err(Error::new(Kind::Internal, format_args!("{seen} of {clusters} clusters have faces")));
+            return Err(Error::internal(format_args!("{seen} of {clusters} clusters have faces")));
         }
         Ok(Self { labels, number_of_cluster })
     }

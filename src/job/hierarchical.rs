@@ -11,7 +11,7 @@ use crate::cluster::record::Record;
 use crate::cluster::run;
 use crate::device::{Cancel, Device};
 use crate::energy::Functional;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::hierarchy::stored::Header;
 use crate::parameters::Parameters;
 use crate::report::{Input, Level, Row};
@@ -73,13 +73,13 @@ pub(super) fn run<E: Functional>(
 
 /// What a stored hierarchy says about itself.
 pub(super) fn header(input: &Input, parameters: &Parameters) -> Result<Header> {
-    let not_json = |error| Error::new(Kind::Internal, format_args!("parameters cannot be written as JSON: {error}"));
+    let not_json = |error| Error::internal(format_args!("parameters cannot be written as JSON: {error}"));
     Ok(Header {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         algorithm: parameters.algorithm.name().to_owned(),
         parameters: match serde_json::to_value(parameters).map_err(not_json)? {
             Value::Object(parameters) => parameters,
-            other => return Err(Error::new(Kind::Internal, format_args!("parameters are no object: {other}"))),
+            other => return Err(Error::internal(format_args!("parameters are no object: {other}"))),
         },
         input: match input {
             Input::Mesh(mesh) => json!({
@@ -111,7 +111,7 @@ pub(super) fn number(labels: &mut [u32], expected: usize) -> Result<()> {
         });
     }
     if seen as usize != expected {
-        return Err(Error::new(Kind::Internal, format_args!("{seen} of {expected} clusters have faces")));
+        return Err(Error::internal(format_args!("{seen} of {expected} clusters have faces")));
     }
     Ok(())
 }

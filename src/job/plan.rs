@@ -9,7 +9,7 @@ use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{flat, hierarchy};
 use crate::device::{Cancel, Device};
 use crate::energy::{Energy, Functional};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::surface::Items;
 
 /// A [`Clustering`] with what the items decide: where clusters start, and where a hierarchy ends.
@@ -91,7 +91,7 @@ impl<E: Functional> Plan<E> {
                 let target = hierarchy::check(items, options)?;
                 Self::Hierarchy { options: options.clone(), target }
             }
-            Clustering::Shapes(_) => return Err(Error::new(Kind::Internal, "shapes have no plan")),
+            Clustering::Shapes(_) => return Err(Error::internal("shapes have no plan")),
         })
     }
 }

@@ -13,8 +13,8 @@ use crate::data::{
 };
 use crate::device::FREE;
 use crate::energy::{Functional, OfPoints};
+use crate::error::Error;
 use crate::error::names::{are_flags, more_than};
-use crate::error::{Error, Kind};
 use crate::mesh::Limits;
 use crate::parameters::{Algorithm, Name, Neighbours, Parameters};
 use crate::report::{Input, PointsInput, Timings, WeightedBy};
@@ -100,7 +100,7 @@ pub fn table_of_points(request: &PointsRequest<'_>, labels: &[u32], clusters: u6
     let prepared = prepare_points(&PointsRequest { parameters, seeds: None, ..*request })?;
     let points = prepared.subject.points().filter(|points| points.members.items() == labels.len());
     let table = points.map(|points| points.table(labels, clusters));
-    Ok(table.ok_or_else(|| Error::new(Kind::Internal, "labels are of other points"))?)
+    Ok(table.ok_or_else(|| Error::internal("labels are of other points"))?)
 }
 
 /// Checks what can be checked before the points are read: what their format does not go with. `has_graph` and

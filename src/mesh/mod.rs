@@ -40,7 +40,7 @@ use serde::{Serialize, Serializer};
 use utoipa::ToSchema;
 
 use crate::error::names::Name;
-use crate::error::{Error, Kind, Quoted, Result};
+use crate::error::{Error, Quoted, Result};
 
 /// A mesh as it was uploaded: its faces in upload order, positions not yet welded.
 #[derive(Debug, Clone, PartialEq)]
@@ -260,9 +260,7 @@ pub fn open<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result
     }
     let (mut then, mut result) = (Some(then), None);
     format.reader()(source, &mut |opened| result = then.take().map(|then| then(opened)))?;
-    result.ok_or_else(|| {
-        Error::new(Kind::Internal, format_args!("nothing was opened by the reader of {}", format.name()))
-    })
+    result.ok_or_else(|| Error::internal(format_args!("nothing was opened by the reader of {}", format.name())))
 }
 
 /// Reads a mesh from its bytes.

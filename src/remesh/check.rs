@@ -1,13 +1,13 @@
 //! What is checked of every remesh before it is given out.
 
 use crate::complex::half_edges::{HalfEdges, Topology};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 /// Checks that triangles are a manifold with the topology `expected`, oriented alike and none there twice: every edge
 /// has one triangle or two that run along it in opposite directions, and the triangles around a vertex are one
 /// umbrella.
 pub fn check(triangles: &[[u32; 3]], vertices: usize, expected: Topology) -> Result<()> {
-    let wrong = |what: &str| Err(Error::new(Kind::Internal, format_args!("a remesh that is not sound: {what}")));
+    let wrong = |what: &str| Err(Error::internal(format_args!("a remesh that is not sound: {what}")));
     let mut corners: Vec<[u32; 3]> = triangles.to_vec();
     corners.iter_mut().for_each(|triangle| triangle.sort_unstable());
     if corners.iter().any(|[a, b, c]| a == b || b == c) {

@@ -61,22 +61,21 @@ pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
         }
         _ => {
             let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
-            return Err(Error::new(Kind::NotFound, message));
+            return Err(Error::not_found(message));
         }
     }
     let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
     if is_within(to, from).map_err(cannot_write)? {
-        let message = format_args!(
+        return Err(Error::conflict(format_args!(
             "the backup would lie in the data folder, which it copies; give a folder outside of it: {}",
             to.display()
-        );
-        return Err(Error::new(Kind::Conflict, message));
+        )));
     }
     let missing = to.ancestors().take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists()).count();
     private::make_folder(to).map_err(cannot_write)?;
     if std::fs::read_dir(to).map_err(cannot_write)?.next().is_some() {
         let message = format_args!("the folder for the backup is not empty; give a new one: {}", to.display());
-        return Err(Error::new(Kind::Conflict, message));
+        return Err(Error::conflict(message));
     }
     copy_all(from, to).inspect_err(|_| {
         for entry in std::fs::read_dir(to).into_iter().flatten().flatten() {
@@ -107,10 +106,9 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     let is_elsewhere = !to.join(OWNER).exists();
     if is_elsewhere && !all_files(to).is_empty() {
         let folder = from.display();
-        let message = format_args!(
+        return Err(Error::conflict(format_args!(
             "the data folder has files of jobs and no file {OWNER}: start a service there first: {folder}"
-        );
-        return Err(Error::new(Kind::Conflict, message));
+        )));
     }
     let failed = |error: rusqlite::Error| {
         Error::new(Kind::Io, format_args!("the store of jobs cannot be copied to {}: {error}", copy.display()))

@@ -177,7 +177,7 @@ impl Metrics {
         self.measure_process();
         let mut text = String::new();
         let encoded = encode(&mut text, &self.registry);
-        encoded.map_err(|error| Error::new(Kind::Internal, format_args!("metrics cannot be written: {error}")))?;
+        encoded.map_err(|error| Error::internal(format_args!("metrics cannot be written: {error}")))?;
         Ok(text)
     }
 

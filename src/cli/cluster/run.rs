@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use tesserae_mesh::artifacts::{Artifact, Choices, Content, LABELS_PNG, LINKAGE_NPY, Labels, Need};
-use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::error::Error;
 use tesserae_mesh::hierarchy::Cut;
 use tesserae_mesh::hierarchy::linkage::no_single_root;
 use tesserae_mesh::job::{
@@ -156,7 +156,7 @@ impl Run<'_> {
         match prepared.subject.target() {
             Some(target) if target > 1 && self.arguments.outputs.includes(&LINKAGE_NPY) => {
                 let has_features = self.arguments.parameters.features.is_some();
-                Err(Failure::about(&mesh.source)(Error::new(Kind::Conflict, no_single_root(target, has_features))))
+                Err(Failure::about(&mesh.source)(Error::conflict(no_single_root(target, has_features))))
             }
             _ => Ok(()),
         }

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
 use std::time::Duration;
 
-use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::error::Error;
 
 use crate::Failure;
 
@@ -36,7 +36,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
     match head.split(' ').nth(1) {
         Some("200") => Ok(()),
-        _ => Err(Error::new(Kind::Unavailable, format_args!("{path} says: {}", body.trim())).into()),
+        _ => Err(Error::unavailable(format_args!("{path} says: {}", body.trim())).into()),
     }
 }
 

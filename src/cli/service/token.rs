@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use tesserae_mesh::error::{Error, Kind, wrong_json};
+use tesserae_mesh::error::{Error, wrong_json};
 use tesserae_service::{Quotas, TokenFile};
 
 use crate::files::Target;
@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Revoke { id, place } => {
             let tenant = TokenFile::change(&place.tokens, |file| match file.revoke(id) {
                 Some(tenant) => Ok(tenant.to_owned()),
-                None => Err(Error::new(Kind::NotFound, format_args!("there is no token with this id: {id:?}"))),
+                None => Err(Error::not_found(format_args!("there is no token with this id: {id:?}"))),
             })?;
             print_line(&format!("{tenant}: {id} is no longer a token"))
         }

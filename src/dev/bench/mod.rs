@@ -169,12 +169,9 @@ impl Measurements {
         if let Some(BenchRow { mesh, algorithm, clusters, .. }) =
             self.rows.iter().find(|row| row.same_as_cpu == Some(false) || !row.same_each_time)
         {
-            return Err(Error::new(
-                Kind::Internal,
-                format_args!(
-                    "the labels are not the cpu's, or not the same each time: {mesh}, {algorithm}, {clusters} clusters"
-                ),
-            ));
+            return Err(Error::internal(format_args!(
+                "the labels are not the cpu's, or not the same each time: {mesh}, {algorithm}, {clusters} clusters"
+            )));
         }
         let refusals: Vec<&str> = self.rows.iter().filter_map(|row| row.refused.as_deref()).collect();
         match refusals.first() {

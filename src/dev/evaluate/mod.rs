@@ -24,7 +24,7 @@ use std::path::Path;
 pub use runs::Devices;
 
 use crate::device::Cancel;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::parameters::{Algorithm, Parameters, Refine, Seeds};
 use figure::Figure;
 use printed::{TABLE_1, TABLE_2};
@@ -107,13 +107,10 @@ pub fn paper(
 ) -> Result<Evaluation> {
     let files = runs::find(meshes)?;
     let Some(first) = files.iter().flatten().next() else {
-        return Err(Error::new(
-            Kind::NotFound,
-            format_args!(
-                "no mesh of the paper is here: a file {} whose name contains bunny, horse or armadillo, in {meshes:?}",
-                crate::mesh::Format::choice(".")
-            ),
-        ));
+        return Err(Error::not_found(format_args!(
+            "no mesh of the paper is here: a file {} whose name contains bunny, horse or armadillo, in {meshes:?}",
+            crate::mesh::Format::choice(".")
+        )));
     };
     let found = |model: &str| {
         let at = printed::MODELS.iter().position(|printed| printed.name == model);

@@ -329,7 +329,7 @@ fn failure(name: &str, error: &wgpu::Error) -> Error {
             format_args!("the gpu ran out of memory, try a smaller mesh or the cpu device: {name}"),
         ),
         wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
-            Error::new(Kind::Internal, format_args!("the gpu {name} refused its work: {}", one_line(description)))
+            Error::internal(format_args!("the gpu {name} refused its work: {}", one_line(description)))
         }
     }
 }

@@ -14,7 +14,7 @@ use super::upload::{upload, upload_graph};
 use crate::device::KernelWork;
 use crate::device::dual_edge::Ties;
 use crate::energy::Words;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::surface::{DualGraph, MOST_FACES};
 
 /// The entry of the statistics of what is done between batches.
@@ -246,12 +246,12 @@ pub(super) fn bytes_of(buffer: Buffer, needed: &[Buffer], sizes: &Sizes) -> u64 
 fn proxies<E: Words>(graph: &DualGraph<E>, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
     let (faces, clusters) = (graph.faces(), component_of_cluster.len());
     if clusters > faces {
-        return Err(Error::new(Kind::Internal, format_args!("{faces} faces cannot make {clusters} clusters")));
+        return Err(Error::internal(format_args!("{faces} faces cannot make {clusters} clusters")));
     }
     let mut proxies = Vec::with_capacity(clusters * (E::AXES + 1));
     for &component in component_of_cluster {
         let Some(component) = graph.components.get(component as usize) else {
-            return Err(Error::new(Kind::Internal, format_args!("a cluster lies in no component: {component}")));
+            return Err(Error::internal(format_args!("a cluster lies in no component: {component}")));
         };
         proxies.extend(E::of_unfitted(component.energy_shift));
     }

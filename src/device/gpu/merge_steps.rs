@@ -14,7 +14,7 @@ use super::upload::upload;
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{DualEdge, FREE, MergeSteps};
 use crate::energy::Words;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 impl Search {
     /// What it dispatches.
@@ -139,14 +139,14 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
                 (Some(from), Some(into)) if from != into => entries.extend([from, into]),
                 _ => {
                     let message = format_args!("cluster {from} cannot become part of {into}");
-                    return Err(Error::new(Kind::Internal, message));
+                    return Err(Error::internal(message));
                 }
             }
         }
         if entries.len() > self.is_living.len() {
             let (clusters, pairs) = (self.is_living.len(), pairs.len());
             let message = format_args!("{clusters} clusters cannot merge in {pairs} pairs");
-            return Err(Error::new(Kind::Internal, message));
+            return Err(Error::internal(message));
         }
         self.connection.reach(FaultPoint::Merge);
         upload(&self.connection, self.memory.get(Buffer::HostList), &entries);

@@ -85,7 +85,7 @@ impl Numbering {
 
 /// The error of a cluster that the device does not know.
 fn unknown(cluster: u32) -> Error {
-    Error::new(Kind::Internal, format_args!("there is no cluster {cluster}, or it has no faces"))
+    Error::internal(format_args!("there is no cluster {cluster}, or it has no faces"))
 }
 
 /// What a table has for each label; [`FREE`] where it has nothing, as for free faces.

@@ -14,7 +14,7 @@ use super::numbering::Numbering;
 use crate::device::DualEdge;
 use crate::device::dual_edge::Ties;
 use crate::energy::{LatticeEnergy, Words};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 
 /// What happened since the labels were set.
@@ -159,7 +159,7 @@ impl<'a, E: Words> GpuSteps<'a, E> {
         is_merging: bool,
     ) -> Result<Self> {
         if component_of_cluster.is_empty() {
-            return Err(Error::new(Kind::Internal, "a surface needs a cluster"));
+            return Err(Error::internal("a surface needs a cluster"));
         }
         let mut memory = SurfaceMemory::new(&connection, graph, is_merging)?;
         memory.number(&connection.queue, Numbers::NONE, false);

@@ -12,7 +12,7 @@ use super::upload::upload;
 use super::verify::verify;
 use crate::device::{Cancel, Ending, FREE, OnStep, Step, Steps};
 use crate::energy::{LatticeEnergy, Words};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 
 impl<E: Words> GpuSteps<'_, E> {
     /// Replaces the places of the clusters of all faces; the history stays.
@@ -35,7 +35,7 @@ impl<E: Words> GpuSteps<'_, E> {
         if labels.len() == faces {
             return Ok(());
         }
-        Err(Error::new(Kind::Internal, format_args!("{faces} faces need as many labels: {}", labels.len())))
+        Err(Error::internal(format_args!("{faces} faces need as many labels: {}", labels.len())))
     }
 
     /// The place of the cluster of each face. Fails with `DeviceWrong` where the energy of the labels is not the one

@@ -8,7 +8,7 @@ use bytemuck::{Pod, cast, cast_slice};
 use super::connection::{Connection, InFlight, PATIENCE, Staging};
 use super::lock;
 use crate::energy::Words;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 
 /// Items that are written at once, so that wgpu's copies of them stay small.
@@ -84,7 +84,7 @@ impl Staging {
             return connection.buffer("staging", PIECE as u64, usage);
         }
         let Some(InFlight { buffer, submission, mapped }) = self.in_flight.pop_front() else {
-            return Err(Error::new(Kind::Internal, "there is no staging memory"));
+            return Err(Error::internal("there is no staging memory"));
         };
         connection.wait(submission)?;
         // another thread may have polled first, and be about to call back

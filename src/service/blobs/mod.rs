@@ -123,7 +123,7 @@ impl Blobs {
         self.put(&below.clone().join("probe"), Bytes::from_static(b"probe")).await?;
         let time = self.newest(&below).await?;
         self.remove(&below).await?;
-        time.ok_or_else(|| Error::new(Kind::Unavailable, "a file that was stored cannot be found"))
+        time.ok_or_else(|| Error::unavailable("a file that was stored cannot be found"))
     }
 
     /// Removes what killed processes left of probes, before a time by the clock of the place.
@@ -158,7 +158,7 @@ impl Parts {
     }
 
     fn upload(&mut self) -> Result<&mut Box<dyn MultipartUpload>> {
-        self.upload.as_mut().ok_or_else(|| Error::new(Kind::Internal, "a part came after the end of a file"))
+        self.upload.as_mut().ok_or_else(|| Error::internal("a part came after the end of a file"))
     }
 }
 
@@ -270,8 +270,8 @@ fn cannot_store(error: object_store::Error) -> Error {
 
 fn cannot_read(error: object_store::Error) -> Error {
     match error {
-        object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),
-        object_store::Error::Precondition { .. } => Error::new(Kind::Conflict, "the file was replaced by another one"),
+        object_store::Error::NotFound { .. } => Error::not_found("the file is gone: its job was deleted"),
+        object_store::Error::Precondition { .. } => Error::conflict("the file was replaced by another one"),
         error => failed("a file cannot be read", error),
     }
 }
@@ -295,5 +295,5 @@ fn failed(what: &str, error: object_store::Error) -> Error {
     if let Some(error) = causes.find_map(|error| error.downcast_ref::<io::Error>()) {
         return Error::new(Kind::of_storage(error), format_args!("{what}: {error}"));
     }
-    Error::new(Kind::Unavailable, format_args!("{what}; the log of the service says why"))
+    Error::unavailable(format_args!("{what}; the log of the service says why"))
 }

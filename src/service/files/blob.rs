@@ -13,7 +13,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::runtime::Handle;
 
 use super::folder::Files;
-use super::root::{Folder, storage_error};
+use super::root::Folder;
 use crate::blobs::{Blob, Parts};
 use crate::ops::faults::FaultPoint;
 use crate::store::{Contents, JobId, SMALL_BLOBS, SmallBlob};
@@ -265,6 +265,6 @@ impl Files {
     }
 
     fn hit(&self, point: FaultPoint, what: &str) -> Result<()> {
-        self.faults.hit(point).map_err(|error| self.noted(storage_error(what, error)))
+        self.faults.hit(point).map_err(|error| self.noted(Error::storage(what, error)))
     }
 }

@@ -11,7 +11,7 @@ use parking_lot::Mutex;
 use tesserae_mesh::error::{Error, Kind, Result};
 
 use super::disk::{self, BALLAST, Disk, LAST};
-use super::root::{CANNOT_REACH, Folder, RESULTS, Root, UPLOADS, cannot_make, storage_error};
+use super::root::{CANNOT_REACH, Folder, RESULTS, Root, UPLOADS, cannot_make};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
 use crate::ops::blocking::blocking;
@@ -147,7 +147,7 @@ impl Files {
     /// Whether the folder is there and takes a file; says what is wrong. Blocks.
     pub fn probe(&self) -> Result<()> {
         let folder = self.root.path.display();
-        let cannot = |error| storage_error(format_args!("no file can be written in the data folder: {folder}"), error);
+        let cannot = |error| Error::storage(format_args!("no file can be written in the data folder: {folder}"), error);
         self.faults.hit(FaultPoint::ProbeFolder).map_err(cannot)?;
         self.check_root()?;
         let write = || {
@@ -164,17 +164,16 @@ impl Files {
 
     /// An error when the folder is not the one that was opened any more. It names the folder: for the operator only.
     pub fn check_root(&self) -> Result<()> {
-        self.root.check().map_err(|error| {
-            let what = format_args!("the data folder cannot be used: {}", self.root.path.display());
-            Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
-        })
+        let folder = self.root.path.display();
+        let cannot = |error| Error::unavailable(format_args!("the data folder cannot be used: {folder}: {error}"));
+        self.root.check().map_err(cannot)
     }
 
     /// The same for clients, without the folder's name. The failure is counted, so that the log gets the name.
     pub(super) fn check_reachable(&self) -> Result<()> {
         self.check_root().map_err(|error| {
             self.noted(error);
-            Error::new(Kind::Unavailable, CANNOT_REACH)
+            Error::unavailable(CANNOT_REACH)
         })
     }
 

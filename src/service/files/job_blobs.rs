@@ -30,7 +30,7 @@ pub async fn result(files: &Files, store: &Store, job: &Job, name: &str, range: 
 
 async fn small(files: &Files, store: &Store, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
     let bytes = store.blob(job.id, name).await?;
-    let bytes = bytes.ok_or_else(|| Error::new(Kind::NotFound, "the file is gone: its job was deleted"))?;
+    let bytes = bytes.ok_or_else(|| Error::not_found("the file is gone: its job was deleted"))?;
     files.held(&bytes, range)
 }
 

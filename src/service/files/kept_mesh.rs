@@ -14,7 +14,7 @@
 
 use std::io::{self, Read, Write};
 
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::mesh::{Adjusted, Faces, Format, PolygonMesh};
 
 pub(crate) const NAME: &str = "mesh.kept";
@@ -52,7 +52,7 @@ pub(crate) fn write(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
 
 /// Reads a mesh, which has `faces` faces and was of this format.
 pub(crate) fn read(from: impl Read, faces: u64, format: Format) -> Result<PolygonMesh> {
-    let damaged = |why| Error::new(Kind::Internal, format_args!("the kept mesh is damaged: {why}"));
+    let damaged = |why| Error::internal(format_args!("the kept mesh is damaged: {why}"));
     let (positions, faces) = read_numbers(from, faces).map_err(damaged)?;
     Ok(PolygonMesh { format, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted: Adjusted::default() })
 }
@@ -128,7 +128,7 @@ mod tests {
         let mut bytes = Vec::new();
         write(&mut bytes, &mesh).expect("a vector takes everything");
         for cut in [0, 5, bytes.len() / 2] {
-            assert_eq!(read(&bytes[..cut], faces, mesh.format).expect_err("cut").kind, Kind::Internal);
+            assert_eq!(read(&bytes[..cut], faces, mesh.format).expect_err("cut").kind, tesserae_mesh::Kind::Internal);
         }
         assert!(read(&bytes[..], faces + 1, mesh.format).is_err());
         let mut plain = zstd::decode_all(&bytes[..]).expect("its own");

@@ -31,20 +31,19 @@ impl Files {
     }
 
     fn lost_store(&self) -> Error {
-        let why = format_args!(
+        Error::conflict(format_args!(
             "the store of jobs of this data folder is missing, empty, older than its files, or another one: put it \
              back, from a backup for instance, or, to begin with an empty store, move {UPLOADS}, {RESULTS}, {OWNER}, \
              {BALLAST}, {LAST} and what there is of jobs.sqlite3 out of the data folder: {}",
             self.root.path.display()
-        );
-        Error::new(Kind::Conflict, why)
+        ))
     }
 
     /// Takes the place of the blobs for a store of this name. A place without an owner becomes that of a new store.
     pub async fn take_place(&mut self, store: &str, has_jobs: bool) -> Result<()> {
         let folder = self.root.path.display();
         let place = self.elsewhere.as_ref().map_or(folder.to_string(), ToString::to_string);
-        let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
+        let conflict = |message: String| Err(Error::conflict(message));
         if self.is_shared() && self.root.path.join(OWNER).exists() {
             return conflict(format!(
                 "files of jobs lie in the data folder: move {UPLOADS}, {RESULTS} and {OWNER} from it to {place} while \
@@ -97,7 +96,7 @@ impl Files {
     /// An error when a blob was written to another place: a folder that is not mounted takes it, too.
     pub(super) async fn check_owned(&self) -> Result<()> {
         match self.is_owned().await {
-            Ok(false) => Err(self.noted(Error::new(Kind::Unavailable, CANNOT_REACH))),
+            Ok(false) => Err(self.noted(Error::unavailable(CANNOT_REACH))),
             checked => checked.map(drop).map_err(|error| self.noted(error)),
         }
     }
@@ -109,13 +108,12 @@ impl Files {
         let probe = async {
             self.blobs.names(&BlobPath::default()).await?;
             if !self.is_owned().await? {
-                return Err(Error::new(Kind::Conflict, format_args!("the file {OWNER} is not there, or another one")));
+                return Err(Error::conflict(format_args!("the file {OWNER} is not there, or another one")));
             }
             self.blobs.probe().await
         };
         probe.await.map(drop).map_err(|error| {
-            let what = format_args!("files of jobs cannot be stored at {place} (--blobs)");
-            Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
+            Error::unavailable(format_args!("files of jobs cannot be stored at {place} (--blobs): {error}"))
         })
     }
 
@@ -123,7 +121,7 @@ impl Files {
     pub(super) async fn check_place(&self) -> Result<()> {
         self.check_reachable()?;
         if self.is_shared() && self.blobs.names(&BlobPath::default()).await.is_err() {
-            return Err(self.noted(Error::new(Kind::Unavailable, CANNOT_REACH)));
+            return Err(self.noted(Error::unavailable(CANNOT_REACH)));
         }
         Ok(())
     }

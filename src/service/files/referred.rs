@@ -43,7 +43,7 @@ impl Files {
             Kind::Conflict => Error::mesh("the mesh was replaced by another one after the job was accepted"),
             Kind::NotFound => Error::parameter(format_args!("there is no object at mesh_url: {url:?}")),
             // it could be read when the job was accepted: a key that may not read it now may do so again
-            Kind::Forbidden => self.noted(Error::new(Kind::Unavailable, error.message)),
+            Kind::Forbidden => self.noted(Error::unavailable(error.message)),
             _ => self.noted(error),
         }
     }

@@ -8,17 +8,13 @@ use std::path::{Path, PathBuf};
 
 use object_store::path::Path as BlobPath;
 use tempfile::TempDir;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 
 use crate::ops::private;
 use crate::store::JobId;
 
 /// What clients get when the storage cannot be reached; the log says why.
 pub(super) const CANNOT_REACH: &str = "the storage of the service cannot be reached; try again later";
-
-pub(super) fn storage_error(what: impl std::fmt::Display, error: io::Error) -> Error {
-    Error::new(Kind::of_storage(&error), format_args!("{what}: {error}"))
-}
 
 pub(super) fn cannot_make(path: &Path, error: io::Error) -> Error {
     Error::io(format_args!("the data folder cannot be used: {}", path.display()), error)
@@ -82,11 +78,10 @@ impl Root {
             Err(TryLockError::WouldBlock) => {
                 let holder = std::fs::read_to_string(&name).unwrap_or_default();
                 let (holder, folder) = (holder.trim(), path.display());
-                let why = format_args!(
+                return Err(Error::conflict(format_args!(
                     "another process ({holder}) works in the data folder; stop it, or give this one another \
                      --data-dir: {folder}"
-                );
-                return Err(Error::new(Kind::Conflict, why));
+                )));
             }
             Err(TryLockError::Error(error)) => return Err(cannot_make(&name, error)),
         }

@@ -9,7 +9,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
 use tesserae_mesh::artifacts::{self, Artifact, Form};
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::job::InputFormat;
 use tesserae_mesh::mesh::Format;
 use tesserae_mesh::parameters::{Levels, Seeds, Snapshots};
@@ -245,7 +245,7 @@ fn drop_null(schema: &mut Value) {
 /// The description as YAML, as it stands in `openapi.yaml`.
 pub fn openapi_yaml() -> Result<String> {
     complete(routes().into_openapi())
-        .map_err(|error| Error::new(Kind::Internal, format_args!("the description cannot be written: {error}")))
+        .map_err(|error| Error::internal(format_args!("the description cannot be written: {error}")))
 }
 
 /// This description

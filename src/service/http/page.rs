@@ -20,7 +20,7 @@ use sha2::{Digest, Sha256};
 use tesserae_mesh::dev::sample::{Sample, generate, write_glb};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::device::cpu::CpuDevice;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::job;
 use tesserae_mesh::mesh::Format;
 use tesserae_mesh::parameters::{Algorithm, Parameters};
@@ -55,7 +55,7 @@ static KNOT: LazyLock<Result<[(Content, Bytes); 2]>> = LazyLock::new(make_knot);
 pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     if FILES.is_empty() {
         let missing = "this build has no page: build it with `make run`, or use the interface in /openapi.yaml";
-        let refusal = move || async move { Failure::from(Error::new(Kind::NotFound, missing)).into_response() };
+        let refusal = move || async move { Failure::from(Error::not_found(missing)).into_response() };
         return Router::new().route("/", get(refusal));
     }
     let knot = Router::new().route("/knot.glb", get(|| knot(0))).route("/knot.tsr", get(|| knot(1)));
@@ -96,7 +96,7 @@ async fn knot(file: usize) -> Answer {
 }
 
 fn make_knot() -> Result<[(Content, Bytes); 2]> {
-    let failed = |error| Error::new(Kind::Internal, format_args!("the knot of the page: {error}"));
+    let failed = |error| Error::internal(format_args!("the knot of the page: {error}"));
     let (mut glb, mut tsr) = (Vec::new(), Vec::new());
     write_glb(&mut glb, &generate(Sample::Knot, 20_000)?).map_err(failed)?;
     let parameters = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };

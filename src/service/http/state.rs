@@ -7,7 +7,7 @@ use axum::http::request::Parts;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use tesserae_mesh::device::select::AdapterReport;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::report::DeviceInfo;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
@@ -82,7 +82,7 @@ impl Shared {
 
     pub fn refuse_when_stopping(&self) -> Result<()> {
         match self.stop.is_cancelled() {
-            true => Err(Error::new(Kind::Unavailable, "the service is stopping")),
+            true => Err(Error::unavailable("the service is stopping")),
             false => Ok(()),
         }
     }

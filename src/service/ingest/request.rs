@@ -99,10 +99,9 @@ impl Wanted {
             "webhook" => self.webhook = Some(value.as_str().ok_or_else(|| must_be("a text with a URL"))?.to_owned()),
             "priority" => {
                 let priority = value.as_i64().and_then(|number| i8::try_from(number).ok());
-                let (least, most) = (PRIORITIES.start(), PRIORITIES.end());
-                self.priority = priority
-                    .filter(|priority| PRIORITIES.contains(priority))
-                    .ok_or_else(|| must_be(&format!("a whole number from {least} to {most}")))?;
+                let what = format!("a whole number from {} to {}", PRIORITIES.start(), PRIORITIES.end());
+                let priority = priority.filter(|priority| PRIORITIES.contains(priority));
+                self.priority = priority.ok_or_else(|| must_be(&what))?;
             }
             "outputs" => {
                 let names = match value {
@@ -204,7 +203,7 @@ fn as_object(parameters: &Parameters) -> Result<Map<String, Value>> {
 }
 
 fn internal(error: serde_json::Error) -> Error {
-    Error::new(Kind::Internal, format_args!("parameters do not survive being written as JSON: {error}"))
+    Error::internal(format_args!("parameters do not survive being written as JSON: {error}"))
 }
 
 #[cfg(test)]

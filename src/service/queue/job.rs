@@ -235,9 +235,9 @@ fn given_up(attempts: u32, last: &Error) -> Error {
 }
 
 fn lease_is_over() -> Error {
-    Error::new(Kind::Unavailable, "the service ended, or stood still, while the job ran")
+    Error::unavailable("the service ended, or stood still, while the job ran")
 }
 
 pub(crate) fn not_yours(job: impl Display) -> Error {
-    Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {job}"))
+    Error::conflict(format_args!("the job is no longer this worker's: {job}"))
 }

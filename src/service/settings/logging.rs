@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::io::IsTerminal;
 
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tracing_subscriber::Layer as _;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt as _;
@@ -59,6 +59,6 @@ impl LogSettings {
             .with(filter)
             .with(lines)
             .try_init()
-            .map_err(|error| Error::new(Kind::Internal, format_args!("logging cannot be started: {error}")))
+            .map_err(|error| Error::internal(format_args!("logging cannot be started: {error}")))
     }
 }

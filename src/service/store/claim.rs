@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
 
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 
 use super::change::{Live, Transaction, job, standing};
 use super::database::{Abort, Query, Row, read, time, values};
@@ -140,7 +140,7 @@ fn view(change: &mut Transaction<'_>, claiming: &Claiming, is_alone: bool) -> Re
     let (me, most) = (change.me, claiming.limit + claiming.newcomers);
     let mine = "SELECT * FROM jobs WHERE state = 'running' AND worker_id = $1";
     let found = change.rows.all(&[(TENANTS, values![most]), (mine, values![me])])?;
-    let [names, mine] = &found[..] else { return Err(Abort::Broken(Error::new(Kind::Internal, "a query is lost"))) };
+    let [names, mine] = &found[..] else { return Err(Abort::Broken(Error::internal("a query is lost"))) };
     let clock = names.first().map(|row| row.get("clock")).transpose()?.unwrap_or(0.0);
     let tenants = names.iter().map(tenant).collect::<Result<Vec<_>>>()?;
     let is_least_busy = is_alone || tenants.iter().all(|tenant| tenant.suspect.is_none()) || {

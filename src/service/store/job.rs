@@ -53,7 +53,7 @@ impl FromStr for JobId {
 }
 
 pub(crate) fn no_such_job(id: impl fmt::Display) -> Error {
-    Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
+    Error::not_found(format_args!("there is no such job: {id}"))
 }
 
 pub(crate) fn not_failed(state: State) -> Error {
@@ -62,10 +62,7 @@ pub(crate) fn not_failed(state: State) -> Error {
         State::Succeeded => "its results are there",
         State::Cancelled | State::Failed => "submit the mesh again",
     };
-    Error::new(
-        Kind::Conflict,
-        format_args!("only a job that has failed can be run again; {what}: it is {}", state.name()),
-    )
+    Error::conflict(format_args!("only a job that has failed can be run again; {what}: it is {}", state.name()))
 }
 
 /// An upload: its tenant, its files, and what to do with it. What is said of a mesh holds for points, too.

@@ -5,7 +5,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::SystemTime;
 
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 
 use super::tokens::{TokenFile, Tokens};
 
@@ -42,7 +42,7 @@ impl TokenFile {
         let result = change(&mut file)?;
         file.index()?;
         let mut json = serde_json::to_vec_pretty(&file)
-            .map_err(|error| Error::new(Kind::Internal, format_args!("tokens cannot be written as JSON: {error}")))?;
+            .map_err(|error| Error::internal(format_args!("tokens cannot be written as JSON: {error}")))?;
         json.push(b'\n');
         // a temporary file is its owner's alone, and stays so under its new name
         let mut new = tempfile::NamedTempFile::new_in(folder).map_err(cannot)?;

@@ -42,7 +42,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     type Rejection = Failure;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Failure> {
-        let missing = || Error::new(Kind::Internal, "the request has no caller").into();
+        let missing = || Error::internal("the request has no caller").into();
         parts.extensions.get::<Self>().cloned().ok_or_else(missing)
     }
 }

@@ -12,7 +12,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use tesserae_mesh::error::{Error, Kind, Result, wrong_json_at};
+use tesserae_mesh::error::{Error, Result, wrong_json_at};
 
 use crate::queue::{Share, Shares};
 
@@ -123,7 +123,7 @@ impl TokenFile {
         Self::check_name(tenant)?;
         let mut secret = [0; 32];
         let id = getrandom::fill(&mut secret).and_then(|()| getrandom::u64());
-        let id = id.map_err(|error| Error::new(Kind::Internal, format_args!("no random bytes can be had: {error}")))?;
+        let id = id.map_err(|error| Error::internal(format_args!("no random bytes can be had: {error}")))?;
         let (id, secret) = (format!("{id:016x}"), URL_SAFE_NO_PAD.encode(secret));
         let entry = TokenEntry { id: id.clone(), sha256: digest(&secret) };
         self.tenants.entry(tenant.to_owned()).or_default().tokens.push(entry);

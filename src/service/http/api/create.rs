@@ -6,7 +6,7 @@ use std::time::Duration;
 use axum::extract::{Request, State as Extract};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::job::InputFormat;
 use tracing::Instrument as _;
 use utoipa::ToSchema;
@@ -130,7 +130,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
     // On a task of its own, so that a client that hangs up now leaves no half of it.
     let job = tokio::spawn(accept(Arc::clone(&shared), upload, key, most_waiting).in_current_span())
         .await
-        .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
+        .map_err(|error| Error::internal(format_args!("the job was not accepted: {error}")))??;
     let location = urls::path(job.id);
     let job = match wait {
         Some(wait) => wait_for_end(&shared, job, wait).await,

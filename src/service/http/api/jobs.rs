@@ -254,7 +254,7 @@ pub(crate) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         let message = "the upload of this job is not kept any more, as it is only for jobs that were given up \
                        (/problems/poison) or whose files could not be read or written \
                        (/problems/insufficient-storage); submit the mesh again";
-        return Err(Error::new(Kind::Conflict, message).into());
+        return Err(Error::conflict(message).into());
     }
     let job = shared.store.retry(job.id, shared.most_waiting(&caller.0)).await?;
     Ok(answer(&shared, StatusCode::ACCEPTED, job))

@@ -57,17 +57,17 @@ pub(crate) async fn labels(Found { shared, job }: Found, uri: Uri, headers: Head
     let done = Done::of(shared, job)?;
     let parameters = &done.job.spec.parameters;
     if let Some(iteration) = iteration.filter(|_| HIERARCHY.is_made(parameters)) {
-        let message = format!(
+        return Err(Error::conflict(format_args!(
             "this job made a hierarchy, which keeps the labels of no iteration: give clusters instead of iteration, \
              {iteration}"
-        );
-        return Err(Error::new(Kind::Conflict, message).into());
+        ))
+        .into());
     }
     done.check_clusters(clusters)?;
     if LABELS.lacks(parameters) == Some(Need::Faces) {
         let message = "this job divided the faces of the mesh before it clustered them (subdivide): there are no \
                        labels of its faces, only the named outputs";
-        return Err(Error::new(Kind::Conflict, message).into());
+        return Err(Error::conflict(message).into());
     }
     let form = negotiate::form(&headers, format.as_deref(), &LABELS)?;
     let which = match (clusters, iteration) {
@@ -124,7 +124,7 @@ pub(crate) async fn hierarchy(Found { shared, job }: Found, uri: Uri, headers: H
     if !HIERARCHY.is_made(parameters) {
         let algorithm = parameters.algorithm.name();
         let message = format!("the job has no hierarchy, because its algorithm makes a flat clustering: {algorithm}");
-        return Err(Error::new(Kind::NotFound, message).into());
+        return Err(Error::not_found(message).into());
     }
     let HierarchyQuery { min_clusters, max_clusters, clusters, format } = query::read(&uri)?;
     let limits = Limits { min_clusters, max_clusters, clusters };
@@ -197,7 +197,7 @@ pub(crate) async fn derived(artifact: &'static Artifact, found: Found, uri: Uri,
         }
     };
     if let Some(what) = job.spec.format.lacks(artifact) {
-        return Err(Error::new(Kind::Conflict, format_args!("{} is made of {what}", form.file)).into());
+        return Err(Error::conflict(format_args!("{} is made of {what}", form.file)).into());
     }
     let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);
     let done = Done::of(shared, job)?;
@@ -208,7 +208,7 @@ pub(crate) async fn derived(artifact: &'static Artifact, found: Found, uri: Uri,
         _ if done.job.spec.kept.mesh => made::of_input(&done, clusters, choices, form).await?,
         _ if is_stored => {
             let message = format!("{} could not be written: the warnings of the report say why", form.file);
-            return Err(Error::new(Kind::NotFound, message).into());
+            return Err(Error::not_found(message).into());
         }
         _ => return Err(not_made(&done.job, form).into()),
     };
@@ -248,7 +248,7 @@ pub(crate) async fn output(artifact: &'static Artifact, found: Found, headers: H
     let Found { shared, job } = found;
     if !artifact.is_made(&job.spec.parameters) {
         let message = format!("jobs with these parameters have no such output: {}", artifact.name);
-        return Err(Error::new(Kind::NotFound, message).into());
+        return Err(Error::not_found(message).into());
     }
     let done = Done::of(shared, job)?;
     if let [form] = artifact.forms {
@@ -297,12 +297,12 @@ pub(crate) async fn upload(Found { shared, job }: Found, uri: Uri) -> Answer {
     } else if job.has_upload() {
         of_upload(&shared, &job, blob).await?
     } else {
-        let message = format_args!(
+        return Err(Error::not_found(format_args!(
             "an upload is kept until its job ends, and what a mesh_url names is read at its place; keep_mesh=true \
              keeps an image with the result. The job is {}",
             job.state.name()
-        );
-        return Err(Error::new(Kind::NotFound, message).into());
+        ))
+        .into());
     };
     attachment(&mut response, &job, &file);
     Ok(response)

@@ -6,7 +6,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use serde::Serialize;
 use tesserae_mesh::artifacts::{Form, LABELS};
-use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::error::Error;
 use tesserae_mesh::job::InputFormat;
 use utoipa::ToSchema;
 
@@ -192,7 +192,7 @@ pub(crate) async fn readyz(Extract(shared): App, request: Request) -> Answer<Jso
         conditions = conditions.into_iter().map(Condition::without_detail).collect();
     }
     if let Some(why) = health::why_not_ready(&conditions) {
-        return Err(Error::new(Kind::Unavailable, why).into());
+        return Err(Error::unavailable(why).into());
     }
     let status = if conditions.is_empty() { "ok" } else { "degraded" };
     Ok(Json(Readiness { status, conditions }))

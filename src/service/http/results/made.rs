@@ -198,7 +198,7 @@ fn numbers(rows: &mut impl Read, head: u64, faces: u64) -> Result<Vec<u32>> {
     let mut bytes = vec![0; 4 * faces as usize];
     io::copy(&mut rows.take(head), &mut io::sink())
         .and_then(|_| rows.read_exact(&mut bytes))
-        .map_err(|error| Error::new(Kind::Internal, format_args!("the labels cannot be read: {error}")))?;
+        .map_err(|error| Error::internal(format_args!("the labels cannot be read: {error}")))?;
     Ok(bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
 }
 
@@ -210,7 +210,7 @@ async fn iterations(done: &Arc<Done>) -> Result<Vec<u32>> {
         Err(error) => return Err(error),
     };
     serde_json::from_slice(&json)
-        .map_err(|error| Error::new(Kind::Internal, format_args!("the list of snapshots is damaged: {error}")))
+        .map_err(|error| Error::internal(format_args!("the list of snapshots is damaged: {error}")))
 }
 
 /// The error for an iteration that is not among those that were kept.
@@ -223,14 +223,14 @@ fn none_of(kept: &[u32], iteration: u32) -> Error {
         ),
         false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
     };
-    Error::new(Kind::NotFound, message)
+    Error::not_found(message)
 }
 
 /// The error of a number of clusters that a stored hierarchy cannot be cut at, for clients.
 fn of_cut(done: &Done, error: Error) -> Error {
     match error.kind {
         // the number is sound, this hierarchy has no such state
-        Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
+        Kind::InvalidParameter => Error::conflict(error.message),
         _ => of_stored(done, error),
     }
 }
@@ -239,7 +239,7 @@ fn of_cut(done: &Done, error: Error) -> Error {
 fn of_stored(done: &Done, error: Error) -> Error {
     match error.kind {
         // what keeps it failed in the middle
-        Kind::Io => Error::new(Kind::Unavailable, error.message),
+        Kind::Io => Error::unavailable(error.message),
         _ => done.damaged(HIERARCHY_TSR.file, error.message),
     }
 }
@@ -272,16 +272,5 @@ async fn encoded<H: IntoResponseParts + Send + 'static>(
 }
 
 fn cannot(error: io::Error) -> Error {
-    Error::new(Kind::of_storage(&error), format_args!("the result cannot be written: {error}"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_full_disk_is_said() {
-        assert_eq!(cannot(io::ErrorKind::StorageFull.into()).kind, Kind::InsufficientStorage);
-        assert_eq!(cannot(io::ErrorKind::NotADirectory.into()).kind, Kind::Unavailable);
-    }
+    Error::storage("the result cannot be written", error)
 }

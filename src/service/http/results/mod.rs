@@ -57,7 +57,7 @@ impl Done {
             ),
             _ => return Ok(()),
         };
-        Err(Error::new(Kind::Conflict, message))
+        Err(Error::conflict(message))
     }
 
     fn damaged(&self, name: &str, why: impl Display) -> Error {

@@ -117,10 +117,10 @@ pub(super) async fn a_crash_loses_nothing(store: &Store, after_crash: impl Async
     assert_eq!(whats(again, keyed.id).await, expected, "numbers go on");
     // the crash counts for the only job that had begun
     again.begin(ticket).await.expect("begun");
-    again.release(ticket, Some(Error::new(Kind::Internal, "x"))).await.expect("released");
+    again.release(ticket, Some(Error::internal("x"))).await.expect("released");
     let (ticket, _) = claim(again).await;
     again.begin(ticket).await.expect("begun");
-    let end = again.release(ticket, Some(Error::new(Kind::Internal, "x"))).await;
+    let end = again.release(ticket, Some(Error::internal("x"))).await;
     assert_eq!(end, Ok(State::Failed));
     // and numbers of jobs are not used again
     let next = create(again).await;

@@ -99,7 +99,7 @@ pub trait Rows {
 
     /// The row of a query that always has one.
     fn one(&mut self, sql: &'static str, values: Vec<Value>) -> Result<Row, Abort> {
-        let none = || Error::new(Kind::Internal, "the store of jobs failed: a query that gives a row gave none");
+        let none = || Error::internal("the store of jobs failed: a query that gives a row gave none");
         self.first(sql, values)?.ok_or_else(|| Abort::Broken(none()))
     }
 }
@@ -111,7 +111,7 @@ pub struct Row {
 }
 
 pub fn unreadable(column: &str, error: &dyn fmt::Display) -> Error {
-    Error::new(Kind::Internal, format_args!("the store of jobs cannot be read: column {column}: {error}"))
+    Error::internal(format_args!("the store of jobs cannot be read: column {column}: {error}"))
 }
 
 impl Row {
@@ -130,7 +130,7 @@ impl Row {
 
 pub fn json<T: Serialize>(value: &T) -> Result<String> {
     serde_json::to_string(value)
-        .map_err(|error| Error::new(Kind::Internal, format_args!("what is to be stored cannot be written: {error}")))
+        .map_err(|error| Error::internal(format_args!("what is to be stored cannot be written: {error}")))
 }
 
 /// A point in time as it is stored: microseconds since 1970.

@@ -15,9 +15,8 @@ pub(super) const AGAIN: Duration = Duration::from_millis(500);
 
 /// Runs `work`; a panic becomes an error.
 pub(super) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).unwrap_or_else(|_| {
-        Err(Error::new(Kind::Internal, "the job ran into a defect of the service; its log says more"))
-    })
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(work))
+        .unwrap_or_else(|_| Err(Error::internal("the job ran into a defect of the service; its log says more")))
 }
 
 /// A pool of `threads` threads; of as many as there are processors for 0.

@@ -144,7 +144,7 @@ impl DeviceThread {
             (None, Some(beside)) => match self.line.turn_unless_short(task.cost).await {
                 Some(turn) => return self.run_in_turn(turn, task, limit).await,
                 None => {
-                    let gone = || Error::new(Kind::Internal, "the device for short meshes is gone");
+                    let gone = || Error::internal("the device for short meshes is gone");
                     (self.another().ok_or_else(gone)?, beside)
                 }
             },
@@ -185,7 +185,7 @@ impl DeviceThread {
         &self,
         work: impl FnOnce(&mut Devices) -> Result<T> + Send + 'static,
     ) -> Result<T> {
-        let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
+        let gone = || Error::internal("the thread of the device is gone");
         let (reply, outcome) = oneshot::channel();
         let Thread { queue, life } = self.thread.lock().clone();
         let work = async {

@@ -7,7 +7,7 @@
 use std::sync::{Arc, OnceLock};
 
 use tesserae_mesh::data::{Size, width};
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tesserae_mesh::job::Clustering;
 use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
@@ -155,7 +155,7 @@ impl Needed {
 async fn acquire(left: &Arc<Semaphore>, bytes: u64) -> Result<OwnedSemaphorePermit> {
     let units = u32::try_from(bytes / UNIT).unwrap_or(u32::MAX);
     let held = Arc::clone(left).acquire_many_owned(units).await;
-    held.map_err(|error| Error::new(Kind::Internal, format_args!("there is no memory to wait for: {error}")))
+    held.map_err(|error| Error::internal(format_args!("there is no memory to wait for: {error}")))
 }
 
 /// Refuses a mesh that never fits.
@@ -230,7 +230,7 @@ mod tests {
             let job = InMemory { mesh, limits, parameters, seeds: None, weights: None };
             let prepared = prepare_in_memory(&job).expect("a job");
             let built = build(&memory, LARGE, faces, Some(&prepared.spec.clustering)).await;
-            assert_eq!(built.expect_err("too much").kind, Kind::TooLarge, "{energy:?}");
+            assert_eq!(built.expect_err("too much").kind, tesserae_mesh::Kind::TooLarge, "{energy:?}");
         }
     }
 }

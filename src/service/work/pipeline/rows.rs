@@ -88,5 +88,5 @@ fn event(row: Row, progress: &mut Progress) -> Result<What> {
             serde_json::to_string(&row).map(What::Round)
         }
     }
-    .map_err(|error| Error::new(Kind::Internal, format_args!("a report cannot be written as JSON: {error}")))
+    .map_err(|error| Error::internal(format_args!("a report cannot be written as JSON: {error}")))
 }

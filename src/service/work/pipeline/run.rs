@@ -229,7 +229,7 @@ impl Attempt {
                 true => Verdict::Released(None),
                 false => {
                     let why = "the service was stopped before the job ended, and keeps no jobs; submit it again";
-                    judge(Error::new(Kind::Unavailable, why))
+                    judge(Error::unavailable(why))
                 }
             },
         }
@@ -276,7 +276,7 @@ impl Attempt {
                 }
                 outcome
             }
-            Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
+            Verdict::Lost => Err(Error::conflict("the job is not this process's any more")),
         };
         if may_have_files && state != Ok(State::Succeeded) {
             files.remove_result(job.id, ticket.attempt).await;

@@ -9,7 +9,7 @@ use std::thread::available_parallelism;
 use std::time::Duration;
 
 use rayon::ThreadPool;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::sync::{Mutex, oneshot};
 
@@ -55,7 +55,7 @@ impl SmallMeshes {
         limit: Option<Duration>,
         work: impl FnOnce() -> Result<T> + Send + 'static,
     ) -> Result<T> {
-        let gone = || Error::new(Kind::Internal, "the threads for small meshes are gone");
+        let gone = || Error::internal("the threads for small meshes are gone");
         let pool = self.idle.lock().await.recv().await.ok_or_else(gone)?;
         let (back, (reply, outcome)) = (self.back.clone(), oneshot::channel());
         Arc::clone(&pool).spawn(move || {
@@ -93,7 +93,7 @@ mod tests {
             assert_eq!(threads.len(), count);
             for _ in 0..count {
                 let failed = small.run(None, || -> Result<()> { panic!("on purpose") }).await.expect_err("a panic");
-                assert_eq!(failed.kind, Kind::Internal);
+                assert_eq!(failed.kind, tesserae_mesh::Kind::Internal);
             }
         }
         assert_eq!(small.idle.lock().await.len(), count);

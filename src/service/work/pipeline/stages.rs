@@ -72,9 +72,9 @@ impl Attempt {
         };
         let telling = tokio::spawn(inbox.tell(pipeline.store.clone(), *ticket, Arc::clone(&self.log)));
         let outcome = pipeline.device.run(task, pipeline.time).await?;
-        telling.await.map_err(|error| {
-            Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
-        })??;
+        telling
+            .await
+            .map_err(|error| Error::internal(format_args!("the events of the job were not written: {error}")))??;
         Ok(outcome)
     }
 

@@ -20,7 +20,7 @@ use hmac::{Hmac, KeyInit as _, Mac as _};
 use reqwest::StatusCode;
 use serde_json::json;
 use sha2::Sha256;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
 
@@ -58,7 +58,7 @@ impl Webhooks {
                     .build()
                     .map_err(|error| {
                         let why = format_args!("webhooks cannot be sent (are there CA certificates?): {error:?}");
-                        Error::new(Kind::Unavailable, why)
+                        Error::unavailable(why)
                     })?;
                 Some((client, read_secret(path)?))
             }
@@ -170,7 +170,7 @@ impl Teller {
     /// Sends a notice, if that is allowed now: the list of hosts may have changed since the job was accepted.
     async fn send(&self, notice: &Notice) -> Result<StatusCode> {
         let (url, places) = self.webhooks.targets.check(&notice.webhook)?;
-        let no_secret = || Error::new(Kind::Unavailable, "there is no secret to sign it with");
+        let no_secret = || Error::unavailable("there is no secret to sign it with");
         let (client, mac) = self.webhooks.sender.as_ref().ok_or_else(no_secret)?;
         // they are never closed
         let _place = places.acquire().await.ok();
@@ -195,7 +195,7 @@ impl Teller {
         response.map(|response| response.status()).map_err(|error| {
             let error = error.without_url();
             let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}")).unwrap_or_default();
-            Error::new(Kind::Unavailable, format_args!("{error}{cause}"))
+            Error::unavailable(format_args!("{error}{cause}"))
         })
     }
 }

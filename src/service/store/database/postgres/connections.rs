@@ -39,7 +39,7 @@ pub fn failure(error: tokio_postgres::Error) -> Abort {
         return Abort::Broken(away(&causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")));
     };
     let (code, message) = (database.code(), database.message());
-    let failed = || Error::new(Kind::Internal, format_args!("the store of jobs failed: {message} ({})", code.code()));
+    let failed = || Error::internal(format_args!("the store of jobs failed: {message} ({})", code.code()));
     if [SqlState::T_R_DEADLOCK_DETECTED, SqlState::T_R_SERIALIZATION_FAILURE].contains(code) {
         return Abort::Again(failed());
     }
@@ -55,7 +55,7 @@ pub fn failure(error: tokio_postgres::Error) -> Abort {
 
 fn away(why: &dyn fmt::Display) -> Error {
     tracing::debug!(%why, "the store of jobs cannot be reached");
-    Error::new(Kind::Unavailable, "the store of jobs cannot be reached; try again later")
+    Error::unavailable("the store of jobs cannot be reached; try again later")
 }
 
 /// The error of a database that is opened, for the operator.

@@ -8,7 +8,7 @@ use std::time::SystemTime;
 
 use futures_util::TryStreamExt as _;
 use futures_util::future::join_all;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tokio::time::Instant;
 use tokio_postgres::types::{IsNull, ToSql, Type, to_sql_checked};
 use tokio_postgres::{Client, Statement};
@@ -132,7 +132,7 @@ impl Rows for Session<'_> {
     fn all(&mut self, queries: &[Query]) -> Result<Vec<Vec<Row>>, Abort> {
         let changes = std::mem::take(&mut self.changes);
         let Some(connection) = &mut self.connection else {
-            return Err(Abort::Broken(Error::new(Kind::Internal, "a transaction has no connection")));
+            return Err(Abort::Broken(Error::internal("a transaction has no connection")));
         };
         self.is_begun |= !changes.is_empty();
         let clock = std::mem::take(&mut self.wants_clock).then(|| (CLOCK, Vec::new()));

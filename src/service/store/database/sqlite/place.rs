@@ -26,7 +26,7 @@ pub fn failure(error: rusqlite::Error) -> Error {
     use ErrorCode::*;
     if is_damage(&error) {
         let remedy = "stop the service and put a backup in the place of jobs.sqlite3";
-        return Error::new(Kind::Unavailable, format_args!("{DAMAGED}; {remedy}: {}", message(&error)));
+        return Error::unavailable(format_args!("{DAMAGED}; {remedy}: {}", message(&error)));
     }
     let kind = match error.sqlite_error_code() {
         _ if lacks_room(&error) => Kind::InsufficientStorage,
@@ -51,7 +51,7 @@ pub fn message(error: &rusqlite::Error) -> String {
 }
 
 pub fn closed() -> Error {
-    Error::new(Kind::Unavailable, "the store of jobs is closed")
+    Error::unavailable("the store of jobs is closed")
 }
 
 pub fn lacks_room(error: &rusqlite::Error) -> bool {
@@ -79,13 +79,10 @@ impl DatabasePlace {
         let lock = private::options().open(&path).map_err(cannot)?;
         match lock.try_lock() {
             Ok(()) => Ok(Self { path, is_temporary, lock, damage: Mutex::default() }),
-            Err(TryLockError::WouldBlock) => Err(Error::new(
-                Kind::Conflict,
-                format_args!(
-                    "another process works with the store of jobs; stop it, or give this one another --data-dir: {}",
-                    path.display()
-                ),
-            )),
+            Err(TryLockError::WouldBlock) => Err(Error::conflict(format_args!(
+                "another process works with the store of jobs; stop it, or give this one another --data-dir: {}",
+                path.display()
+            ))),
             Err(TryLockError::Error(error)) => Err(cannot(error)),
         }
     }
@@ -107,7 +104,7 @@ impl DatabasePlace {
             tracing::error!("{error}");
             error
         });
-        Error::new(Kind::Unavailable, "the storage of the service is damaged; its operator must repair it")
+        Error::unavailable("the storage of the service is damaged; its operator must repair it")
     }
 
     /// An error where there is damage, or where the path names another file or none: jobs in a file without a name are
@@ -117,8 +114,7 @@ impl DatabasePlace {
         let number = |found: io::Result<Metadata>| found.map(|found| (found.dev(), found.ino()));
         match (number(self.lock.metadata()), number(self.path.metadata())) {
             (Ok(opened), Ok(named)) if opened == named => Ok(()),
-            _ => Err(Error::new(
-                Kind::Unavailable,
+            _ => Err(Error::unavailable(
                 "jobs.sqlite3 was removed or replaced while the service works with it: what it accepts now is lost \
                  when it stops; stop it and put a backup in the place of jobs.sqlite3",
             )),

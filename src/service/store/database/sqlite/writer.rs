@@ -12,7 +12,7 @@ use std::{io, iter, slice, thread};
 
 use parking_lot::Mutex;
 use rusqlite::Connection;
-use tesserae_mesh::error::{Error, Kind, Result};
+use tesserae_mesh::error::{Error, Result};
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
@@ -53,7 +53,7 @@ impl Writer {
                 Ok(Err(abort)) => return Err(abort.into_error()),
                 Err(_) => {
                     let why = "a change of a job ran into a defect of the service; its log says more";
-                    return Err(Error::new(Kind::Internal, why));
+                    return Err(Error::internal(why));
                 }
             });
             Ok(())
@@ -150,9 +150,7 @@ impl Worker {
         for command in batch {
             (command.work)(connection, &mut effects)?;
         }
-        self.faults
-            .hit(FaultPoint::Commit)
-            .map_err(|error| Error::new(Kind::of_storage(&error), format_args!("the store of jobs failed: {error}")))?;
+        self.faults.hit(FaultPoint::Commit).map_err(|error| Error::storage("the store of jobs failed", error))?;
         connection.execute_batch("COMMIT").map_err(failure)?;
         if effects.shrinks {
             // as far as readers allow; the transaction is committed whatever comes of it
