@@ -35,9 +35,9 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@exec $(TARGET)/release/tesserae serve
 
 # What most suites need is built first; then four of them run at a time, since most of them wait for much of their time.
-# The longest come first; of those that compile in one folder, `unit` does, and `lint` when that is done. The two that
-# measure processor time run at the end, a core each. A suite that hangs fails when its time has passed, with what it
-# printed.
+# The longest come first. `unit` takes longest, compiling in the folder that `lint` waits for, so that it goes before
+# others (nice). The two that measure processor time run at the end, a core each. A suite that hangs fails when its time
+# has passed, with what it printed.
 SUITES := unit page farm python end-to-end lint fuzz bucket memory crash outputs deploy
 MEASURES := page-times costs
 .PHONY: test
@@ -50,7 +50,8 @@ test:  ## install what is missing and check everything, on cpu and on a software
 
 bounded-%:
 	@TIMEFORMAT="$*: %0R s, of processors %0U s"; \
-		time timeout --foreground --verbose --kill-after 1m 30m $(MAKE) --no-print-directory --old-file debug-binary --old-file wheel $*
+		time nice -n $(if $(filter unit $(MEASURES),$*),0,10) timeout --foreground --verbose --kill-after 1m 30m \
+		$(MAKE) --no-print-directory --old-file debug-binary --old-file wheel $*
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
