@@ -73,22 +73,26 @@ fn floods_are_made_alike() {
 fn larger_meshes_are_clustered_alike() {
     let mut gpu = device();
     let mut phases = BTreeSet::new();
-    for (sample, faces, clusters) in [
+    for (at, (sample, faces, clusters)) in [
         (Sample::Knot, 20_000, 300),
         (Sample::Parts, 20_000, 100),
         (Sample::Terrain, 20_000, 1),
         (Sample::Quads, 10_000, 5_000),
         (Sample::Strip, 3_000, 4),
-    ] {
+    ]
+    .into_iter()
+    .enumerate()
+    {
         let mesh = generate(sample, zoo::sized(faces)).expect("a sample");
         let surface = Surface::build(&mesh).expect("a surface");
-        for options in [
+        let all = [
             ALL,
             PLAIN,
             Options { refine: false, ..ALL },
             Options { max_iterations: Some(13), ..ALL },
             Options { max_iterations: Some(60), ..ALL },
-        ] {
+        ];
+        for options in zoo::in_turn(at, &all) {
             let what = (clusters.min(surface.faces() as u64 / 2), &Seeds::Random, 7);
             for row in compare(&mut gpu, sample.name(), &surface, what, options) {
                 phases.insert(format!("{:?}", row.phase));
@@ -106,7 +110,7 @@ fn real_meshes_are_clustered_alike() {
     let Some(folder) = zoo::shared_meshes() else {
         return;
     };
-    let end = Instant::now() + Duration::from_secs(if zoo::is_long() { 1200 } else { 4 });
+    let end = Instant::now() + Duration::from_secs(if zoo::is_long() { 1200 } else { 2 });
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .expect("a folder")
         .map(|entry| entry.expect("an entry").path())

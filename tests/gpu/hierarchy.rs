@@ -89,10 +89,11 @@ fn parallel_hierarchies_of_the_zoo_are_alike() {
 #[test]
 fn sequential_hierarchies_of_the_zoo_are_alike() {
     let mut gpu = device();
-    for (name, surface) in small_zoo(130) {
-        for ties in [Ties::Hash, Ties::LargestId] {
-            compare(&mut gpu, &name, &surface, &Options { ties, ..ml() });
-            compare(&mut gpu, &name, &surface, &Options { ties, optimise: false, ..ml() });
+    let all =
+        [Ties::Hash, Ties::LargestId].map(|ties| [true, false].map(|optimise| Options { ties, optimise, ..ml() }));
+    for (at, (name, surface)) in small_zoo(130).into_iter().enumerate() {
+        for options in zoo::in_turn(at, all.as_flattened()) {
+            compare(&mut gpu, &name, &surface, &options);
         }
     }
     let fifth = Options { collapse_fraction: Some(20.0), ..ml() };
