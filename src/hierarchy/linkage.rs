@@ -30,7 +30,7 @@ pub struct Linkage {
 }
 
 impl Stored {
-    /// The linkage matrix. [`Kind::Conflict`] when the tree has none, with what to ask for to get one.
+    /// The linkage matrix. [`Kind::Conflict`](crate::Kind) when the tree has none, with what to ask for to get one.
     pub fn linkage(&self) -> Result<Linkage> {
         let conflict = |message: String| Err(Error::conflict(message));
         let tree = &self.tree;

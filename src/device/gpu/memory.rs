@@ -75,7 +75,7 @@ pub(super) struct SurfaceMemory {
 
 impl SurfaceMemory {
     /// Uploads a surface, without clusters and labels. Errors: the surface exceeds a limit of the device
-    /// ([`Kind::DeviceUnsuitable`]), or there is no memory for it ([`Kind::DeviceLost`]).
+    /// ([`DeviceUnsuitable`](crate::Kind)), or there is no memory for it ([`DeviceLost`](crate::Kind)).
     pub(super) fn new<E: Words>(connection: &Connection, graph: &DualGraph<E>, is_merging: bool) -> Result<Self> {
         check_counts(connection, graph)?;
         let sizes = Sizes {
