@@ -293,22 +293,22 @@ impl Error {
         Self::new(Kind::TooLarge, message)
     }
 
-    /// What goes against what is there, as the results of a job that has not ended.
+    /// What the state of a job, or of a file, does not allow.
     pub fn conflict(message: impl Display) -> Self {
         Self::new(Kind::Conflict, message)
     }
 
-    /// What is not there.
+    /// Something that does not exist.
     pub fn not_found(message: impl Display) -> Self {
         Self::new(Kind::NotFound, message)
     }
 
-    /// What is away for now.
+    /// A service or a resource that cannot be reached now.
     pub fn unavailable(message: impl Display) -> Self {
         Self::new(Kind::Unavailable, message)
     }
 
-    /// A fault of this program.
+    /// A defect of this program.
     pub fn internal(message: impl Display) -> Self {
         Self::new(Kind::Internal, message)
     }

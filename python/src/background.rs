@@ -20,7 +20,7 @@ use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::report::Row;
-use tesserae_mesh::{Error, Kind, Result};
+use tesserae_mesh::{Error, Result};
 
 use crate::error::{exception, of_panic, raised};
 
@@ -83,7 +83,7 @@ pub fn run<T: Send + 'static>(
             Ok(Said::Row(row)) => on_row.map_or(Ok(()), |on_row| call(on_row, row)),
             Err(RecvTimeoutError::Timeout) => Ok(()),
             Err(RecvTimeoutError::Disconnected) => {
-                Err(exception(py, &Error::new(Kind::Internal, "a thread ended without a result")))
+                Err(exception(py, &Error::internal("a thread ended without a result")))
             }
         };
         if let Err(interruption) = heard.and_then(|()| py.check_signals()) {
@@ -138,7 +138,7 @@ fn pool() -> Result<Arc<ThreadPool>> {
         return Ok(Arc::clone(pool));
     }
     let made = ThreadPoolBuilder::new().thread_name(|number| format!("tesserae-{number}")).build();
-    let made = made.map_err(|error| Error::new(Kind::Unavailable, format_args!("cannot start threads: {error}")))?;
+    let made = made.map_err(|error| Error::unavailable(format_args!("cannot start threads: {error}")))?;
     let made = Arc::new(made);
     if let Some(of_parent) = pool.replace((process, Arc::clone(&made))) {
         std::mem::forget(of_parent);

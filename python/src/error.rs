@@ -48,5 +48,5 @@ pub fn raised<T>(py: Python<'_>, result: tesserae_mesh::Result<T>) -> PyResult<T
 /// The error of a panic.
 pub fn of_panic(payload: &(dyn Any + Send)) -> Error {
     let text = payload.downcast_ref::<&str>().copied().or(payload.downcast_ref::<String>().map(String::as_str));
-    Error::new(Kind::Internal, format_args!("a defect of tesserae: {}", text.unwrap_or("a panic without a message")))
+    Error::internal(format_args!("a defect of tesserae: {}", text.unwrap_or("a panic without a message")))
 }

@@ -10,7 +10,7 @@ use tesserae_mesh::cluster::record::Record;
 use tesserae_mesh::hierarchy::stored::Stored;
 use tesserae_mesh::job::Prepared;
 use tesserae_mesh::report::Report;
-use tesserae_mesh::{Error, Kind, Result};
+use tesserae_mesh::{Error, Result};
 
 use crate::arrays;
 use crate::background::run_quietly;
@@ -79,7 +79,7 @@ impl Outcome {
 
     /// The report as JSON.
     fn report(&self, py: Python<'_>) -> PyResult<String> {
-        let not_json = |error| Error::new(Kind::Internal, format_args!("the report cannot be written: {error}"));
+        let not_json = |error| Error::internal(format_args!("the report cannot be written: {error}"));
         raised(py, serde_json::to_string(&*self.report).map_err(not_json))
     }
 
@@ -160,7 +160,7 @@ fn form_named(name: &str) -> Result<(&'static Artifact, &'static Form)> {
     let forms = || ALL.iter().flat_map(|artifact| artifact.forms.iter().map(move |form| (*artifact, form)));
     forms().find(|(_, form)| form.file == name).ok_or_else(|| {
         let names: Vec<&str> = forms().map(|(_, form)| form.file).collect();
-        Error::new(Kind::NotFound, format_args!("there is no output of that name, only {}: {name:?}", names.join(", ")))
+        Error::not_found(format_args!("there is no output of that name, only {}: {name:?}", names.join(", ")))
     })
 }
 
@@ -181,7 +181,7 @@ fn check(artifact: &Artifact, form: &Form, content: &Content<'_>) -> Result<()> 
         Need::Faces => None,
     });
     match missing {
-        Some(what) => Err(Error::new(Kind::Conflict, format_args!("the output {} needs {what}", form.file))),
+        Some(what) => Err(Error::conflict(format_args!("the output {} needs {what}", form.file))),
         None => Ok(()),
     }
 }

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use tesserae_mesh::hierarchy::json::Limits;
 use tesserae_mesh::hierarchy::stored::Stored;
-use tesserae_mesh::{Error, Kind, mesh};
+use tesserae_mesh::{Error, mesh};
 
 use crate::background::run_quietly;
 use crate::error::raised;
@@ -103,6 +103,6 @@ impl Tree {
 /// What is written.
 pub fn written(write: impl FnOnce(&mut dyn std::io::Write) -> std::io::Result<()>) -> tesserae_mesh::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    write(&mut bytes).map_err(|error| Error::new(Kind::Internal, format_args!("cannot write an output: {error}")))?;
+    write(&mut bytes).map_err(|error| Error::internal(format_args!("cannot write an output: {error}")))?;
     Ok(bytes)
 }

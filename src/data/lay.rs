@@ -59,10 +59,7 @@ pub struct Laid<const D: usize> {
 pub fn lay<const D: usize>(set: &PointSet, members: &Members, bridge: bool) -> Result<Laid<D>> {
     set.check()?;
     if set.dimensions > D {
-        return Err(Error::new(
-            crate::Kind::Internal,
-            format_args!("points of {} coordinates do not fit into {D}", set.dimensions),
-        ));
+        return Err(Error::internal(format_args!("points of {} coordinates do not fit into {D}", set.dimensions)));
     }
     // from within the pool, parallel steps need not wake it
     rayon::scope(|_| lay_in_pool(set, members, bridge))

@@ -78,7 +78,7 @@ fn single(points: impl Iterator<Item = [f64; 3]>, centre: [f64; 3], format: &str
                 true => Ok(near),
                 false => Err(Error::conflict(format_args!(
                     "{format} has single precision, whose range positions leave: take ply, vtp or obj, or scale \
-                         the mesh; the position is {point:?}"
+                     the mesh; the position is {point:?}"
                 ))),
             }
         })

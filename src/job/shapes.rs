@@ -13,7 +13,7 @@ use crate::cluster::seeds;
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device, DeviceInfo, DeviceKind, Ending};
 use crate::energy;
-use crate::error::{self, Error, Result};
+use crate::error::{Error, Result};
 use crate::mesh::MeshView;
 use crate::parameters::{Length, Parameters, Shapes};
 use crate::report::{self, Iteration, Row};
@@ -346,7 +346,7 @@ impl Shaped {
     fn spec<'a>(&self, prepared: &'a Prepared) -> Result<&'a ShapesSpec> {
         match &prepared.spec.clustering {
             Clustering::Shapes(spec) => Ok(spec),
-            _ => Err(Error::new(error::Kind::Internal, "a job of shapes has another clustering")),
+            _ => Err(Error::internal("a job of shapes has another clustering")),
         }
     }
 
@@ -368,7 +368,7 @@ impl Shaped {
                 (Wanted::Within(self.within(distance)), Some(tolerance))
             }
             WantedShapes::Tree(_) => {
-                return Err(Error::new(error::Kind::Internal, "a hierarchy is no flat clustering"));
+                return Err(Error::internal("a hierarchy is no flat clustering"));
             }
         };
         let options = Options {

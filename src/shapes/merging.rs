@@ -33,7 +33,7 @@ use super::moments::{Higher, Moments};
 use crate::cluster::merging::an_eighth;
 use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties, from_into, keep_first};
-use crate::error::{self, Error, Result};
+use crate::error::{Error, Result};
 use crate::union_find;
 
 /// How much the distance of the means counts beside the energy.
@@ -180,7 +180,7 @@ impl<'a> Merging<'a> {
     fn choose_some(&mut self, edges: &[Edge], surplus: usize, one_end_suffices: bool) -> Result<Vec<Edge>> {
         let chosen = self.choose(edges, surplus, one_end_suffices);
         match chosen.is_empty() {
-            true => Err(Error::new(error::Kind::Internal, "no two clusters chose each other")),
+            true => Err(Error::internal("no two clusters chose each other")),
             false => Ok(chosen),
         }
     }

@@ -33,7 +33,7 @@ use super::tolerance::Tolerance;
 use crate::cluster::numbers;
 use crate::cluster::run::Phase;
 use crate::device::{Cancel, Ending};
-use crate::error::{self, Error, Result};
+use crate::error::{Error, Result};
 
 /// Rounds of fits at most. Scans take 5 to 60.
 const ROUNDS: usize = 1024;
@@ -180,7 +180,7 @@ impl<'a> Run<'a> {
         fits: Option<Vec<(Fitted, Sums)>>,
         is_bounded: bool,
     ) -> Result<Self> {
-        let fits = fits.ok_or_else(|| Error::new(error::Kind::Internal, "a cluster has no shape"))?;
+        let fits = fits.ok_or_else(|| Error::internal("a cluster has no shape"))?;
         let (fits, sums): (Vec<_>, Vec<_>) = fits.into_iter().unzip();
         let clusters = Clusters::new(faces, allowed.tolerance, labels, &fits);
         Ok(Self { allowed, component_of_cluster, clusters, sums, is_bounded })

@@ -67,8 +67,8 @@ pub(super) struct Root {
 }
 
 impl Root {
-    /// Takes the folder at `path`, which is made if need be. [`Conflict`](tesserae_mesh::Kind) when another process works
-    /// in it. The mode of a folder that is there already stays, because it may hold more than jobs.
+    /// Takes the folder at `path`, which is made if need be. [`Conflict`](tesserae_mesh::Kind) when another process
+    /// works in it. The mode of a folder that is there already stays, because it may hold more than jobs.
     pub fn keep(path: &Path) -> Result<Self> {
         private::make_folder(path).map_err(|error| cannot_make(path, error))?;
         let name = path.join("lock");

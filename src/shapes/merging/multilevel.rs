@@ -13,7 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Merging, Part, Union};
-use crate::error::{self, Error, Result};
+use crate::error::{Error, Result};
 use crate::shapes::fitted::{Cluster, Fitted, fitted};
 use crate::shapes::kind::Kind;
 use crate::shapes::moves::Clusters;
@@ -167,5 +167,5 @@ fn fit(
 }
 
 fn no_shape() -> Error {
-    Error::new(error::Kind::Internal, "a cluster has no shape")
+    Error::internal("a cluster has no shape")
 }

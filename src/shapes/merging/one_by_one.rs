@@ -15,7 +15,7 @@ use std::collections::BinaryHeap;
 use rayon::prelude::*;
 
 use super::{Edge, LOOKS_AN_EDGE, Merging, Union};
-use crate::error::{self, Error};
+use crate::error::Error;
 
 /// Neighbours that a thread prices at a time.
 const PRICES_A_THREAD: usize = 64;
@@ -128,7 +128,7 @@ impl Queue {
 
 /// The error for a queue that is empty while clusters are to merge.
 pub(super) fn no_edge() -> Error {
-    Error::new(error::Kind::Internal, "there is no dual edge left to collapse")
+    Error::internal("there is no dual edge left to collapse")
 }
 
 /// Whether both clusters are as they were when the edge was priced.

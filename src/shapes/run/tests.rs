@@ -70,6 +70,6 @@ fn a_pass_with_proposals_is_one_without_and_wrong_ones_are_noticed() {
     let all: Vec<u32> = (0..faces.count() as u32).collect();
     for to in [0, 99, 100] {
         let error = ahead.pass(&all, &vec![to; all.len()]).expect_err("no face lies beside most clusters");
-        assert_eq!(error.kind, error::Kind::DeviceWrong);
+        assert_eq!(error.kind, crate::Kind::DeviceWrong);
     }
 }
