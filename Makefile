@@ -35,14 +35,14 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 	@exec $(TARGET)/release/tesserae serve
 
 # What most suites need is built first; then four of them run at a time, since most of them wait for much of their time.
-# The longest come first. `unit` takes longest, compiling in the folder that `lint` waits for, so that it goes before
-# others (nice). The two that measure processor time run at the end, a core each. A suite that hangs fails when its time
-# has passed, with what it printed.
+# The longest come first. `unit` takes longest and compiles in the folder that `lint` waits for, so that it goes before
+# others (nice) and compiles on all cores (without the flags by which make limits cargo). The two that measure processor
+# time run at the end, a core each. A suite that hangs fails when its time has passed, with what it printed.
 SUITES := unit page farm python end-to-end lint fuzz bucket memory crash outputs deploy
 MEASURES := page-times costs
 .PHONY: test
-test:  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory --jobs 2 debug-binary wheel $(VENV)/ready
+test: install-test  ## install what is missing and check everything, on cpu and on a software gpu
+	@$(MAKE) --no-print-directory --jobs $$(nproc) debug-binary wheel $(VENV)/ready
 	@failed=0; \
 		$(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target $(SUITES:%=bounded-%) || failed=1; \
 		$(MAKE) --no-print-directory --jobs 2 --keep-going --output-sync=target $(MEASURES:%=bounded-%) || failed=1; \
@@ -66,7 +66,8 @@ lint: install-test bundle  ## formatting, clippy, documentation and choices of c
 
 .PHONY: unit
 unit: install-test bundle  ## the tests of the three crates
-	cargo test --locked $(FEATURES) --no-fail-fast
+	MAKEFLAGS= cargo test --locked $(FEATURES) --no-fail-fast
+	MAKEFLAGS= cargo test --locked $(FEATURES) --no-run --test costs
 
 .PHONY: test-long
 test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, devices, requests at random, memory, kills of services and farms
@@ -80,7 +81,7 @@ test-long: debug-binary  ## what `make test` has shorter runs of: damaged and re
 
 .PHONY: costs
 costs: debug-binary  ## processor time of hostile inputs, with the engine optimised as in the debug binary
-	cargo test --locked $(FEATURES) --test costs
+	cargo test --locked $(FEATURES) --test costs -- --test-threads 1
 
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently

@@ -54,7 +54,7 @@ if [ "${1:-}" = test ]; then
     need curl command -v curl
     need postgresql has_postgresql
     need python3 command -v python3
-    need chromium-headless-shell command -v chromium-headless-shell
+    need chromium-headless-shell command -v "${CHROMIUM:-chromium-headless-shell}"
     need python3-venv python3 -c 'import ensurepip, venv'
 fi
 

@@ -50,13 +50,13 @@ fn cuts(tree: &Tree) -> BTreeSet<u64> {
 fn every_cut_has_its_number_of_connected_clusters() {
     let small = zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < 800);
     for (at, (name, mesh)) in small.enumerate() {
-        for features in [None, Some(Features { angle: Some(40.0), groups: false })] {
+        for (nth, features) in [None, Some(Features { angle: Some(40.0), groups: false })].into_iter().enumerate() {
             let wanted = features.map(|features| WantedFeatures { angle: features.angle, groups: None });
             let surface = Surface::build_with(&mesh, false, Wanted::default(), wanted).expect("a surface");
             let few = surface.components.len() as u64;
             let level = few + (surface.faces() as u64 - few) / 9;
             for (turn, algorithm) in ALGORITHMS.into_iter().enumerate() {
-                for energy in zoo::in_turn(at + turn, &[Kind::Planes, Kind::Shapes]) {
+                for energy in zoo::in_turn(at / 2 + nth + turn, &[Kind::Planes, Kind::Shapes]) {
                     let levels = Some(Levels(vec![level]));
                     let outcome = run(&mesh, &Parameters { features, levels, ..tree_of(energy, algorithm) });
                     let (tree, of) = (tree(&outcome), format!("{name} {energy:?} {algorithm:?} {features:?}"));

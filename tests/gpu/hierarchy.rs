@@ -96,6 +96,10 @@ fn sequential_hierarchies_of_the_zoo_are_alike() {
             compare(&mut gpu, &name, &surface, &options);
         }
     }
+    let knot = surface(Sample::Knot, 300);
+    for options in all.as_flattened() {
+        compare(&mut gpu, "knot", &knot, options);
+    }
     let fifth = Options { collapse_fraction: Some(20.0), ..ml() };
     compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &fifth);
     let outcome = compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &ml());

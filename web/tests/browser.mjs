@@ -1,5 +1,5 @@
-// Chromium without windows, with an empty profile and software GL, and what a page must not do: foreign requests, violations of the
-// policy, errors. Each is recorded, and `complaints` has them all.
+// Chromium without windows, with an empty profile and software GL, and what a page must not do: foreign requests,
+// violations of the policy, errors. Each is recorded, and `complaints` has them all.
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { chromium } from "playwright-core";

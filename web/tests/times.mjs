@@ -1,5 +1,5 @@
-// What the page may take at most: until the first pictures, and for a frame of the slider as a hand drags it. Other work
-// takes one core of two at most meanwhile.
+// What the page may take at most: until the first pictures, and for a frame of the slider as a hand drags it. Other
+// work takes one core of two at most meanwhile.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { noteFirstFrame } from "./browser.mjs";
