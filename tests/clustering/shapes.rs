@@ -49,9 +49,7 @@ fn assert_falls(outcome: &Outcome, of: &str) {
 
 #[test]
 fn clusters_are_as_many_as_asked_for_connected_and_the_energy_falls() {
-    let energies = [Kind::Planes, Kind::Shapes, Kind::Shapes];
-    let kinds = [None, None, Some(Shapes(ShapeKind::ALL.to_vec()))];
-    let all: Vec<_> = energies.into_iter().zip(kinds).collect();
+    let all = [(Kind::Planes, None), (Kind::Shapes, None), (Kind::Shapes, Some(Shapes(ShapeKind::ALL.to_vec())))];
     let small = zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < 1000);
     for (at, (name, mesh)) in small.enumerate() {
         let surface = Surface::build(&mesh).expect("a surface");

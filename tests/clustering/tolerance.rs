@@ -124,9 +124,7 @@ fn diagonal(mesh: &PolygonMesh) -> f64 {
 #[test]
 fn no_corner_is_further_from_its_shape() {
     let few = |(name, mesh): &(String, PolygonMesh)| mesh.faces.len() < 800 && !["huge", "tiny"].contains(&&name[..]);
-    let energies = [Kind::Planes, Kind::Shapes, Kind::Shapes];
-    let kinds = [None, None, Some(Shapes(ShapeKind::ALL.to_vec()))];
-    let all: Vec<_> = energies.into_iter().zip(kinds).collect();
+    let all = [(Kind::Planes, None), (Kind::Shapes, None), (Kind::Shapes, Some(Shapes(ShapeKind::ALL.to_vec())))];
     for (at, (name, mesh)) in zoo::all().into_iter().filter(few).enumerate() {
         for (turn, share) in [1e-9, 1e-4, 3e-3, 0.03, 1.0].into_iter().enumerate() {
             for (energy, shapes) in zoo::in_turn(at + turn, &all) {

@@ -263,7 +263,8 @@ def in_chromium(case):
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files"]
     flags.append("--virtual-time-budget=60000")
     folder = f"--user-data-dir={case.path('chromium')}"
-    text = run(os.environ.get("CHROMIUM", "chromium-headless-shell"), *flags, folder, "--dump-dom", case.path("three.html").as_uri())
+    browser = os.environ.get("CHROMIUM", "chromium-headless-shell")
+    text = run(browser, *flags, folder, "--dump-dom", case.path("three.html").as_uri())
     found, = json.loads(re.search(r"<body>(.*?)</body>", text, re.S)[1])
     assert found["ids"] == case.triangle_labels.tolist(), f"{case.name}: glb, three.js: ids"
     assert found["ids"] != np.roll(case.triangle_labels, 1).tolist(), "other labels are not noticed"
