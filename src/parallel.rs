@@ -1,12 +1,15 @@
 //! Work divided among the threads of rayon's pool: the one that it is called in, else the global one.
 //!
-//! Code that is compiled for each energy divides its work by these functions, most of which are compiled once for each
-//! type of result. An iterator of rayon is compiled for each closure, into some thirty functions: they took 2.2 of 12.3
-//! MB of a release build (`benches/results/2026-11-29-two-cores/test-times.md`).
+//! Most of these functions are compiled once for each type of result. An iterator of rayon is compiled for each closure,
+//! into some thirty functions, which were 1.9 of 8.6 MB of the engine in a debug build
+//! (`benches/results/2026-11-30-two-cores/test-times.md`).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// The least numbers of a range where each takes some ten instructions.
+pub const LEAST: usize = 1 << 12;
 
 /// Ranges for each thread: threads that are done take those of others.
 const RANGES_A_THREAD: usize = 8;
@@ -47,6 +50,11 @@ pub fn map<T: Send>(count: usize, least: usize, of: impl Fn(usize) -> T + Sync) 
 /// The numbers of `0..count` for which `is_wanted` holds.
 pub fn filter(count: usize, least: usize, is_wanted: impl Fn(&u32) -> bool + Sync) -> Vec<u32> {
     list(count, least, &|range, list| list.extend((range.start as u32..range.end as u32).filter(&is_wanted)))
+}
+
+/// The first number of `0..count` for which `is_wanted` holds.
+pub fn first(count: usize, least: usize, is_wanted: impl Fn(usize) -> bool + Sync) -> Option<usize> {
+    ranges(count, least, &|mut range| range.find(|&number| is_wanted(number))).into_iter().flatten().next()
 }
 
 /// Whether `holds` says so of one of such ranges; others may be left out then.
@@ -115,6 +123,10 @@ mod tests {
                 assert_eq!(ranges.into_iter().flatten().collect::<Vec<_>>(), numbers, "{threads} {least}");
                 assert_eq!(pool.install(|| map(count, least, |number| number)), numbers);
                 let even: Vec<u32> = (0..count as u32).filter(|number| number % 2 == 0).collect();
+                assert_eq!(
+                    pool.install(|| first(count, least, |number| number >= count / 2)),
+                    (count > 0).then_some(count / 2)
+                );
                 assert_eq!(pool.install(|| filter(count, least, |number| number % 2 == 0)), even);
                 for wanted in [0, count / 2, count] {
                     let found = pool.install(|| any(count, least, &|mut range| range.any(|number| number == wanted)));

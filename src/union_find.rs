@@ -1,6 +1,6 @@
 //! Union-find: a forest of parents, in which a root is its own parent.
 
-use rayon::prelude::*;
+use crate::parallel;
 
 /// The root of a member's tree; halves the path on the way.
 pub(crate) fn root(parent: &mut [u32], mut member: u32) -> u32 {
@@ -50,23 +50,25 @@ pub(crate) fn forest<I: Iterator<Item = u32>>(members: usize, earlier: impl Fn(u
     const LEAST: usize = 1 << 14;
     let length = members.div_ceil(rayon::current_num_threads()).max(LEAST);
     let mut parent = vec![0; members];
-    let runs = parent.par_chunks_mut(length).enumerate().map(|(run, parent)| {
-        let first = (run * length) as u32;
+    let mut runs: Vec<&mut [u32]> = parent.chunks_mut(length).collect();
+    let across: Vec<Vec<(u32, u32)>> = parallel::runs_mut(&mut runs, 1, &|run, runs| {
         let mut across = Vec::new();
-        for at in 0..parent.len() as u32 {
-            parent[at as usize] = at;
-            let within = earlier(first + at).map(|other| {
-                other.checked_sub(first).unwrap_or_else(|| {
-                    across.push((first + at, other));
-                    at
-                })
-            });
-            attach(parent, at, within);
+        for (run, parent) in (run..).zip(runs) {
+            let first = (run * length) as u32;
+            for at in 0..parent.len() as u32 {
+                parent[at as usize] = at;
+                let within = earlier(first + at).map(|other| {
+                    other.checked_sub(first).unwrap_or_else(|| {
+                        across.push((first + at, other));
+                        at
+                    })
+                });
+                attach(parent, at, within);
+            }
+            parent.iter_mut().for_each(|parent| *parent += first);
         }
-        parent.iter_mut().for_each(|parent| *parent += first);
         across
     });
-    let across: Vec<Vec<(u32, u32)>> = runs.collect();
     across.into_iter().flatten().for_each(|(one, other)| _ = join(&mut parent, one, other));
     parent
 }

@@ -11,9 +11,8 @@
 
 mod mates;
 
-use rayon::prelude::*;
-
 use self::mates::Mates;
+use crate::parallel;
 
 /// No half-edge.
 pub const NONE: u32 = u32::MAX;
@@ -148,7 +147,7 @@ impl HalfEdges {
 
     /// The half-edges with another cell, or none, on their right; `cells` has one a triangle. Ascending.
     pub fn crossing(&self, cells: &[u32]) -> Vec<u32> {
-        (0..self.twins.len() as u32).into_par_iter().filter(|&half| self.crosses(cells, half)).collect()
+        parallel::filter(self.twins.len(), parallel::LEAST, |&half| self.crosses(cells, half))
     }
 
     /// Whether another cell, or none, lies on the right of a half-edge.

@@ -1,11 +1,11 @@
 //! A mesh as a cut surface: welded, in triangles, oriented, with the way back to the upload.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::half_edges::HalfEdges;
 use crate::error::{Error, Result};
 use crate::mesh::{Frame, PolygonMesh};
+use crate::parallel;
 use crate::surface::weld;
 
 /// The 2-manifold that a mesh becomes by welding, fanning, turning and cutting.
@@ -70,14 +70,14 @@ impl CutSurface {
         drop((first, numbers));
         let frame = Frame::of(vertices.iter().map(|&vertex| mesh.positions[vertex as usize]), 0);
         let points =
-            vertices.par_iter().map(|&vertex| frame.position(mesh.positions[vertex as usize])).collect::<Vec<_>>();
+            parallel::map(vertices.len(), parallel::LEAST, |at| frame.position(mesh.positions[vertices[at] as usize]));
         let halves = HalfEdges::new(triangles, points.len());
         Ok(Self { halves, points, vertices, faces, fans, frame })
     }
 
     /// The label of each triangle. There is one label a face of the mesh, each below `clusters`.
     pub fn labels(&self, labels: &[u32]) -> Vec<u32> {
-        self.faces.par_iter().map(|&face| labels[face as usize]).collect()
+        parallel::map(self.faces.len(), parallel::LEAST, |triangle| labels[self.faces[triangle] as usize])
     }
 
     /// Positions of a triangle's corners.

@@ -7,7 +7,6 @@
 use std::fmt::Display;
 use std::io::Cursor;
 
-use rayon::prelude::*;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -16,6 +15,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 use super::{Format, Graph, PointSet, Values};
 use crate::error::names::{Name, more_than};
 use crate::error::{Error, Result};
+use crate::parallel;
 
 /// The compactness of an image: where none is given that of scikit-image.
 pub fn compactness(given: Option<f64>) -> f64 {
@@ -278,8 +278,10 @@ pub fn superpixels(image: &Image, mask: Option<&[bool]>, clusters: u64, compactn
     let colours = if channels < 3 { 1 } else { 3 };
     let dimensions = colours + 2;
     let mut values = vec![0.0f32; pixels * dimensions];
-    values.par_chunks_mut(PIECE * dimensions).enumerate().for_each(|(piece, values)| {
-        for (pixel, value) in (piece * PIECE..).zip(values.chunks_exact_mut(dimensions)) {
+    let mut pieces: Vec<&mut [f32]> = values.chunks_mut(PIECE * dimensions).collect();
+    parallel::runs_mut(&mut pieces, 1, &|first, pieces| {
+        let values = pieces.iter_mut().flat_map(|piece| piece.chunks_exact_mut(dimensions));
+        for (pixel, value) in (first * PIECE..).zip(values) {
             let light = |channel: usize| linear[samples.at(pixel * channels + channel)];
             let colour = match colours {
                 1 => [lightness(root(light(0))), 0.0, 0.0],

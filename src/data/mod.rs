@@ -43,9 +43,8 @@ pub use table::{ClusterEdge, PointCluster, PointTable};
 
 pub use crate::surface::Rows;
 
-use rayon::prelude::*;
-
 use crate::error::{Error, Result};
+use crate::parallel;
 
 /// Coordinates that an item may have.
 pub const MOST_DIMENSIONS: usize = 64;
@@ -214,7 +213,7 @@ impl PointSet {
             )));
         }
         let is_wrong = |item: usize| self.takes_part(item) && !(weights[item].is_finite() && weights[item] > 0.0);
-        match (0..items).into_par_iter().find_first(|&item| is_wrong(item)) {
+        match parallel::first(items, parallel::LEAST, is_wrong) {
             Some(item) => Err(Error::parameter(format_args!(
                 "weights must be finite and above 0; that of item {item} is {}",
                 weights[item]
@@ -229,7 +228,7 @@ impl PointSet {
         }
         let wrong = |item: usize| (0..self.dimensions).find(|&axis| !self.at(item, axis).is_finite());
         let is_wrong = |item: usize| self.takes_part(item) && wrong(item).is_some();
-        match (0..items).into_par_iter().find_first(|&item| is_wrong(item)) {
+        match parallel::first(items, parallel::LEAST, is_wrong) {
             Some(item) => {
                 let axis = wrong(item).unwrap_or(0);
                 Err(Error::parameter(format_args!(

@@ -1,10 +1,11 @@
 //! Neighbours of members, whatever makes them neighbours: components, and rows in internal order.
 
-use rayon::prelude::*;
+use std::ops::Range;
 
 use super::csr::check_neighbours;
 use super::grid::Grid;
 use crate::error::Result;
+use crate::parallel;
 use crate::surface::Rows;
 use crate::surface::components::Components;
 use crate::union_find;
@@ -48,10 +49,10 @@ impl Neighbours<'_> {
         check_neighbours(self.count(internal.len()) + 2 * bridges.len() as u64)?;
         let mut bridges: Vec<(u32, u32)> = bridges.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
         bridges.sort_unstable();
-        let piece = |members: &[u32]| {
+        let piece = |members: Range<usize>| {
             let mut rows = Rows::default();
             let mut row = Vec::new();
-            for &member in members {
+            for &member in &member_of[members] {
                 self.list(member, &mut row);
                 let first = bridges.partition_point(|&(other, _)| other < member);
                 row.extend(bridges[first..].iter().take_while(|bridge| bridge.0 == member).map(|bridge| bridge.1));
@@ -62,7 +63,7 @@ impl Neighbours<'_> {
             }
             rows
         };
-        Ok(Rows::joined(member_of.par_chunks(PIECE).map(piece).collect()))
+        Ok(Rows::joined(parallel::pieces(member_of.len(), PIECE, &piece)))
     }
 
     /// How many neighbours all members have together.
@@ -70,12 +71,16 @@ impl Neighbours<'_> {
         match self {
             Self::Rows(rows) => rows.items.len() as u64,
             Self::Grid(grid) => {
-                let of_member = |beside: &mut Vec<u32>, member: u32| {
-                    beside.clear();
-                    grid.list(member, beside);
-                    beside.len() as u64
+                let of_members = |members: Range<usize>| {
+                    let mut beside = Vec::new();
+                    let of_member = |member: usize| {
+                        beside.clear();
+                        grid.list(member as u32, &mut beside);
+                        beside.len() as u64
+                    };
+                    members.map(of_member).sum::<u64>()
                 };
-                (0..members as u32).into_par_iter().map_init(Vec::new, of_member).sum()
+                parallel::ranges(members, PIECE, &of_members).into_iter().sum()
             }
         }
     }

@@ -22,7 +22,7 @@ pub fn along_curve<const D: usize>(points: &[[i32; D]], spreads: &[u128]) -> Vec
         place.iter_mut().zip(&axes).for_each(|(x, &axis)| *x = f64::from(point[axis]) * unit);
         DVec3::from(place)
     };
-    order::along_curve(points.len(), |numbers, visit| {
+    order::along_curve(points.len(), &|numbers, visit| {
         numbers.iter().enumerate().for_each(|(at, &number)| visit(at, place(&points[number as usize])));
     })
 }

@@ -117,7 +117,7 @@ fn four_of_each(positions: &mut Vec<[f64; 3]>, triangles: &[[u32; 3]]) -> Vec<[u
         let ends = [(a, b), (b, c), (c, a)];
         [0, 1, 2].map(|side| (ends[side].0.min(ends[side].1), ends[side].0.max(ends[side].1), 3 * triangle + side))
     };
-    let mut edges: Vec<(u32, u32, usize)> = triangles.par_iter().enumerate().flat_map_iter(sides).collect();
+    let mut edges: Vec<(u32, u32, usize)> = triangles.iter().enumerate().flat_map(sides).collect();
     edges.par_sort_unstable();
     let mut middles = vec![[0; 3]; triangles.len()];
     for edge in edges.chunk_by(|one, other| (one.0, one.1) == (other.0, other.1)) {

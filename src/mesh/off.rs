@@ -16,12 +16,11 @@
 //! fixed size, so the result, errors included, does not depend on the number of threads. What the header declares is
 //! compared with the lines before anything is allocated.
 
-use rayon::prelude::*;
-
 use super::polygons::Polygons;
 use super::text::{self, Words, line_number, with_line_feeds};
 use super::{Format, Limits, Opened, PolygonMesh, ReadMesh, Source, without_mark};
 use crate::error::{Error, Quoted, Result};
+use crate::parallel;
 
 /// Bytes of a piece.
 const PIECE: usize = 256 << 10;
@@ -173,7 +172,7 @@ impl<'a> Rows<'a> {
         let &Header { vertices, faces, end } = header;
         let cut = text::pieces(&text[end..], PIECE, |_| true);
         // small files are counted by the thread that opens them
-        let counts: Vec<u64> = cut.par_iter().with_min_len(COUNTED_AT_ONCE).map(|piece| rows_of(piece)).collect();
+        let counts: Vec<u64> = parallel::map(cut.len(), COUNTED_AT_ONCE, |piece| rows_of(cut[piece]));
         let (mut at, mut lines) = (end, 0);
         let pieces = cut.into_iter().zip(counts).map(|(text, count)| {
             let piece = Piece { text, at, first_row: lines };
@@ -193,7 +192,8 @@ impl<'a> Rows<'a> {
     }
 
     fn read(&self, limits: &Limits) -> Result<ReadMesh> {
-        let parsed: Vec<Result<Contents, Fault>> = self.pieces.par_iter().map(|piece| self.parse(piece)).collect();
+        let parsed: Vec<Result<Contents, Fault>> =
+            parallel::map(self.pieces.len(), 1, |piece| self.parse(&self.pieces[piece]));
         let mut positions = Vec::with_capacity(self.vertices as usize);
         let mut polygons = Polygons::new(self.vertices, 0);
         for (parsed, piece) in parsed.into_iter().zip(&self.pieces) {

@@ -14,10 +14,10 @@
 //! triangle by triangle. Vertices on the boundary do not take part.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::closest::{closest, point};
 use super::geometry::Geometry;
+use crate::parallel;
 use crate::surface::Rows;
 
 /// Least squares run as often.
@@ -172,7 +172,8 @@ impl Fit<'_> {
             }
             found
         };
-        let of_corners: Vec<Found> = (0..rows.len()).into_par_iter().flat_map_iter(of_cell).collect();
+        let of_corners: Vec<Found> =
+            parallel::list(rows.len(), 1, &|cells, found| found.extend(cells.flat_map(of_cell)));
         let mut all = vec![Found::default(); self.triangles.len()];
         for (&(_, triangle), found) in rows.iter().copied().flatten().zip(&of_corners) {
             all[triangle as usize].add_all(found);

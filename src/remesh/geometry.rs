@@ -1,9 +1,9 @@
 //! What vertices are placed by: areas, centroids, normals and sizes of the triangles.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::complex::CutSurface;
+use crate::parallel;
 
 /// Area, centroid, unit normal and size of the triangles, in the frame of their surface.
 #[derive(Debug)]
@@ -29,7 +29,8 @@ impl Geometry {
             let reach = [a, b, c].map(|corner| corner.distance_squared(centroid)).into_iter().fold(0.0, f64::max);
             (((normal.length() / 2.0).max(LEAST), centroid), (normal.normalize_or_zero(), reach.sqrt()))
         };
-        let ((weights, centroids), (normals, reaches)) = (0..surface.faces.len()).into_par_iter().map(of).unzip();
+        let ((weights, centroids), (normals, reaches)) =
+            parallel::map(surface.faces.len(), parallel::LEAST, of).into_iter().unzip();
         Self { weights, centroids, normals, reaches }
     }
 

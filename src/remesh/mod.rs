@@ -35,13 +35,13 @@ mod quadric;
 mod slide;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::complex::{Complex, CutSurface, check_labels};
 use crate::error::Result;
 use crate::mesh::PolygonMesh;
+use crate::parallel;
 use crate::surface::Rows;
 use cells::Cells;
 use dual::{Dual, dual};
@@ -175,7 +175,7 @@ pub fn remesh(mesh: &PolygonMesh, labels: &[u32], clusters: u64, placement: Plac
 
     let made = Made { mesh, labels, clusters, cells: &cells, cloth: &cloth, spots: &spots, on_boundary };
     let sources = made.sources(&positions);
-    let points = sources.par_iter().zip(&positions).map(|(source, &position)| made.point(source, position)).collect();
+    let points = parallel::map(sources.len(), 1, |at| made.point(&sources[at], positions[at]));
     let count = |kind: VertexKind| sources.iter().filter(|source| source.kind == kind).count() as u64;
     let summary = Summary {
         placement,
@@ -237,7 +237,7 @@ impl Made<'_> {
             weights[(spot.half as usize + 1) % 3] = spot.along;
             self.source(VertexKind::Boundary, (triangle, weights))
         };
-        (0..positions.len()).into_par_iter().map(source).collect()
+        parallel::map(positions.len(), 1, source)
     }
 
     fn source(&self, kind: VertexKind, (triangle, barycentric): OnSurface) -> VertexSource {

@@ -1,7 +1,6 @@
 //! Where the vertices of the cells stand; [`super`] says what the placements are.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -9,6 +8,7 @@ use super::closest::{closest, point};
 use super::geometry::Geometry;
 use super::quadric;
 use crate::complex::CutSurface;
+use crate::parallel;
 use crate::surface::Rows;
 
 /// Where the vertex of a cluster stands.
@@ -52,7 +52,7 @@ impl Cloth<'_> {
                 Placement::Fit => quadric::minimum(self.surface, self.geometry, triangles, mean),
             }
         };
-        (0..self.triangles_of_cells.count()).into_par_iter().map(of_cell).collect()
+        parallel::map(self.triangles_of_cells.count(), 1, of_cell)
     }
 
     /// The nearest point of a cell's triangles. No triangle is nearer than its centroid less its reach, so most are not
@@ -94,7 +94,7 @@ impl Cloth<'_> {
                 |&triangle: &u32| self.geometry.weights[triangle as usize] * self.geometry.normals[triangle as usize];
             self.triangles_of_cells.of(cell as u32).iter().map(of_triangle).sum::<DVec3>().normalize_or_zero()
         };
-        let normals: Vec<DVec3> = (0..cells).into_par_iter().map(normal).collect();
+        let normals = parallel::map(cells, 1, normal);
         let against = |positions: &[DVec3]| -> Vec<[u32; 3]> {
             let is_against = |triangle: &&[u32; 3]| {
                 let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);

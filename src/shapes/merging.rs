@@ -34,6 +34,7 @@ use crate::cluster::merging::an_eighth;
 use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties, from_into, keep_first};
 use crate::error::{Error, Result};
+use crate::parallel;
 use crate::union_find;
 
 /// How much the distance of the means counts beside the energy.
@@ -126,7 +127,8 @@ impl<'a> Merging<'a> {
         let count = faces.count();
         let component_of_face = faces.graph.component_of_face();
         let numbers: Vec<u32> = (0..count as u32).collect();
-        let part = |(&face, &component): (&u32, &u32)| {
+        let part = |face: usize| {
+            let (face, component) = (face as u32, component_of_face[face]);
             let moments = Moments::of(&faces, face);
             // three samples lie in a plane
             let energy = match faces.samples(face) {
@@ -138,7 +140,7 @@ impl<'a> Merging<'a> {
         Self {
             faces,
             allowed,
-            parts: numbers.par_iter().zip(&component_of_face).map(part).collect(),
+            parts: parallel::map(count, 1, part),
             higher: if allowed.are_curved() { vec![None; count] } else { Vec::new() },
             members: Circles::new(count),
             into: numbers,
@@ -200,7 +202,7 @@ impl<'a> Merging<'a> {
         let mut pairs: Vec<(u32, u32)> = pairs.collect();
         pairs.sort_unstable();
         pairs.dedup();
-        pairs.into_par_iter().map(|ends| self.edge(ends)).collect()
+        parallel::map(pairs.len(), 1, |pair| self.edge(pairs[pair]))
     }
 
     /// A dual edge, given with the smaller number first.
@@ -331,7 +333,7 @@ impl<'a> Merging<'a> {
         changed.retain(|(low, high)| low != high);
         changed.par_sort_unstable();
         changed.dedup();
-        edges.par_extend(changed.into_par_iter().map(|ends| self.edge(ends)));
+        edges.extend(parallel::map(changed.len(), 1, |pair| self.edge(changed[pair])));
     }
 
     /// The clusters so far; with labels, numbers that clusters of faces have or had, if faces have moved.

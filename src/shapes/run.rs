@@ -15,7 +15,6 @@
 //! polygons that bend by more.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::best::Allowed;
 use super::central::Central;
@@ -34,6 +33,7 @@ use crate::cluster::numbers;
 use crate::cluster::run::Phase;
 use crate::device::{Cancel, Ending};
 use crate::error::{Error, Result};
+use crate::parallel;
 
 /// Rounds of fits at most. Scans take 5 to 60.
 const ROUNDS: usize = 1024;
@@ -150,25 +150,28 @@ impl<'a> Run<'a> {
         axes: &[Option<DVec3>],
     ) -> Result<Self> {
         let members = members(&labels, axes.len(), |_| true);
-        let fit = |((members, &axis), &component): ((&Vec<u32>, &Option<DVec3>), &u32)| {
+        let fit = |cluster: usize| {
+            let (members, axis, component) = (&members[cluster], axes[cluster], component_of_cluster[cluster]);
             let sums = Sums::of(&faces, members);
             let cluster = Cluster { component, members, moments: &sums.moments, axis };
             let fit = fitted(faces, allowed, &cluster, || sums.higher(&faces, members), None)?;
             Some((fit, sums))
         };
-        let fits = members.par_iter().zip(axes).zip(&component_of_cluster).map(fit).collect();
+        let fits = parallel::map(members.len(), 1, fit).into_iter().collect();
         Self::new(faces, allowed, labels, component_of_cluster, fits, false)
     }
 
     /// Of clusters with shapes.
     fn of_shapes(faces: Faces<'a>, allowed: Allowed<'a>, merged: MergedWithin) -> Result<Self> {
         let MergedWithin { merged: Merged { labels, component_of_cluster, .. }, shapes, is_bounded } = merged;
-        let fit = |(members, &shape): (&Vec<u32>, &Shape)| {
+        let members = members(&labels, shapes.len(), |_| true);
+        let fit = |cluster: usize| {
+            let (members, shape) = (&members[cluster], shapes[cluster]);
             let sums = Sums::of(&faces, members);
             let proxy = Proxy::new(&shape, Central::of(&sums.moments).mean)?;
             Some((Fitted { shape, proxy, cost: cost(faces, members, &proxy) }, sums))
         };
-        let fits = members(&labels, shapes.len(), |_| true).par_iter().zip(&shapes).map(fit).collect();
+        let fits = parallel::map(members.len(), 1, fit).into_iter().collect();
         Self::new(faces, allowed, labels, component_of_cluster, fits, is_bounded)
     }
 
@@ -365,14 +368,15 @@ impl<'a> Run<'a> {
             sums[to as usize].count(faces, face, true);
         }
         let members = members(labels, shapes.len(), |label| has_changed[label as usize]);
-        let fit = |(number, members): (usize, &Vec<u32>)| {
+        let fit = |number: usize| {
+            let members = &members[number];
             let so_far = Some((shapes[number].kind(), costs[number]));
             let (component, axis, sums) = (component_of_cluster[number], shapes[number].axis(), &sums[number]);
             let cluster = Cluster { component, members, moments: &sums.moments, axis };
             let higher = || sums.higher(faces, members);
             if members.is_empty() { None } else { fitted(*faces, *allowed, &cluster, higher, so_far) }
         };
-        let fits: Vec<Option<Fitted>> = members.par_iter().enumerate().map(fit).collect();
+        let fits: Vec<Option<Fitted>> = parallel::map(members.len(), 1, fit);
         has_changed.fill(false);
         let is_new = fits.iter().map(Option::is_some).collect();
         for (number, fit) in fits.into_iter().enumerate() {

@@ -8,7 +8,6 @@
 //! ones.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::best::{Allowed, Best, FEWEST_FACES};
 use super::faces::{Faces, members};
@@ -16,6 +15,7 @@ use super::merging::{Merged, merged_in_groups};
 use super::moments::{Higher, Moments};
 use crate::device::Cancel;
 use crate::error::Result;
+use crate::parallel;
 
 /// A clustering whose clusters may be swapped.
 pub(super) struct Swaps<'a> {
@@ -57,8 +57,8 @@ impl Swaps<'_> {
     pub fn made(&self, cancel: &Cancel) -> Result<Option<Swapped>> {
         let parts = self.parts();
         let beside = self.pairs();
-        let rise = |&[a, b]: &[u32; 2]| (self.together(&parts[a as usize], &parts[b as usize]), [a, b]);
-        let mut merges: Vec<(f64, [u32; 2])> = beside.par_iter().map(rise).collect();
+        let rise = |[a, b]: [u32; 2]| (self.together(&parts[a as usize], &parts[b as usize]), [a, b]);
+        let mut merges: Vec<(f64, [u32; 2])> = parallel::map(beside.len(), 1, |pair| rise(beside[pair]));
         merges.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let Some(&(least, _)) = merges.first() else { return Ok(None) };
         let mut sizes = vec![0usize; parts.len()];
@@ -74,7 +74,8 @@ impl Swaps<'_> {
     fn parts(&self) -> Vec<Part> {
         let components = self.component_of_cluster;
         let members = members(self.labels, components.len(), |_| true);
-        let part = |((members, &component), &axis): ((&Vec<u32>, &u32), &Option<DVec3>)| {
+        let part = |cluster: usize| {
+            let (members, component, axis) = (&members[cluster], components[cluster], self.axes[cluster]);
             let moments = Moments::of_all(&self.faces, members);
             let has_enough = self.allowed.are_curved() && members.len() as u32 >= FEWEST_FACES;
             let higher = has_enough.then(|| Box::new(Higher::of_all(&self.faces, members)));
@@ -82,7 +83,7 @@ impl Swaps<'_> {
             let Best { energy, axis, .. } = self.allowed.fits(component, &moments, of_part, axis.as_slice()).best();
             Part { moments, higher, component, axis, energy: energy * self.scale(component) }
         };
-        members.par_iter().zip(components).zip(&self.axes).map(part).collect()
+        parallel::map(members.len(), 1, part)
     }
 
     /// The pairs of clusters beside each other.

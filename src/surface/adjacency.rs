@@ -13,12 +13,11 @@ mod rows;
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use rayon::prelude::*;
-
 use self::buckets::{Buckets, Found};
 use super::counts::Counts;
 use super::features::Features;
 use crate::mesh::Faces;
+use crate::parallel;
 
 /// Which faces are linked, by upload face.
 #[derive(Debug)]
@@ -78,15 +77,12 @@ impl<'a> Links<'a> {
         let mut edges = Edges::new(faces, positions, features);
         let degenerate_faces = edges.degenerate_faces();
         edges.has_degenerate = degenerate_faces > 0;
-        let linked: Vec<AtomicU32> =
-            (0..edges.positions.len()).into_par_iter().with_min_len(1 << 14).map(|_| NONE.into()).collect();
+        let linked: Vec<AtomicU32> = (0..edges.positions.len()).map(|_| NONE.into()).collect();
         let vertices = vertices as usize;
         let ranges = rayon::current_num_threads().min(MOST_RANGES).min(vertices.div_ceil(1 << 12)).max(1);
         let bound = |range: usize| (vertices * range / ranges) as u32;
-        let found: Vec<Found> = (0..ranges)
-            .into_par_iter()
-            .map(|range| Buckets::new(&edges, &linked, bound(range)..bound(range + 1)).link(vertices))
-            .collect();
+        let link = |range| Buckets::new(&edges, &linked, bound(range)..bound(range + 1)).link(vertices);
+        let found: Vec<Found> = parallel::map(ranges, 1, link);
         let mut counts = Counts { degenerate_faces, ..Counts::default() };
         let (mut chained, mut crowded, mut features) = (Vec::new(), Vec::new(), Vec::new());
         for found in found {

@@ -31,7 +31,7 @@ pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, 
                 visit(at, (proxies[component as usize] + REACH * shift) / 2.0);
             }
         };
-        let sorted = along_curve(components, shifted);
+        let sorted = along_curve(components, &shifted);
         candidates.extend(sorted.windows(2).map(|pair| {
             let (a, b) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
             (proxies[a as usize].distance_squared(proxies[b as usize]), a, b)

@@ -11,10 +11,10 @@
 //! of integers: |n − m|² = 2 − 2·cos of the angle, which is exact for faces in one plane however small the angle is.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::mesh::MeshView;
+use crate::parallel;
 
 /// Which edges are features.
 #[derive(Debug, Clone, Copy)]
@@ -56,7 +56,7 @@ impl<'a> Features<'a> {
         if let Some(angle) = wanted.angle.filter(|&angle| angle < 180.0) {
             let cosine = libm::ldexp(libm::cos(angle.to_radians()), 2 * BITS).floor() as i64;
             most = 2 * ((1 << (2 * BITS)) - cosine);
-            normals = (0..faces).into_par_iter().with_min_len(PIECE).map(|face| normal(mesh, face)).collect();
+            normals = parallel::map(faces, PIECE, |face| normal(mesh, face));
         }
         Ok(Self { normals, most, groups: wanted.groups })
     }

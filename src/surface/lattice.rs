@@ -4,10 +4,10 @@
 use std::ops::{Add, Div, Mul, Range, Sub};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::components::Component;
 use crate::mesh::{Frame, MeshView};
+use crate::parallel;
 use crate::power::factors;
 use crate::prefetch::{prefetch, with_lookahead};
 
@@ -269,14 +269,9 @@ fn exponents(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> (Vec<
         .map(|run| {
             let add = |a: (f64, f64), b: (f64, f64)| (a.0 + b.0, a.1.max(b.1));
             let of = |faces: Range<usize>| faces.map(&area).map(|area| (area, area)).fold((0.0, 0.0), add);
-            let (sum, largest) = match run.len() {
-                ..=PIECE => of(run.clone()),
-                _ => {
-                    let pieces = run.clone().into_par_iter().step_by(PIECE);
-                    let pieces: Vec<_> = pieces.map(|first| of(first..run.end.min(first + PIECE))).collect();
-                    pieces.into_iter().fold((0.0, 0.0), add)
-                }
-            };
+            let pieces =
+                parallel::pieces(run.len(), PIECE, &|piece| of(run.start + piece.start..run.start + piece.end));
+            let (sum, largest) = pieces.into_iter().fold((0.0, 0.0), add);
             // x < 2^frexp(x).1
             (sum > 0.0).then(|| (WEIGHT_SUM_BITS - libm::frexp(sum).1).min(WEIGHT_BITS - libm::frexp(largest).1))
         })

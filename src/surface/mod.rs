@@ -148,7 +148,7 @@ impl Surface {
             let components = components::label(faces, &links);
             (links, components)
         };
-        let along_curve = || order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
+        let along_curve = || order::along_curve(faces, &|faces, visit| frame.each_centroid(mesh, faces, visit));
         let ((mut links, mut components), mut sorted) = rayon::join(connect, along_curve);
         let loose = loose::find(mesh, &frame, &weld, &components, &sorted);
         if !loose.is_empty() {

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::components::Components;
 use super::lattice::round_centroid;
+use crate::parallel;
 
 /// Bits of a Morton key an axis: cells of 2¹² lattice units, ~65,000 along the longest side.
 const BITS: u32 = 16;
@@ -20,52 +21,54 @@ pub const NUMBER_BITS: u32 = 31;
 /// (`benches/results/2026-11-28-two-cores/curve.md`).
 const MANY_FACES: usize = 1 << 21;
 
+/// Calls a function with each place in a list of faces and the centroid of the face there.
+type Centroids<'a> = dyn Fn(&[u32], &mut dyn FnMut(usize, DVec3)) + Sync + 'a;
+
 /// Upload faces in the order of the Morton keys of their centroids, those with equal keys by number. There are at most
 /// 2³¹.
 ///
 /// A record is 8 bytes, the first bits of the key and the face: with 33 bits of the key, a radix sort in three passes
 /// takes them along the curve to 1/2048 of the longest side. Few faces of a surface share such a cell, and those few
 /// are sorted by their whole keys.
-///
-/// `centroids(faces, visit)` calls `visit` with each place in `faces` and the centroid of the face there.
-pub fn along_curve<C>(faces: usize, centroids: C) -> Vec<u32>
-where
-    C: Fn(&[u32], &mut dyn FnMut(usize, DVec3)) + Sync,
-{
+pub fn along_curve(faces: usize, centroids: &Centroids<'_>) -> Vec<u32> {
     let number_bits = if faces > MANY_FACES { usize::BITS - faces.leading_zeros() } else { NUMBER_BITS };
     along_curve_by(faces, number_bits, centroids)
 }
 
 /// The same with so many bits of a record for the face; the rest are no more than a key has.
-fn along_curve_by<C>(faces: usize, number_bits: u32, centroids: C) -> Vec<u32>
-where
-    C: Fn(&[u32], &mut dyn FnMut(usize, DVec3)) + Sync,
-{
+fn along_curve_by(faces: usize, number_bits: u32, centroids: &Centroids<'_>) -> Vec<u32> {
     const PIECE: usize = 256;
     let mut records = vec![0u64; faces];
-    records.par_chunks_mut(PIECE).enumerate().with_min_len(16).for_each(|(piece, records)| {
-        let first = (piece * PIECE) as u32;
-        let faces: [u32; PIECE] = std::array::from_fn(|at| first + at as u32);
-        centroids(&faces[..records.len()], &mut |at, centroid| {
-            let prefix = key(round_centroid(centroid)) >> (3 * BITS + number_bits - u64::BITS);
-            records[at] = prefix << number_bits | u64::from(faces[at]);
-        });
+    parallel::runs_mut(&mut records, parallel::LEAST, &|first, records| {
+        for (first, records) in (first..).step_by(PIECE).zip(records.chunks_mut(PIECE)) {
+            let faces: [u32; PIECE] = std::array::from_fn(|at| (first + at) as u32);
+            centroids(&faces[..records.len()], &mut |at, centroid| {
+                let prefix = key(round_centroid(centroid)) >> (3 * BITS + number_bits - u64::BITS);
+                records[at] = prefix << number_bits | u64::from(faces[at]);
+            });
+        }
     });
     sort_by_prefix(&mut records, number_bits);
     let face = |record: u64| record as u32 & ((1 << number_bits) - 1);
     let is_same = |a: &u64, b: &u64| a >> number_bits == b >> number_bits;
-    records.par_chunk_by_mut(is_same).filter(|run| run.len() > 1).for_each_init(
-        || (Vec::new(), Vec::new()),
-        |(faces, keyed), run| {
+    let mut runs: Vec<&mut [u64]> = records.chunk_by_mut(is_same).filter(|run| run.len() > 1).collect();
+    parallel::runs_mut(&mut runs, 1, &|_, runs| {
+        let (mut faces, mut keyed) = (Vec::new(), Vec::new());
+        for run in runs {
             faces.clear();
             faces.extend(run.iter().map(|&record| face(record)));
             keyed.clear();
-            centroids(faces, &mut |at, centroid| keyed.push((key(round_centroid(centroid)), faces[at])));
+            centroids(&faces, &mut |at, centroid| keyed.push((key(round_centroid(centroid)), faces[at])));
             keyed.sort_unstable();
-            run.iter_mut().zip(&*keyed).for_each(|(record, &(_, face))| *record = u64::from(face));
-        },
-    );
-    records.into_par_iter().map(face).collect()
+            run.iter_mut().zip(&keyed).for_each(|(record, &(_, face))| *record = u64::from(face));
+        }
+    });
+    drop(runs);
+    let mut sorted = vec![0; faces];
+    parallel::runs_mut(&mut sorted, parallel::LEAST, &|first, run| {
+        run.iter_mut().zip(&records[first..]).for_each(|(number, &record)| *number = face(record));
+    });
+    sorted
 }
 
 /// Sorts records, which are all different and come in the order of their numbers, by what is above the lower
@@ -102,11 +105,21 @@ pub fn sort_by_prefix(records: &mut Vec<u64>, number_bits: u32) {
 }
 
 /// The upload face that each internal face is: the order along the curve, component by component.
-pub fn by_component(mut sorted: Vec<u32>, components: &Components) -> Vec<u32> {
-    if components.count > 1 {
-        sorted.par_sort_by_key(|&face| components.of_face[face as usize]);
+pub fn by_component(sorted: Vec<u32>, components: &Components) -> Vec<u32> {
+    if components.count <= 1 {
+        return sorted;
     }
-    sorted
+    let component = |face: u32| components.of_face[face as usize] as usize;
+    let mut next = vec![0u32; components.count + 1];
+    sorted.iter().for_each(|&face| next[component(face) + 1] += 1);
+    (0..components.count).for_each(|component| next[component + 1] += next[component]);
+    let mut faces = vec![0; sorted.len()];
+    for face in sorted {
+        let at = &mut next[component(face)];
+        faces[*at as usize] = face;
+        *at += 1;
+    }
+    faces
 }
 
 /// No internal face: of an upload face that takes no part in the clustering.
@@ -170,7 +183,7 @@ mod tests {
             // there is a sort for few threads and one for many
             for (threads, bits) in [(1, NUMBER_BITS), (1, 22), (1, 16), (4, NUMBER_BITS), (4, 22)] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-                let sorted = pool.install(|| along_curve_by(5000, bits, each));
+                let sorted = pool.install(|| along_curve_by(5000, bits, &each));
                 assert_eq!(sorted, expected, "{threads} threads, {bits} bits");
             }
         }

@@ -59,7 +59,7 @@ impl OfPoints {
         let (frame, mut geometry) = places(mesh, &weld);
         let items = geometry.len();
         let along_curve = || {
-            order::along_curve(items, |items, visit| {
+            order::along_curve(items, &|items, visit| {
                 items.iter().enumerate().for_each(|(at, &item)| visit(at, geometry[item as usize].centroid));
             })
         };

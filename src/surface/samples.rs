@@ -7,11 +7,11 @@
 use std::borrow::Cow;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Surface;
 use super::corners::Corners;
 use super::lattice::round_centroid;
+use crate::parallel;
 
 /// Samples of a face at most.
 const MOST: usize = 64;
@@ -90,12 +90,13 @@ impl Surface {
             });
             std::iter::once(0).chain(ends).collect::<Vec<u32>>()
         });
-        let points = (0..faces).into_par_iter().flat_map_iter(of_face).collect();
-        let normals = self
-            .normals
-            .par_iter()
-            .map(|&normal| (normal * f64::from(1 << NORMAL_BITS)).to_array().map(|axis| (axis + 0.5).floor() as i16));
-        Samples { offsets, points, normals: normals.collect() }
+        let points = parallel::list(faces as usize, parallel::LEAST, &|faces, points| {
+            points.extend((faces.start as u32..faces.end as u32).flat_map(of_face));
+        });
+        let normals = parallel::map(self.normals.len(), parallel::LEAST, |face| {
+            (self.normals[face] * f64::from(1 << NORMAL_BITS)).to_array().map(|axis| (axis + 0.5).floor() as i16)
+        });
+        Samples { offsets, points, normals }
     }
 
     /// The area of a face, its normal, which is as long as the area is large, and its mean place; lattice units.

@@ -2,9 +2,8 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::{NONE, origin};
+use crate::parallel;
 
 /// Half-edges that share an edge.
 #[derive(Default)]
@@ -27,10 +26,8 @@ impl Mates {
     pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
         let ranges = rayon::current_num_threads().min(Self::MOST_RANGES).min(vertices.div_ceil(1 << 14)).max(1);
         let bound = |range: usize| (vertices * range / ranges) as u32;
-        let found: Vec<(Vec<[u32; 2]>, Self)> = (0..ranges)
-            .into_par_iter()
-            .map(|range| Self::of_edges(triangles, bound(range)..bound(range + 1)))
-            .collect();
+        let found: Vec<(Vec<[u32; 2]>, Self)> =
+            parallel::map(ranges, 1, |range| Self::of_edges(triangles, bound(range)..bound(range + 1)));
         let mut all = Self { mates: vec![NONE; 3 * triangles.len()], ..Self::default() };
         for (pairs, found) in found {
             for [one, other] in pairs {

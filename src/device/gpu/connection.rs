@@ -11,7 +11,6 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bytemuck::pod_collect_to_vec;
-use rayon::prelude::*;
 
 use super::adapter::Found;
 use super::clock::{self, Clock};
@@ -21,6 +20,7 @@ use super::{Fault, FaultPoint, Overrides, Tuning, lock};
 use crate::device::adapter::AdapterKind;
 use crate::device::{KernelWork, Profile};
 use crate::error::{Error, Kind, Result};
+use crate::parallel;
 
 /// How long a batch may take before the device counts as lost.
 pub(super) const PATIENCE: Duration = Duration::from_secs(120);
@@ -138,12 +138,11 @@ impl Connection {
 
     /// Compiles all kernels for points of so many axes, several at a time.
     pub(super) fn compile(&self, axes: usize) -> Result<()> {
-        let used = |kernel: &&&Kernel| self.has_chains || !kernel.needs_many_buffers();
-        let compiled: Vec<_> = KERNELS
-            .par_iter()
-            .filter(used)
-            .map(|kernel| ((kernel.name, axes), compile(&self.device, kernel, &self.tuning, axes)))
-            .collect();
+        let used = |kernel: &&Kernel| self.has_chains || !kernel.needs_many_buffers();
+        let used: Vec<&Kernel> = KERNELS.iter().copied().filter(used).collect();
+        let compiled = parallel::map(used.len(), 1, |kernel| {
+            ((used[kernel].name, axes), compile(&self.device, used[kernel], &self.tuning, axes))
+        });
         lock(&self.pipelines).extend(compiled);
         self.check()
     }

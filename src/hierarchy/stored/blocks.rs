@@ -7,8 +7,9 @@
 use std::fs::File;
 use std::io::{self, Cursor, Read, Seek, Take, Write};
 
-use rayon::prelude::*;
 use sha2::{Digest, Sha256};
+
+use crate::parallel;
 
 /// Bytes of content in a block.
 pub(super) const BLOCK: usize = 1 << 16;
@@ -134,16 +135,12 @@ impl<R: Input> BlockReader<R> {
             let first = self.raw.chunks(BLOCK + SUM).next().and_then(|block| block.last_chunk());
             self.first = *first.ok_or(Unreadable::Damaged)?;
         }
-        let is_whole = |(block, number): (&[u8], u64)| {
-            let split = block.split_last_chunk::<SUM>();
-            split.is_some_and(|(content, stated)| sum(number, &self.first, content) == *stated)
+        let blocks: Vec<&[u8]> = self.raw.chunks(BLOCK + SUM).collect();
+        let is_damaged = |nth: usize| {
+            let split = blocks[nth].split_last_chunk::<SUM>();
+            split.is_none_or(|(content, stated)| sum(self.next + nth as u64, &self.first, content) != *stated)
         };
-        let numbered = |(nth, block)| (block, self.next + nth as u64);
-        let are_whole = match self.raw.len() <= FEW * (BLOCK + SUM) {
-            true => self.raw.chunks(BLOCK + SUM).enumerate().map(|(nth, block)| numbered((nth, block))).all(is_whole),
-            false => self.raw.par_chunks(BLOCK + SUM).enumerate().map(numbered).all(is_whole),
-        };
-        if !are_whole {
+        if parallel::any(blocks.len(), FEW, &|mut range| range.any(is_damaged)) {
             return Err(Unreadable::Damaged);
         }
         for block in self.raw.chunks(BLOCK + SUM) {
@@ -225,8 +222,9 @@ impl<'a> BlockWriter<'a> {
         if let (0, Some(content)) = (self.next, self.content.chunks(BLOCK).next()) {
             self.first = sum(0, &self.first, content);
         }
-        let blocks = self.content.par_chunks(BLOCK).enumerate();
-        let sums: Vec<Sum> = blocks.map(|(nth, content)| sum(self.next + nth as u64, &self.first, content)).collect();
+        let blocks: Vec<&[u8]> = self.content.chunks(BLOCK).collect();
+        let of_block = |nth| sum(self.next + nth as u64, &self.first, blocks[nth]);
+        let sums: Vec<Sum> = parallel::map(blocks.len(), 1, of_block);
         for (content, sum) in self.content.chunks(BLOCK).zip(&sums) {
             self.out.write_all(content)?;
             self.out.write_all(sum)?;

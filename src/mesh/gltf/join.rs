@@ -15,6 +15,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::mesh::Frame;
+use crate::parallel;
 use crate::union_find::{join, root};
 
 /// A run of vertices that were transformed alike; it ends where the next begins.
@@ -70,15 +71,14 @@ const NONE: u32 = u32::MAX;
 /// vertex.
 fn entries(positions: &[[f64; 3]], transforms: &[u32], grid: &Frame) -> Vec<(u64, u32)> {
     let near = Neighbourhoods::of(positions, transforms, grid);
-    let mut entries: Vec<(u64, u32)> = (0..positions.len() as u32)
-        .into_par_iter()
-        .filter(|&vertex| transforms[vertex as usize] != NONE)
-        .flat_map_iter(|vertex| {
-            let place = grid.position(positions[vertex as usize]);
-            let count = if near.is_shared(place) { 8 } else { 0 };
-            (0..count).filter_map(move |which: u32| cell(place, which).map(|cell| (cell, vertex)))
-        })
-        .collect();
+    let mut entries: Vec<(u64, u32)> = parallel::list(positions.len(), parallel::LEAST, &|vertices, entries| {
+        for vertex in vertices.filter(|&vertex| transforms[vertex] != NONE) {
+            let place = grid.position(positions[vertex]);
+            if near.is_shared(place) {
+                entries.extend((0..8).filter_map(|which| cell(place, which)).map(|cell| (cell, vertex as u32)));
+            }
+        }
+    });
     entries.par_sort_unstable();
     entries
 }

@@ -20,14 +20,13 @@ use std::collections::HashMap;
 use std::hash::BuildHasher;
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use self::chunk::{Chunk, Fault, Kind, What};
 use self::groups::Groups;
 use super::allowance::Allowance;
 use super::text::{line_number, with_line_feeds};
 use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, ReadMesh, Source, part_name, without_mark};
 use crate::error::{Error, Result};
+use crate::parallel;
 
 /// Bytes of a piece.
 const PIECE: usize = 256 << 10;
@@ -69,10 +68,10 @@ pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> 
     let text = with_line_feeds(without_mark(bytes));
     let pieces = text::split(&text, PIECE);
     // small files are counted by the thread that opens them
-    let faces = pieces.par_iter().with_min_len(COUNTED_AT_ONCE).map(|piece| face_lines(piece)).sum();
+    let faces = parallel::map(pieces.len(), COUNTED_AT_ONCE, |piece| face_lines(pieces[piece])).into_iter().sum();
     then(Opened::new(faces, || {
         let parsed: Vec<Result<Chunk<'_>, Fault>> =
-            pieces.par_iter().map(|piece| chunk::parse(piece, groups)).collect();
+            parallel::map(pieces.len(), 1, |piece| chunk::parse(pieces[piece], groups));
         join(&text, &pieces, parsed, limits, groups)
     }));
     Ok(())

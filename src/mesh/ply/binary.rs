@@ -4,14 +4,13 @@
 //! least the bytes of its single values and of the lengths of its lists. Rows without lists are found by
 //! multiplication, rows with lists one after the other.
 
-use rayon::prelude::*;
-
 use super::header::{Element, Header, Property, shown};
 use super::roles::Role;
 use super::value::{Integer, Order};
 use super::{Contents, fault};
 use crate::error::{Error, Result};
 use crate::mesh::polygons::Polygons;
+use crate::parallel;
 
 /// Vertices that a thread reads at once.
 const PIECE: usize = 1 << 14;
@@ -87,14 +86,14 @@ impl<'a> Rows<'a> {
                 |axis: usize| element.properties[..axis].iter().map(|property| property.value.size()).sum();
             let offsets: [usize; 3] = axes.map(bytes_before);
             positions = vec![[0.0; 3]; element.rows as usize];
-            positions.par_chunks_mut(PIECE).zip(rows.par_chunks(PIECE * stride)).for_each(|(positions, rows)| {
-                for (position, row) in positions.iter_mut().zip(rows.chunks_exact(stride)) {
+            parallel::runs_mut(&mut positions, PIECE, &|first, positions| {
+                for (position, row) in positions.iter_mut().zip(rows[first * stride..].chunks_exact(stride)) {
                     *position = std::array::from_fn(|axis| read[axis](&row[offsets[axis]..]));
                 }
             });
         }
         let is_wrong = |position: &[f64; 3]| !position.iter().all(|coordinate| coordinate.is_finite());
-        match positions.par_iter().position_first(is_wrong) {
+        match parallel::first(positions.len(), PIECE, |row| is_wrong(&positions[row])) {
             None => Ok(positions),
             Some(row) => {
                 let wrong = positions[row].into_iter().find(|coordinate| !coordinate.is_finite()).unwrap_or_default();

@@ -4,13 +4,12 @@
 //! all pieces are read in parallel. They have a fixed size, so the result, errors included, does not depend on the
 //! number of threads.
 
-use rayon::prelude::*;
-
 use super::header::{Element, Header, Property, shown};
 use super::roles::Role;
 use super::{Contents, fault};
 use crate::error::{Error, Result};
 use crate::mesh::text::{self, Words, is_space, line_number};
+use crate::parallel;
 
 /// Bytes of a piece.
 const PIECE: usize = 256 << 10;
@@ -61,7 +60,7 @@ impl<'a> Lines<'a> {
     pub fn open(header: &'a Header<'a>, roles: &[Role], text: &'a [u8]) -> Result<Self> {
         let cut = text::pieces(text, PIECE, |_| true);
         // small files are counted by the thread that opens them
-        let counts: Vec<u64> = cut.par_iter().with_min_len(COUNTED_AT_ONCE).map(|piece| filled_lines(piece)).collect();
+        let counts: Vec<u64> = parallel::map(cut.len(), COUNTED_AT_ONCE, |piece| filled_lines(cut[piece]));
         let (mut at, mut lines) = (0, 0);
         let pieces = cut.into_iter().zip(counts).map(|(text, count)| {
             let piece = Piece { text, at, first_row: lines };
@@ -94,7 +93,7 @@ impl<'a> Lines<'a> {
     /// Reads all rows of a file with so many vertices, the first of which is on the line after `lines_before`.
     pub fn read(&self, vertices: u64, lines_before: u64) -> Result<Contents> {
         let parsed: Vec<Result<Contents, Fault>> =
-            self.pieces.par_iter().map(|piece| self.parse(piece, vertices)).collect();
+            parallel::map(self.pieces.len(), 1, |piece| self.parse(&self.pieces[piece], vertices));
         let mut contents = Contents::new(vertices, 0);
         contents.positions.reserve_exact(vertices as usize);
         for (parsed, piece) in parsed.into_iter().zip(&self.pieces) {

@@ -8,11 +8,10 @@
 
 mod solids;
 
-use rayon::prelude::*;
-
 use super::text::{is_space, with_line_feeds};
 use super::{Adjusted, Faces, Format, Opened, Part, PolygonMesh, ReadMesh, Source};
 use crate::error::{Error, Result};
+use crate::parallel;
 
 /// Bytes of the header of a binary file, before the number of triangles.
 const HEADER: usize = 80;
@@ -56,7 +55,7 @@ pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> 
     if !has_declared_length(bytes, Some(length)) && begins_with_solid(bytes) && has_facet(bytes) {
         let text = with_line_feeds(bytes);
         let pieces = solids::split(&text);
-        let facets = pieces.par_iter().map(|piece| solids::count_facets(piece)).sum();
+        let facets = parallel::map(pieces.len(), 1, |piece| solids::count_facets(pieces[piece])).into_iter().sum();
         check_triangles(facets)?;
         limits.check_faces(facets)?;
         then(Opened::new(facets, || {
@@ -90,10 +89,10 @@ pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> 
 
 /// The positions of the corners of all triangles.
 fn read(triangles: &[[u8; TRIANGLE]]) -> Result<Vec<[f64; 3]>> {
-    let mut positions = vec![[0.0; 3]; 3 * triangles.len()];
-    let is_finite = |(positions, triangles): (&mut [[f64; 3]], &[[u8; TRIANGLE]])| {
+    let mut positions = vec![[0.0f64; 3]; 3 * triangles.len()];
+    let are_finite = parallel::runs_mut(positions.as_chunks_mut::<3>().0, PIECE, &|first, corners| {
         let mut is_finite = true;
-        for (corners, triangle) in positions.as_chunks_mut::<3>().0.iter_mut().zip(triangles) {
+        for (corners, triangle) in corners.iter_mut().zip(&triangles[first..]) {
             let (numbers, _) = triangle[CORNERS..].as_chunks::<4>();
             for (coordinate, number) in corners.as_flattened_mut().iter_mut().zip(numbers) {
                 *coordinate = f32::from_le_bytes(*number).into();
@@ -101,9 +100,8 @@ fn read(triangles: &[[u8; TRIANGLE]]) -> Result<Vec<[f64; 3]>> {
             }
         }
         is_finite
-    };
-    let pieces = positions.par_chunks_mut(3 * PIECE).zip(triangles.par_chunks(PIECE));
-    if pieces.map(is_finite).reduce(|| true, |one, other| one & other) {
+    });
+    if are_finite.into_iter().all(|is_finite| is_finite) {
         return Ok(positions);
     }
     let wrong = positions.as_flattened().iter().enumerate().find(|(_, coordinate)| !coordinate.is_finite());

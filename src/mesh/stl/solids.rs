@@ -15,12 +15,11 @@
 //! Words may be in any case, and names any bytes but a line end. The text is cut where facets begin, and the pieces are
 //! read in parallel; they have a fixed size, so the result, errors included, does not depend on the number of threads.
 
-use rayon::prelude::*;
-
 use crate::error::{Error, Quoted, Result};
 use crate::mesh::allowance::Allowance;
 use crate::mesh::text::{self, Words, line_number};
 use crate::mesh::{Part, part_name};
+use crate::parallel;
 
 /// Bytes of a piece.
 const PIECE: usize = 256 << 10;
@@ -84,7 +83,7 @@ type Facets = (Vec<[f64; 3]>, Vec<Part>, Vec<String>);
 
 /// Reads the pieces of a text.
 pub fn read(text: &[u8], pieces: &[&[u8]]) -> Result<Facets> {
-    let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| parse(piece)).collect();
+    let parsed: Vec<Result<Chunk<'_>, Fault>> = parallel::map(pieces.len(), 1, |piece| parse(pieces[piece]));
     let mut positions = Vec::new();
     let mut solids = Solids::default();
     let mut at = 0;

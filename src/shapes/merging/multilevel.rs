@@ -10,10 +10,10 @@
 //! too many ([`Clusters::is_bounded`]), no face moves any more.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::{Merging, Part, Union};
 use crate::error::{Error, Result};
+use crate::parallel;
 use crate::shapes::fitted::{Cluster, Fitted, fitted};
 use crate::shapes::kind::Kind;
 use crate::shapes::moves::Clusters;
@@ -40,13 +40,14 @@ pub(super) struct Settled {
 impl<'a> Settling<'a> {
     /// Of clusters that no face has moved between, a label a face.
     pub fn new(merging: &Merging<'a>, labels: Vec<u32>) -> Result<Self> {
-        let fit = |number: u32| {
+        let fit = |number: usize| {
+            let number = number as u32;
             (merging.into[number as usize] == number).then(|| {
                 let members: Vec<u32> = merging.members.of(number).collect();
                 fit(merging, number, &members, merging.parts[number as usize].axis, None).ok_or_else(no_shape)
             })
         };
-        let fits: Vec<Option<Result<Fitted>>> = (0..labels.len() as u32).into_par_iter().map(fit).collect();
+        let fits: Vec<Option<Result<Fitted>>> = parallel::map(labels.len(), 1, fit);
         let mut fits = fits.into_iter().map(Option::transpose).collect::<Result<Vec<_>>>()?;
         // numbers that stand for no cluster have any shape
         if let Some(some) = fits.iter().flatten().next().copied() {

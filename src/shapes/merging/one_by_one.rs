@@ -12,10 +12,9 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use rayon::prelude::*;
-
 use super::{Edge, LOOKS_AN_EDGE, Merging, Union};
 use crate::error::Error;
+use crate::parallel;
 
 /// Neighbours that a thread prices at a time.
 const PRICES_A_THREAD: usize = 64;
@@ -112,11 +111,8 @@ impl Queue {
         pairs.sort_unstable();
         pairs.dedup();
         self.looks_left = self.looks_left.saturating_sub(pairs.len());
-        let price = |&ends: &(u32, u32)| (merging.edge(ends), self.time);
-        let priced: Vec<Priced> = match pairs.len() < 2 * PRICES_A_THREAD {
-            true => pairs.iter().map(price).collect(),
-            false => pairs.par_iter().with_min_len(PRICES_A_THREAD).map(price).collect(),
-        };
+        let price = |pair| (merging.edge(pairs[pair]), self.time);
+        let priced: Vec<Priced> = parallel::map(pairs.len(), PRICES_A_THREAD, price);
         for priced in priced {
             match self.limit {
                 Some(limit) if priced.0 <= limit => self.heap.push(Reverse(priced)),

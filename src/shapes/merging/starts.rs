@@ -6,13 +6,13 @@
 //! ([`multilevel`](super::multilevel)): that takes as long as the other starts of curved shapes, or less.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::multilevel::{Settled, Settling};
 use super::one_by_one::{Queue, no_edge};
 use super::{KEPT_FROM, Merged, Merging, Part};
 use crate::device::Cancel;
 use crate::error::Result;
+use crate::parallel;
 use crate::shapes::best::{Allowed, Best, FEWEST_FACES};
 use crate::shapes::faces::{Faces, members};
 use crate::shapes::moments::{Higher, Moments};
@@ -97,12 +97,13 @@ impl<'a> Merging<'a> {
     /// Returns their numbers.
     pub(super) fn begin(&mut self, labels: &[u32], axes: &[Option<DVec3>]) -> Vec<u32> {
         let members = members(labels, axes.len(), |_| true);
-        let part = |(members, &axis): (&Vec<u32>, &Option<DVec3>)| {
+        let part = |cluster: usize| {
+            let (members, axis) = (&members[cluster], axes[cluster]);
             let (moments, higher) = (Moments::of_all(&self.faces, members), || Higher::of_all(&self.faces, members));
             let of_face = self.parts[members[0] as usize];
             self.best(Part { moments, axis, faces: members.len() as u32, ..of_face }, higher)
         };
-        let parts: Vec<_> = members.par_iter().zip(axes).map(part).collect();
+        let parts = parallel::map(members.len(), 1, part);
         self.higher.fill(None);
         for (members, part) in members.iter().zip(parts) {
             self.members.set(members[0], members);

@@ -13,12 +13,11 @@
 
 use std::cell::Cell;
 
-use rayon::prelude::*;
-
 use super::{Edge, LOOKS_AN_EDGE, Merged, Merging, Union};
 use crate::device::Cancel;
 use crate::device::dual_edge::from_into;
 use crate::error::Result;
+use crate::parallel;
 use crate::shapes::best::{Allowed, Candidates};
 use crate::shapes::faces::Faces;
 use crate::shapes::proxy::Proxy;
@@ -64,8 +63,7 @@ pub fn merged_within(
 ) -> Result<MergedWithin> {
     let mut merging = Merging::new(faces, allowed);
     let mut clusters = faces.count();
-    let mut shapes: Vec<Shape> =
-        (0..faces.count() as u32).into_par_iter().map(|face| tolerance.plane_of(face)).collect();
+    let mut shapes: Vec<Shape> = parallel::map(faces.count(), 1, |face| tolerance.plane_of(face as u32));
     if let Some(begun) = begun {
         clusters = begun.shapes.len();
         let axes: Vec<_> = begun.shapes.iter().map(Shape::axis).collect();

@@ -8,7 +8,6 @@ mod extent;
 mod torus;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -18,6 +17,7 @@ use super::kind::Kind;
 use super::moments::SHIFT;
 use super::shape::Shape;
 use super::tolerance::Tolerance;
+use crate::parallel;
 use crate::surface::Surface;
 use crate::surface::corners::Corners;
 
@@ -136,23 +136,18 @@ pub fn table(
 ) -> Vec<ClusterShape> {
     let members = members(labels, shapes.len(), |_| true);
     let unit = f64::from(1u32 << SHIFT);
-    let mut rows: Vec<ClusterShape> = (0..)
-        .zip(&members)
-        .zip(shapes)
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .map(|((label, members), shape)| {
-            let cluster = Cluster { surface, corners, members };
-            let decided = shape.scaled(unit);
-            let places: Vec<(DVec3, f64)> = cluster.weighted_corners().collect();
-            let fitted = geometric::fit(&places, &decided);
-            let of_corners = fitted.scaled(1.0 / unit);
-            let admits = |tolerance: Tolerance<'_>, shape: &Shape| tolerance.admits(shape, members.iter().copied());
-            let keeps = tolerance.is_some_and(|tolerance| !admits(tolerance, &of_corners) && admits(tolerance, shape));
-            let shape = if keeps { &decided } else { &fitted };
-            ClusterShape { torus: cluster.torus(&places, shape), ..cluster.row(label, shape) }
-        })
-        .collect();
+    let mut rows = parallel::map(members.len(), 1, |label| {
+        let (members, shape) = (&members[label], &shapes[label]);
+        let cluster = Cluster { surface, corners, members };
+        let decided = shape.scaled(unit);
+        let places: Vec<(DVec3, f64)> = cluster.weighted_corners().collect();
+        let fitted = geometric::fit(&places, &decided);
+        let of_corners = fitted.scaled(1.0 / unit);
+        let admits = |tolerance: Tolerance<'_>, shape: &Shape| tolerance.admits(shape, members.iter().copied());
+        let keeps = tolerance.is_some_and(|tolerance| !admits(tolerance, &of_corners) && admits(tolerance, shape));
+        let shape = if keeps { &decided } else { &fitted };
+        ClusterShape { torus: cluster.torus(&places, shape), ..cluster.row(label as u32, shape) }
+    });
     borders::add(surface, corners, labels, &mut rows);
     if !surface.items.loose.is_empty() {
         let internal = surface.items.internal_faces();

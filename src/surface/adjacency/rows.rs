@@ -1,11 +1,11 @@
 //! Links as compressed rows, in internal order: the neighbours of a face by lower and upper end of the shared edge,
 //! those across bridges last.
 
+use std::ops::Range;
 use std::sync::atomic::Ordering;
 
-use rayon::prelude::*;
-
 use super::{CHAINED, Links, NONE, has_repeated};
+use crate::parallel;
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
 use crate::surface::rows::Rows;
 
@@ -15,8 +15,9 @@ impl Links<'_> {
     pub fn compressed(&self, upload_face: &[u32], internal: &[u32]) -> (Rows, Vec<u32>) {
         /// Faces of a piece.
         const PIECE: usize = 4096;
-        let pieces = upload_face.par_chunks(PIECE).map(|faces| self.rows_of(faces, internal));
-        let (rows, repeating): (Vec<_>, Vec<_>) = pieces.unzip();
+        let of_piece = |piece: Range<usize>| self.rows_of(&upload_face[piece], internal);
+        let pieces = parallel::pieces(upload_face.len(), PIECE, &of_piece);
+        let (rows, repeating): (Vec<_>, Vec<_>) = pieces.into_iter().unzip();
         (Rows::joined(rows), repeating.concat())
     }
 
