@@ -70,9 +70,10 @@ unit: install-test bundle  ## the tests of the three crates
 	MAKEFLAGS= cargo test --locked $(FEATURES) --no-run --test costs
 
 .PHONY: test-long
-test-long: debug-binary  ## what `make test` has shorter runs of: damaged and real meshes, devices, requests at random, memory, kills of services and farms
+test-long: debug-binary  ## what `make test` has shorter runs of: choices of features, damaged and real meshes, devices, requests at random, memory, kills of services and farms
 	cargo rustc --locked -p tesserae-mesh --lib --profile check -- --cfg fuzzing -D warnings
 	cargo rustc --locked -p tesserae-service --lib --profile check -- --cfg fuzzing -D warnings
+	TESSERAE_TEST_LONG=1 tests/scripts/features.sh
 	TESSERAE_TEST_LONG=1 cargo test --locked $(FEATURES) --no-fail-fast --test clustering --test gpu --test complex
 	TESSERAE_TEST_LONG=1 $(MAKE) --no-print-directory --old-file debug-binary end-to-end fuzz
 	$(MAKE) --no-print-directory --old-file debug-binary crash KILLS=1000 CRASH_SECONDS=600
@@ -199,8 +200,8 @@ page-times: debug-binary  ## what the page takes: until the first pictures, and 
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --times
 
 .PHONY: memory
-memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=500)
-	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),500)
+memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=300)
+	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),300)
 
 .PHONY: throughput
 throughput: bundle  ## measure small jobs a second

@@ -1,7 +1,7 @@
 //! Work divided among the threads of rayon's pool: the one that it is called in, else the global one.
 //!
-//! Most of these functions are compiled once for each type of result. An iterator of rayon is compiled for each closure,
-//! into some thirty functions, which were 1.9 of 8.6 MB of the engine in a debug build
+//! Most of these functions are compiled once for each type of result. An iterator of rayon is compiled for each
+//! closure, into some thirty functions: 1.9 of 8.6 MB of the engine in a debug build
 //! (`benches/results/2026-11-30-two-cores/test-times.md`).
 
 use std::ops::Range;
