@@ -96,7 +96,7 @@ fn parameters(algorithm: Algorithm) -> Parameters {
 #[test]
 fn they_change_no_other_label_and_have_that_of_their_host() {
     let cases = [case(&[]), case(&[vec![40, 40, 40]])];
-    let mut devices: [Box<dyn Device>; 2] = [Box::new(CpuDevice::new()), Box::new(gpu::device())];
+    let mut devices: [Box<dyn Device>; 2] = [Box::new(CpuDevice::new()), Box::new(gpu::opened())];
     let algorithms = [Algorithm::Bb, Algorithm::Pml, Algorithm::Ml, Algorithm::Hr];
     for (case, device) in cases.iter().flat_map(|case| (0..2).map(move |device| (case, device))) {
         let device = &mut devices[device];

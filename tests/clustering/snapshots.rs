@@ -146,7 +146,7 @@ fn a_phase_that_is_stopped_goes_on_as_if_it_had_not_been() {
             for stop_after in zoo::in_turn(at + turn, &[1, 3]) {
                 let here = refine(&mut CpuDevice::new(), &surface, start, (stop_after, true));
                 assert!(here == whole, "{name} k={clusters} {stop_after}");
-                let there = refine(&mut gpu, &surface, start, (stop_after, true));
+                let there = refine(&mut *gpu, &surface, start, (stop_after, true));
                 assert!(there == whole, "gpu: {name} k={clusters} {stop_after}");
             }
             let anew = refine(&mut CpuDevice::new(), &surface, start, (1, false));
@@ -165,7 +165,7 @@ fn both_devices_keep_the_same() {
         for wanted in [Snapshots::Every(5), Snapshots::At(vec![0, 6, 7, 46, 100_000])] {
             let parameters = Parameters { snapshots: Some(wanted), ..parameters.clone() };
             let prepared = prepare(&mesh, &parameters);
-            let (one, other) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut gpu));
+            let (one, other) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut *gpu));
             assert_eq!(snapshots(&one), snapshots(&other), "{parameters:?}");
             assert_eq!(one.labels, other.labels, "{parameters:?}");
             phases_after_repairs += one.report.iterations.iter().filter(|row| row.phase == Phase::Repair).count();

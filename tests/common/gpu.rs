@@ -1,5 +1,9 @@
 //! What the tests of the gpu device share: an adapter, and runs of the driver.
 
+use std::ops::{Deref, DerefMut};
+use std::sync::Mutex;
+use std::thread;
+
 use tesserae_mesh::cluster::flat::{Clustering, Options};
 use tesserae_mesh::cluster::run::Row;
 use tesserae_mesh::cluster::{self, seeds::SeedFaces};
@@ -27,8 +31,42 @@ pub fn adapter() -> Found {
     })
 }
 
-pub fn device() -> GpuDevice {
+/// Devices that no test uses. To open one and to compile its kernels takes longer than most tests do.
+static IDLE: Mutex<Vec<GpuDevice>> = Mutex::new(Vec::new());
+
+/// A device that the next test takes over, unless this one fails: a service has one for all jobs, too.
+pub struct Borrowed(Option<GpuDevice>);
+
+pub fn device() -> Borrowed {
+    let idle = IDLE.lock().expect("no thread failed here").pop();
+    Borrowed(Some(idle.unwrap_or_else(opened)))
+}
+
+/// A new device.
+pub fn opened() -> GpuDevice {
     GpuDevice::new(&adapter()).expect("the adapter opens")
+}
+
+impl Deref for Borrowed {
+    type Target = GpuDevice;
+
+    fn deref(&self) -> &GpuDevice {
+        self.0.as_ref().expect("it is there until it is dropped")
+    }
+}
+
+impl DerefMut for Borrowed {
+    fn deref_mut(&mut self) -> &mut GpuDevice {
+        self.0.as_mut().expect("it is there until it is dropped")
+    }
+}
+
+impl Drop for Borrowed {
+    fn drop(&mut self) {
+        if !thread::panicking() {
+            IDLE.lock().expect("no thread failed here").extend(self.0.take());
+        }
+    }
 }
 
 pub fn device_with(overrides: Overrides) -> GpuDevice {

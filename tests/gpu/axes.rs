@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use crate::common::gpu::device;
+use crate::common::gpu::{device, opened};
 use crate::common::zoo::sized;
 use tesserae_mesh::Kind;
 use tesserae_mesh::data::{Graph, PointSet, Values};
@@ -112,7 +112,7 @@ fn points_of_up_to_eight_coordinates_are_clustered_alike() {
 
 #[test]
 fn points_of_more_coordinates_are_refused_by_a_gpu() {
-    let mut gpu: Box<dyn Device> = Box::new(device());
+    let mut gpu: Box<dyn Device> = Box::new(opened());
     assert_eq!(gpu.info().kind, DeviceKind::Gpu);
     let parameters = &Parameters { clusters: Some(9), ..Parameters::default() };
     let set = points(9, Graph::Grid { full: false });

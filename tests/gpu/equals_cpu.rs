@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use crate::common::gpu::{ALL, PLAIN, cluster_counts, device, run, seeds, tuned};
+use crate::common::gpu::{ALL, PLAIN, cluster_counts, device, opened, run, seeds, tuned};
 use crate::common::{floods, zoo};
 use tesserae_mesh::cluster::coarse::CoarseStart;
 use tesserae_mesh::cluster::flat::Options;
@@ -43,7 +43,7 @@ fn compare(
 #[test]
 fn the_zoo_is_clustered_alike() {
     // iterations as one dispatch, and as several
-    let mut gpus = [device(), tuned(Tuning { chain_items: 0, ..Tuning::default() })];
+    let mut gpus = [opened(), tuned(Tuning { chain_items: 0, ..Tuning::default() })];
     for (at, (name, mesh)) in zoo::all().into_iter().enumerate() {
         let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
         for (turn, clusters) in cluster_counts(&surface).into_iter().enumerate() {
@@ -61,7 +61,7 @@ fn floods_are_made_alike() {
         for max_iterations in [Some(FLOOD_FROM - 1), Some(FLOOD_FROM + 1), None] {
             let options = Options { max_iterations, ..ALL };
             let expected = run(&mut CpuDevice::new(), &surface, &seeds, options).expect("the cpu runs");
-            let found = run(&mut gpu, &surface, &seeds, options).expect("the gpu runs");
+            let found = run(&mut *gpu, &surface, &seeds, options).expect("the gpu runs");
             assert!(expected.3.len() >= FLOOD_FROM as usize, "{name}: {} rows", expected.3.len());
             assert_eq!(found.3, expected.3, "{name} {max_iterations:?}: rows");
             assert!(found == expected, "{name} {max_iterations:?}: labels or ending");
@@ -207,21 +207,21 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_seeds() {
     let seeds_here = seeds(&surface, 40, &Seeds::Random, 7);
     let cpu_run = run(&mut CpuDevice::new(), &surface, &seeds_here, ALL).expect("a run");
     let mut gpu = device();
-    let same = run(&mut gpu, &surface, &seeds_here, ALL).expect("a run");
+    let same = run(&mut *gpu, &surface, &seeds_here, ALL).expect("a run");
     assert_eq!(same, cpu_run);
 
     let mut heavier = Surface::build(&mesh).expect("a surface");
     heavier.items.graph.weights[100] += 1;
-    let other = run(&mut gpu, &heavier, &seeds_here, ALL).expect("a run");
+    let other = run(&mut *gpu, &heavier, &seeds_here, ALL).expect("a run");
     assert_ne!(other.3, cpu_run.3, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
     moved.items.graph.points[100][1] += 1;
-    let other = run(&mut gpu, &moved, &seeds_here, ALL).expect("a run");
+    let other = run(&mut *gpu, &moved, &seeds_here, ALL).expect("a run");
     assert_ne!(other.3, cpu_run.3, "a centroid");
 
     let mut seeds_there = seeds(&surface, 40, &Seeds::Random, 7);
     seeds_there.face_of_cluster.swap(3, 4);
-    let other = run(&mut gpu, &surface, &seeds_there, ALL).expect("a run");
+    let other = run(&mut *gpu, &surface, &seeds_there, ALL).expect("a run");
     assert_ne!(other.1, cpu_run.1, "seeds");
 }

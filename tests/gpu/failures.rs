@@ -1,7 +1,7 @@
 //! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and
 //! the device works again afterwards.
 
-use crate::common::gpu::{ALL, adapter, device, device_with, run, seeds};
+use crate::common::gpu::{ALL, adapter, device, device_with, opened, run, seeds};
 use tesserae_mesh::Kind;
 use tesserae_mesh::cluster::seeds::SeedFaces;
 use tesserae_mesh::dev::sample::{Sample, generate};
@@ -26,7 +26,7 @@ fn any_number_of_workgroups_gives_the_same() {
     let mesh = generate(Sample::Knot, 20_000).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 3000, &Seeds::Random, 2);
-    let expected = run(&mut device(), &surface, &seeds, ALL).expect("a run");
+    let expected = run(&mut *device(), &surface, &seeds, ALL).expect("a run");
     for most in [1, 7, 50] {
         let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(most), ..Overrides::default() });
         let found = run(&mut narrow, &surface, &seeds, ALL).expect("a run");
@@ -57,7 +57,7 @@ fn a_mesh_over_the_limit_of_a_binding_is_refused_with_both_sizes() {
 fn a_lost_device_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    let expected = run(&mut *gpu, &surface, &seeds, ALL).expect("a run");
     for point in [
         FaultPoint::Upload,
         FaultPoint::Grow,
@@ -67,10 +67,10 @@ fn a_lost_device_is_an_error_and_the_next_job_works() {
         FaultPoint::Labels,
     ] {
         gpu.inject(Fault::Lose(point));
-        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("lost");
+        let error = run(&mut *gpu, &surface, &seeds, ALL).expect_err("lost");
         assert_eq!(error.kind, Kind::DeviceLost, "{point:?}: {error}");
         assert!(!error.message.contains('\n'), "{point:?}: {error}");
-        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
+        let again = run(&mut *gpu, &surface, &seeds, ALL).expect("it works again");
         assert_eq!(again, expected, "{point:?}");
     }
 }
@@ -79,14 +79,14 @@ fn a_lost_device_is_an_error_and_the_next_job_works() {
 fn a_refused_call_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    let expected = run(&mut *gpu, &surface, &seeds, ALL).expect("a run");
     for point in [FaultPoint::Upload, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Pieces, FaultPoint::Labels]
     {
         gpu.inject(Fault::Misuse(point));
-        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("refused");
+        let error = run(&mut *gpu, &surface, &seeds, ALL).expect_err("refused");
         assert_eq!(error.kind, Kind::Internal, "{point:?}: {error}");
         assert!(!error.message.contains('\n'), "{point:?}: {error}");
-        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
+        let again = run(&mut *gpu, &surface, &seeds, ALL).expect("it works again");
         assert_eq!(again, expected, "{point:?}");
     }
 }
@@ -95,13 +95,13 @@ fn a_refused_call_is_an_error_and_the_next_job_works() {
 fn a_device_without_memory_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    let expected = run(&mut *gpu, &surface, &seeds, ALL).expect("a run");
     for point in [FaultPoint::Upload, FaultPoint::Labels] {
         gpu.inject(Fault::Exhaust(point));
-        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("no memory");
+        let error = run(&mut *gpu, &surface, &seeds, ALL).expect_err("no memory");
         assert_eq!(error.kind, Kind::DeviceLost, "{point:?}: {error}");
         assert!(error.message.contains("memory"), "{point:?}: {error}");
-        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
+        let again = run(&mut *gpu, &surface, &seeds, ALL).expect("it works again");
         assert_eq!(again, expected, "{point:?}");
     }
 }
@@ -140,7 +140,7 @@ fn a_cancelled_job_ends_and_leaves_the_device_usable() {
         steps.set_labels(&after).expect("set");
         assert_eq!(steps.energy().expect("energy"), energy);
     }
-    run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    run(&mut *gpu, &surface, &seeds, ALL).expect("a run");
 }
 
 #[test]
@@ -182,12 +182,12 @@ fn an_adapter_that_computes_wrongly_when_it_is_opened_is_unsuitable_and_says_wha
 fn labels_without_the_energy_that_the_device_gave_are_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    let expected = run(&mut *gpu, &surface, &seeds, ALL).expect("a run");
     gpu.inject(Fault::Miscompute(FaultPoint::Labels));
-    let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("a wrong label");
+    let error = run(&mut *gpu, &surface, &seeds, ALL).expect_err("a wrong label");
     assert_eq!(error.kind, Kind::DeviceWrong, "{error}");
     assert!(error.message.contains("explain"), "{error}");
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("it works again"), expected);
+    assert_eq!(run(&mut *gpu, &surface, &seeds, ALL).expect("it works again"), expected);
 }
 
 #[test]
@@ -222,11 +222,11 @@ fn the_cpu_clusters_what_is_too_large_for_the_gpu_of_auto_or_came_back_wrong_and
     // enough for the self-test
     let narrow = || device_with(Overrides { binding_size: Some(60_000), ..Overrides::default() });
     let wrong = || {
-        let mut gpu = device();
+        let mut gpu = opened();
         gpu.inject(Fault::Miscompute(FaultPoint::Labels));
         gpu
     };
-    let sound = run(DeviceChoice::Auto, device()).expect("a result");
+    let sound = run(DeviceChoice::Auto, opened()).expect("a result");
     assert_eq!((sound.report.device.kind, &*sound.report.warnings), (DeviceKind::Gpu, &[][..]));
     for (choice, gpu, why) in [
         (DeviceChoice::Auto, narrow(), "60000"),

@@ -106,7 +106,7 @@ fn sequential_hierarchies_of_the_zoo_are_alike() {
 fn hierarchies_around_a_hub_are_alike() {
     let surface = Surface::build(&star(300)).expect("a surface");
     for options in [pml(), Options { optimise: false, ..pml() }] {
-        let outcome = compare(&mut device(), "star", &surface, &options);
+        let outcome = compare(&mut *device(), "star", &surface, &options);
         assert!(outcome.rounds.iter().skip(256).any(|round| round.merges > 1), "{options:?}: one pair a round");
     }
 }
@@ -184,7 +184,7 @@ fn jobs_of_all_kinds_one_after_the_other_are_alike() {
         compare(&mut gpu, &format!("job {round}"), &surface, &options);
         let seeds = seeds(&surface, 40, &Seeds::Random, 3);
         let expected = run_flat(&mut CpuDevice::new(), &surface, &seeds, ALL).expect("the cpu runs");
-        assert!(run_flat(&mut gpu, &surface, &seeds, ALL).expect("the gpu runs") == expected, "job {round}");
+        assert!(run_flat(&mut *gpu, &surface, &seeds, ALL).expect("the gpu runs") == expected, "job {round}");
     }
 }
 
@@ -194,21 +194,21 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_options() {
     let here = Surface::build(&mesh).expect("a surface");
     let mut gpu = device();
     let expected = run(&mut CpuDevice::new(), &here, &pml()).expect("the cpu runs");
-    assert!(run(&mut gpu, &here, &pml()).expect("the gpu runs") == expected);
+    assert!(run(&mut *gpu, &here, &pml()).expect("the gpu runs") == expected);
 
     let mut heavier = Surface::build(&mesh).expect("a surface");
     heavier.items.graph.weights[100] += 1;
-    let other = run(&mut gpu, &heavier, &pml()).expect("the gpu runs");
+    let other = run(&mut *gpu, &heavier, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
     moved.items.graph.points[100][1] += 1;
-    let other = run(&mut gpu, &moved, &pml()).expect("the gpu runs");
+    let other = run(&mut *gpu, &moved, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a centroid");
 
     let cube = surface(Sample::Cube, 192);
     let by_hash = run(&mut CpuDevice::new(), &cube, &pml()).expect("the cpu runs");
-    let by_id = run(&mut gpu, &cube, &Options { ties: Ties::LargestId, ..pml() }).expect("the gpu runs");
+    let by_id = run(&mut *gpu, &cube, &Options { ties: Ties::LargestId, ..pml() }).expect("the gpu runs");
     assert!(by_id.tree != by_hash.tree, "the order of equal costs");
 }
 
@@ -280,7 +280,7 @@ fn moves_since_a_merge_are_all_known_whatever_made_them() {
     let mut gpu = device();
     let mut cpu = CpuDevice::new();
     let mut told = Vec::new();
-    for device in [&mut gpu as &mut dyn Device, &mut cpu] {
+    for device in [&mut *gpu as &mut dyn Device, &mut cpu] {
         let cancel = Cancel::default();
         let mut steps = device.open_merging(&surface, &components).expect("it fits");
         steps.set_labels(&all).expect("set");
@@ -323,7 +323,7 @@ fn more_moves_than_expected_are_all_listed() {
     let mut gpu = device();
     let mut cpu = CpuDevice::new();
     let mut lists = Vec::new();
-    for device in [&mut gpu as &mut dyn Device, &mut cpu] {
+    for device in [&mut *gpu as &mut dyn Device, &mut cpu] {
         let mut steps = device.open_merging(&surface, &components).expect("it fits");
         steps.set_labels(&labels).expect("set");
         steps.merge(&[]).expect("a merge");
@@ -349,7 +349,7 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
     let large = surface(Sample::Knot, 5000);
     let mut gpu = device();
     if adapter().report.kind == AdapterKind::Software {
-        let error = run(&mut gpu, &large, &ml()).expect_err("it would take hours");
+        let error = run(&mut *gpu, &large, &ml()).expect_err("it would take hours");
         assert_eq!(error.kind, Kind::DeviceUnsuitable);
         assert!(error.message.contains("one by one") && error.message.contains("16777216"), "{error}");
     }
@@ -388,13 +388,13 @@ fn a_device_that_is_lost_while_clusters_merge_is_an_error_and_the_next_job_works
     let surface = surface(Sample::Knot, 300);
     let options = Options { sequential_at: 20, ..pml() };
     let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &options).expect("a run");
+    let expected = run(&mut *gpu, &surface, &options).expect("a run");
     for point in [FaultPoint::DualEdges, FaultPoint::Merge] {
         for (fault, kind) in [(Fault::Lose(point), Kind::DeviceLost), (Fault::Misuse(point), Kind::Internal)] {
             gpu.inject(fault);
-            let error = run(&mut gpu, &surface, &options).expect_err("it failed");
+            let error = run(&mut *gpu, &surface, &options).expect_err("it failed");
             assert_eq!(error.kind, kind, "{point:?}: {error}");
-            assert!(run(&mut gpu, &surface, &options).expect("it works again") == expected, "{point:?}");
+            assert!(run(&mut *gpu, &surface, &options).expect("it works again") == expected, "{point:?}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Clusterings by shapes: whole jobs give the same with a gpu as on the cpu alone.
 
-use crate::common::gpu::device;
+use crate::common::gpu::{device, opened};
 use crate::common::zoo::mesh;
 use tesserae_mesh::Kind;
 use tesserae_mesh::dev::sample::{Sample, generate, generate_part};
@@ -65,7 +65,7 @@ fn labels_rows_and_shapes_are_those_of_the_cpu() {
         let levels = if algorithm == Algorithm::Bb { None } else { levels() };
         let parameters = Parameters { energy, algorithm, levels, clusters: Some(clusters), ..Parameters::default() };
         let prepared = prepared(mesh, &parameters);
-        let (expected, found) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut gpu));
+        let (expected, found) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut *gpu));
         assert_eq!(found.0, expected.0, "{context}");
         assert!(found.1.labels == expected.1.labels && found.1.labels.is_some(), "{context}");
         let rows = |outcome: &Outcome| serde_json::to_string(&outcome.report.shapes).expect("JSON");
@@ -73,7 +73,7 @@ fn labels_rows_and_shapes_are_those_of_the_cpu() {
         assert_eq!(found.1.report.device.kind, DeviceKind::Gpu, "{context}");
         // otherwise the comparison says little
         gpu.inject(Fault::Lose(FaultPoint::Boundary));
-        let error = job::run(&prepared, &mut gpu, &Cancel::default(), &mut |_| {}).map(|_| ()).expect_err("lost");
+        let error = job::run(&prepared, &mut *gpu, &Cancel::default(), &mut |_| {}).map(|_| ()).expect_err("lost");
         assert_eq!(error.kind, Kind::DeviceLost, "{context}: {error}");
     }
 }
@@ -82,7 +82,7 @@ fn labels_rows_and_shapes_are_those_of_the_cpu() {
 fn a_wrong_proposal_is_noticed_and_the_cpu_does_the_job() {
     let parameters = Parameters { energy: energy::Kind::Planes, clusters: Some(500), ..Parameters::default() };
     let prepared = prepared(&generate(Sample::Knot, 8000).expect("a sample"), &parameters);
-    let mut gpu = device();
+    let mut gpu = opened();
     gpu.inject(Fault::Miscompute(FaultPoint::Boundary));
     let error = job::run(&prepared, &mut gpu, &Cancel::default(), &mut |_| {}).map(|_| ()).expect_err("a wrong number");
     assert!(error.kind == Kind::DeviceWrong && error.message.contains("computed wrongly"), "{error}");
@@ -106,7 +106,7 @@ fn the_report_names_the_cpu_where_it_did_all() {
     let all = [(within, "a tolerance"), (merged, "no face moves"), (cones, "cones"), (short, "long enough")];
     for (parameters, why) in all {
         let prepared = prepared(&mesh, &parameters);
-        let (expected, found) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut device()));
+        let (expected, found) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut *device()));
         assert_eq!((found.1.report.device.kind, &found.0), (DeviceKind::Cpu, &expected.0));
         let warnings = &found.1.report.warnings;
         assert!(warnings.len() == 1 && warnings[0].contains(why), "{why}: {warnings:?}");
