@@ -106,7 +106,7 @@ fn sequential_hierarchies_of_the_zoo_are_alike() {
 fn hierarchies_around_a_hub_are_alike() {
     let surface = Surface::build(&star(300)).expect("a surface");
     for options in [pml(), Options { optimise: false, ..pml() }] {
-        let outcome = compare(&mut *device(), "star", &surface, &options);
+        let outcome = compare(&mut device(), "star", &surface, &options);
         assert!(outcome.rounds.iter().skip(256).any(|round| round.merges > 1), "{options:?}: one pair a round");
     }
 }
