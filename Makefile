@@ -169,8 +169,9 @@ ASAN_RUNTIME = $(lastword $(wildcard /usr/lib/llvm-*/lib/clang/*/lib/linux/libcl
 python-asan: $(PYTHON_VENV)/ready  ## 10,000 random inputs to the Python package under an address sanitizer (libclang-rt-dev)
 	@test -n "$(ASAN_RUNTIME)" || { echo "there is no libclang_rt.asan: apt-get install libclang-rt-19-dev"; exit 1; }
 	RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Zsanitizer=address CARGO_PROFILE_DEV_OPT_LEVEL=1 CARGO_PROFILE_DEV_CODEGEN_UNITS=16 \
+		CARGO_PROFILE_DEV_DEBUG=line-tables-only \
 		cargo build --locked --manifest-path python/Cargo.toml --target $(ASAN_HOST) --target-dir $(ASAN) \
-		--config 'profile.dev.package."*".opt-level=1'
+		--config 'profile.dev.package."*".opt-level=1' --config 'profile.dev.package."*".codegen-units=16'
 	rm -rf $(ASAN)/package
 	mkdir $(ASAN)/package
 	cp -r python/tesserae_mesh $(ASAN)/package/
@@ -200,8 +201,8 @@ page-times: debug-binary  ## what the page takes: until the first pictures, and 
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --times
 
 .PHONY: memory
-memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=300)
-	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),300)
+memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=500)
+	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),500)
 
 .PHONY: throughput
 throughput: bundle  ## measure small jobs a second

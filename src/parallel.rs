@@ -8,14 +8,14 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The least numbers of a range where each takes some ten instructions.
+/// Numbers of the shortest range, where each takes few instructions.
 pub const LEAST: usize = 1 << 12;
 
 /// Ranges for each thread: threads that are done take those of others.
 const RANGES_A_THREAD: usize = 8;
 
-/// What `of` gives for ranges that make up `0..count`, in their order. Each but the last has at least `least` numbers.
-/// Where they end depends on the number of threads.
+/// What `of` gives for ranges that make up `0..count`, in their order. Each but the last has at least `least` numbers,
+/// and below two times that there is one. Where they end depends on the number of threads.
 pub fn ranges<T: Send>(count: usize, least: usize, of: &(dyn Fn(Range<usize>) -> T + Sync)) -> Vec<T> {
     pieces(count, length(count, least), of)
 }
@@ -103,7 +103,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 fn length(count: usize, least: usize) -> usize {
     match rayon::current_num_threads() {
-        1 => count.max(1),
+        threads if threads == 1 || count < 2 * least => count.max(1),
         threads => count.div_ceil(RANGES_A_THREAD * threads).max(least),
     }
 }

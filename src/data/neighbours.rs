@@ -10,7 +10,7 @@ use crate::surface::Rows;
 use crate::surface::components::Components;
 use crate::union_find;
 
-/// Members that a thread takes at once.
+/// Members that a thread takes at once, at least.
 const PIECE: usize = 1 << 12;
 
 /// Which members are neighbours: symmetric, none of itself.

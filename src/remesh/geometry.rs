@@ -3,10 +3,9 @@
 use glam::DVec3;
 
 use crate::complex::CutSurface;
-use crate::parallel;
 
 /// Area, centroid, unit normal and size of the triangles, in the frame of their surface.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Geometry {
     /// Area, and at least a number so small that no area below it matters.
     pub weights: Vec<f64>,
@@ -23,15 +22,17 @@ impl Geometry {
     pub fn new(surface: &CutSurface) -> Self {
         /// So that clusters without area have a centroid.
         const LEAST: f64 = 1e-290;
-        let of = |triangle: usize| {
-            let [a, b, c] = surface.corners(triangle as u32);
+        let mut all = Self::default();
+        for triangle in 0..surface.faces.len() as u32 {
+            let [a, b, c] = surface.corners(triangle);
             let (normal, centroid) = ((b - a).cross(c - a), (a + b + c) / 3.0);
             let reach = [a, b, c].map(|corner| corner.distance_squared(centroid)).into_iter().fold(0.0, f64::max);
-            (((normal.length() / 2.0).max(LEAST), centroid), (normal.normalize_or_zero(), reach.sqrt()))
-        };
-        let ((weights, centroids), (normals, reaches)) =
-            parallel::map(surface.faces.len(), parallel::LEAST, of).into_iter().unzip();
-        Self { weights, centroids, normals, reaches }
+            all.weights.push((normal.length() / 2.0).max(LEAST));
+            all.centroids.push(centroid);
+            all.normals.push(normal.normalize_or_zero());
+            all.reaches.push(reach.sqrt());
+        }
+        all
     }
 
     /// Area-weighted mean of the centroids of some triangles.

@@ -13,6 +13,8 @@ mod rows;
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use rayon::prelude::*;
+
 use self::buckets::{Buckets, Found};
 use super::counts::Counts;
 use super::features::Features;
@@ -77,7 +79,8 @@ impl<'a> Links<'a> {
         let mut edges = Edges::new(faces, positions, features);
         let degenerate_faces = edges.degenerate_faces();
         edges.has_degenerate = degenerate_faces > 0;
-        let linked: Vec<AtomicU32> = (0..edges.positions.len()).map(|_| NONE.into()).collect();
+        let linked: Vec<AtomicU32> =
+            (0..edges.positions.len()).into_par_iter().with_min_len(1 << 14).map(|_| NONE.into()).collect();
         let vertices = vertices as usize;
         let ranges = rayon::current_num_threads().min(MOST_RANGES).min(vertices.div_ceil(1 << 12)).max(1);
         let bound = |range: usize| (vertices * range / ranges) as u32;

@@ -51,10 +51,21 @@ fn along_curve_by(faces: usize, number_bits: u32, centroids: &Centroids<'_>) -> 
     sort_by_prefix(&mut records, number_bits);
     let face = |record: u64| record as u32 & ((1 << number_bits) - 1);
     let is_same = |a: &u64, b: &u64| a >> number_bits == b >> number_bits;
-    let mut runs: Vec<&mut [u64]> = records.chunk_by_mut(is_same).filter(|run| run.len() > 1).collect();
-    parallel::runs_mut(&mut runs, 1, &|_, runs| {
+    // pieces that end between cells
+    let (mut pieces, mut rest) = (Vec::new(), &mut records[..]);
+    while !rest.is_empty() {
+        let mut end = parallel::LEAST.min(rest.len());
+        while end < rest.len() && is_same(&rest[end - 1], &rest[end]) {
+            end += 1;
+        }
+        let (piece, others) = rest.split_at_mut(end);
+        pieces.push(piece);
+        rest = others;
+    }
+    parallel::runs_mut(&mut pieces, 1, &|_, pieces| {
         let (mut faces, mut keyed) = (Vec::new(), Vec::new());
-        for run in runs {
+        let cells = pieces.iter_mut().flat_map(|piece| piece.chunk_by_mut(is_same));
+        for run in cells.filter(|run| run.len() > 1) {
             faces.clear();
             faces.extend(run.iter().map(|&record| face(record)));
             keyed.clear();
@@ -63,7 +74,7 @@ fn along_curve_by(faces: usize, number_bits: u32, centroids: &Centroids<'_>) -> 
             run.iter_mut().zip(&keyed).for_each(|(record, &(_, face))| *record = u64::from(face));
         }
     });
-    drop(runs);
+    drop(pieces);
     let mut sorted = vec![0; faces];
     parallel::runs_mut(&mut sorted, parallel::LEAST, &|first, run| {
         run.iter_mut().zip(&records[first..]).for_each(|(number, &record)| *number = face(record));
@@ -104,7 +115,8 @@ pub fn sort_by_prefix(records: &mut Vec<u64>, number_bits: u32) {
     }
 }
 
-/// The upload face that each internal face is: the order along the curve, component by component.
+/// The upload face that each internal face is: the order along the curve, component by component. `sorted` has no
+/// loose face.
 pub fn by_component(sorted: Vec<u32>, components: &Components) -> Vec<u32> {
     if components.count <= 1 {
         return sorted;
@@ -165,6 +177,21 @@ mod tests {
         assert_eq!(key([cell, 0, 0]) ^ key([0; 3]), 1);
         assert_eq!(key([0, cell, 0]) ^ key([0; 3]), 2);
         assert_eq!(key([0, 0, cell]) ^ key([0; 3]), 4);
+    }
+
+    #[test]
+    fn components_come_one_after_the_other_and_keep_the_order_of_their_faces() {
+        let mut states = random(2);
+        for count in [1, 2, 40] {
+            let mut of_face: Vec<u32> = (0..500).map(|_| (states() >> 33) as u32 % count).collect();
+            // one of a single face
+            of_face.extend((count > 1).then_some(count));
+            let sorted: Vec<u32> = (0..of_face.len() as u32).rev().collect();
+            let mut expected = sorted.clone();
+            expected.sort_by_key(|&face| of_face[face as usize]);
+            let components = Components { count: of_face.iter().max().map_or(0, |&last| last as usize + 1), of_face };
+            assert_eq!(by_component(sorted, &components), expected);
+        }
     }
 
     #[test]

@@ -37,6 +37,7 @@ static IDLE: Mutex<Vec<GpuDevice>> = Mutex::new(Vec::new());
 /// A device that the next test takes over, unless this one fails: a service has one for all jobs, too.
 pub struct Borrowed(Option<GpuDevice>);
 
+/// An idle device, else a new one.
 pub fn device() -> Borrowed {
     let idle = IDLE.lock().expect("no thread failed here").pop();
     Borrowed(Some(idle.unwrap_or_else(opened)))

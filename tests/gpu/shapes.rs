@@ -49,7 +49,7 @@ fn tube(sides: u32, rings: u32) -> PolygonMesh {
 
 #[test]
 fn labels_rows_and_shapes_are_those_of_the_cpu() {
-    let mut gpu = device();
+    let mut gpu = opened();
     let part = generate_part(5000, 0.2).expect("a part").0;
     let knot = generate(Sample::Knot, 5000).expect("a sample");
     let (shapes, planes) = (energy::Kind::Shapes, energy::Kind::Planes);
@@ -65,7 +65,7 @@ fn labels_rows_and_shapes_are_those_of_the_cpu() {
         let levels = if algorithm == Algorithm::Bb { None } else { levels() };
         let parameters = Parameters { energy, algorithm, levels, clusters: Some(clusters), ..Parameters::default() };
         let prepared = prepared(mesh, &parameters);
-        let (expected, found) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut *gpu));
+        let (expected, found) = (run(&prepared, &mut CpuDevice::new()), run(&prepared, &mut gpu));
         assert_eq!(found.0, expected.0, "{context}");
         assert!(found.1.labels == expected.1.labels && found.1.labels.is_some(), "{context}");
         let rows = |outcome: &Outcome| serde_json::to_string(&outcome.report.shapes).expect("JSON");
@@ -73,7 +73,7 @@ fn labels_rows_and_shapes_are_those_of_the_cpu() {
         assert_eq!(found.1.report.device.kind, DeviceKind::Gpu, "{context}");
         // otherwise the comparison says little
         gpu.inject(Fault::Lose(FaultPoint::Boundary));
-        let error = job::run(&prepared, &mut *gpu, &Cancel::default(), &mut |_| {}).map(|_| ()).expect_err("lost");
+        let error = job::run(&prepared, &mut gpu, &Cancel::default(), &mut |_| {}).map(|_| ()).expect_err("lost");
         assert_eq!(error.kind, Kind::DeviceLost, "{context}: {error}");
     }
 }

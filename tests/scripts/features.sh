@@ -43,8 +43,8 @@ done
     without gpu,service $of_s3 $of_postgres
 }
 
-# `gpu` alone changes nothing but the engine, which `make lint` checks with it; a run of TESSERAE_TEST_LONG has one of
-# the two that need the service at a time, too
+# `gpu` alone changes nothing but the engine, which `make lint` checks with it; `make test-long` also checks `postgres`
+# and `s3`, each alone
 for features in "" service ${TESSERAE_TEST_LONG:+postgres s3}; do
     cargo clippy --locked --quiet -p tesserae-cli --no-default-features --features "$features" -- -D warnings
 done

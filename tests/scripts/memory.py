@@ -2,7 +2,7 @@
 
     python memory.py BINARY [JOBS [FACES [GROWTH]]]
 
-CLIENTS clients on loopback submit JOBS (300) meshes of FACES (300) faces, each job is kept for a second after its end. Prints
+CLIENTS clients on loopback submit JOBS (500) meshes of FACES (300) faces, each job is kept for a second after its end. Prints
 the memory after a tenth, a quarter, a half and all of them, when all are forgotten, with a temporary folder and with a data folder, and
 what is left on disk. Fails when the memory at the end is more than GROWTH (1.2) times that after a quarter, and 4 MB more, and
 as many jobs again add more than 4 MB.
@@ -21,7 +21,7 @@ import urllib.request
 from service import Service, resident
 
 BINARY = pathlib.Path(sys.argv[1]).resolve()
-JOBS, FACES = (int(sys.argv[at]) if len(sys.argv) > at else default for at, default in [(2, 300), (3, 300)])
+JOBS, FACES = (int(sys.argv[at]) if len(sys.argv) > at else default for at, default in [(2, 500), (3, 300)])
 GROWTH = float(sys.argv[4]) if len(sys.argv) > 4 else 1.2
 CLIENTS = 8
 SPARE_MB = 4

@@ -20,7 +20,8 @@ pub(super) const SUM: usize = 32;
 /// Blocks that are read or written, and summed side by side, at once.
 const AT_ONCE: usize = 16;
 
-/// Most blocks that the calling thread sums alone: small reads then do not wait for threads that cluster meanwhile.
+/// Blocks that a thread sums, at least: the calling thread sums fewer than twice as many alone, so that small reads do
+/// not wait for threads that cluster meanwhile.
 const FEW: usize = 2;
 
 /// Length of a file, from the length of its content.

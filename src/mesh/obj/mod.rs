@@ -31,7 +31,7 @@ use crate::parallel;
 /// Bytes of a piece.
 const PIECE: usize = 256 << 10;
 
-/// Pieces whose faces one thread counts.
+/// Pieces whose faces one thread counts, at least.
 const COUNTED_AT_ONCE: usize = 4;
 
 /// Corners are counted in 32 bits, and a corner takes two bytes at least.

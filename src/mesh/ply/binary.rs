@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::mesh::polygons::Polygons;
 use crate::parallel;
 
-/// Vertices that a thread reads at once.
+/// Vertices that a thread reads at once, at least.
 const PIECE: usize = 1 << 14;
 
 /// Fewest bytes that a row takes.

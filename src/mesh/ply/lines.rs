@@ -14,7 +14,7 @@ use crate::parallel;
 /// Bytes of a piece.
 const PIECE: usize = 256 << 10;
 
-/// Pieces whose lines one thread counts.
+/// Pieces whose lines one thread counts, at least.
 const COUNTED_AT_ONCE: usize = 4;
 
 /// The rows of a file.

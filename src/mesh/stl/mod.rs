@@ -22,7 +22,7 @@ const TRIANGLE: usize = 50;
 /// Where the corners of a triangle begin in it.
 const CORNERS: usize = 12;
 
-/// Triangles that a thread reads at once.
+/// Triangles that a thread reads at once, at least.
 const PIECE: usize = 1 << 13;
 
 /// Triangles whose corners can be numbered.

@@ -16,7 +16,7 @@ use super::{Edge, LOOKS_AN_EDGE, Merging, Union};
 use crate::error::Error;
 use crate::parallel;
 
-/// Neighbours that a thread prices at a time.
+/// Neighbours that a thread prices at a time, at least.
 const PRICES_A_THREAD: usize = 64;
 
 /// The part of the list that becomes the heap, and edges that are not worth a part.
