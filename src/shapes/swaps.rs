@@ -57,8 +57,11 @@ impl Swaps<'_> {
     pub fn made(&self, cancel: &Cancel) -> Result<Option<Swapped>> {
         let parts = self.parts();
         let beside = self.pairs();
-        let rise = |[a, b]: [u32; 2]| (self.together(&parts[a as usize], &parts[b as usize]), [a, b]);
-        let mut merges: Vec<(f64, [u32; 2])> = parallel::map(beside.len(), 1, |pair| rise(beside[pair]));
+        let rise = |pair: usize| {
+            let [a, b] = beside[pair];
+            (self.together(&parts[a as usize], &parts[b as usize]), [a, b])
+        };
+        let mut merges: Vec<(f64, [u32; 2])> = parallel::map(beside.len(), 1, rise);
         merges.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let Some(&(least, _)) = merges.first() else { return Ok(None) };
         let mut sizes = vec![0usize; parts.len()];

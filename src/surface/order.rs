@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::components::Components;
 use super::lattice::round_centroid;
+use super::rows::Rows;
 use crate::parallel;
 
 /// Bits of a Morton key an axis: cells of 2¹² lattice units, ~65,000 along the longest side.
@@ -121,16 +122,9 @@ pub fn by_component(sorted: Vec<u32>, components: &Components) -> Vec<u32> {
     if components.count <= 1 {
         return sorted;
     }
-    let component = |face: u32| components.of_face[face as usize] as usize;
-    let mut next = vec![0u32; components.count + 1];
-    sorted.iter().for_each(|&face| next[component(face) + 1] += 1);
-    (0..components.count).for_each(|component| next[component + 1] += next[component]);
-    let mut faces = vec![0; sorted.len()];
-    for face in sorted {
-        let at = &mut next[component(face)];
-        faces[*at as usize] = face;
-        *at += 1;
-    }
+    let component_of: Vec<u32> = sorted.iter().map(|&face| components.of_face[face as usize]).collect();
+    let mut faces = Rows::grouped(&component_of, components.count).items;
+    faces.iter_mut().for_each(|face| *face = sorted[*face as usize]);
     faces
 }
 
