@@ -1,0 +1,109 @@
+"""Two builds of the service in turns: start, stop, latency of one client and jobs a second, as medians and their ratio.
+
+    python service.py BEFORE AFTER [ROUNDS]
+
+Both are programs with the command `serve`, on the cpu device; ROUNDS (5) times each. Nothing else should run.
+
+| row | what is measured |
+|---|---|
+| start | from the start of the process until `/readyz` answers; the data folder is new |
+| stop | from SIGTERM until the process has ended |
+| latency of N faces | median of 200 jobs into 20 clusters at `fast` with `Prefer: wait`, one after the other |
+| jobs a second | 1,200 such jobs of 300 faces by 8 clients |
+"""
+
+import concurrent.futures
+import http.client
+import pathlib
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+PATH = "/v1/jobs?clusters=20&quality=fast"
+HEADERS = {"Content-Type": "model/gltf-binary", "Prefer": "wait=60"}
+
+
+def jobs(port, mesh, count):
+    """Milliseconds of each of `count` jobs of one client."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
+    times = []
+    for _ in range(count):
+        started = time.perf_counter()
+        connection.request("POST", PATH, mesh, HEADERS)
+        answer = connection.getresponse()
+        body = answer.read()
+        assert answer.status == 200, body
+        times.append(1000 * (time.perf_counter() - started))
+    return times
+
+
+def started(binary, arguments):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    begin = time.perf_counter()
+    process = subprocess.Popen([binary, "serve", "--device", "cpu", "--log", "warn", "--listen", f"127.0.0.1:{port}", *arguments])
+    while True:
+        try:
+            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+            connection.request("GET", "/readyz")
+            if connection.getresponse().status == 200:
+                return process, port, 1000 * (time.perf_counter() - begin)
+        except OSError:
+            assert process.poll() is None, "the service ended"
+        time.sleep(0.0005)
+
+
+def stopped(process):
+    begin = time.perf_counter()
+    process.terminate()
+    # with a time limit, Python would look at growing intervals
+    assert process.wait() == 0
+    return 1000 * (time.perf_counter() - begin)
+
+
+def measure(binary, meshes, arguments):
+    """One round: the name of each row and its value."""
+    process, port, start = started(binary, arguments)
+    rows = {"start, ms": start}
+    try:
+        for faces, mesh in meshes.items():
+            jobs(port, mesh, 20)
+            rows[f"latency of {faces:,} faces, ms"] = statistics.median(jobs(port, mesh, 200))
+        begin = time.perf_counter()
+        with concurrent.futures.ThreadPoolExecutor(8) as clients:
+            list(clients.map(lambda _: jobs(port, meshes[300], 150), range(8)))
+        rows["jobs a second"] = 1200 / (time.perf_counter() - begin)
+    finally:
+        rows["stop, ms"] = stopped(process)
+    return rows
+
+
+def main():
+    binaries = [pathlib.Path(path).resolve() for path in sys.argv[1:3]]
+    rounds = int(sys.argv[3]) if len(sys.argv) > 3 else 5
+    with tempfile.TemporaryDirectory(prefix="tesserae-service-") as folder:
+        meshes = {}
+        for faces in (300, 1000):
+            file = pathlib.Path(folder) / f"{faces}.glb"
+            subprocess.run([binaries[1], "sample", "sphere", "--faces", str(faces), file], check=True, stdout=subprocess.DEVNULL)
+            meshes[faces] = file.read_bytes()
+        for is_durable in (True, False):
+            values = ({}, {})
+            for turn in range(rounds):
+                for at in (0, 1) if turn % 2 == 0 else (1, 0):
+                    arguments = ["--data-dir", f"{folder}/data-{turn}-{at}"] if is_durable else []
+                    for name, value in measure(binaries[at], meshes, arguments).items():
+                        values[at].setdefault(name, []).append(value)
+            print(f"\n| {'with' if is_durable else 'without'} a data folder | before | after | ratio | ratios of rounds |\n|---|--:|--:|--:|---|")
+            for name in values[0]:
+                before, after = (statistics.median(of[name]) for of in values)
+                each = ", ".join(f"{b / a:.2f}" for a, b in zip(values[0][name], values[1][name]))
+                print(f"| {name} | {before:.2f} | {after:.2f} | {after / before:.2f} | {each} |")
+
+
+if __name__ == "__main__":
+    main()
