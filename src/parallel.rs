@@ -35,11 +35,13 @@ pub fn pieces<T: Send>(count: usize, length: usize, of: &(dyn Fn(Range<usize>) -
 
 /// What `add` adds to lists for such ranges, as one list.
 pub fn list<T: Send>(count: usize, least: usize, add: &(dyn Fn(Range<usize>, &mut Vec<T>) + Sync)) -> Vec<T> {
-    joined(ranges(count, least, &|range| {
+    let of = |range| {
         let mut list = Vec::new();
         add(range, &mut list);
         list
-    }))
+    };
+    // the most frequent case by far is one of few numbers
+    if length(count, least) >= count { of(0..count) } else { joined(ranges(count, least, &of)) }
 }
 
 /// What `of` gives for each number of `0..count`.
@@ -49,7 +51,13 @@ pub fn map<T: Send>(count: usize, least: usize, of: impl Fn(usize) -> T + Sync) 
 
 /// The numbers of `0..count` for which `is_wanted` holds.
 pub fn filter(count: usize, least: usize, is_wanted: impl Fn(&u32) -> bool + Sync) -> Vec<u32> {
-    list(count, least, &|range, list| list.extend((range.start as u32..range.end as u32).filter(&is_wanted)))
+    list(count, least, &|range, list| {
+        for number in range.start as u32..range.end as u32 {
+            list.push(number);
+            // in place of a branch, which would follow no pattern
+            list.truncate(list.len() - usize::from(!is_wanted(&number)));
+        }
+    })
 }
 
 /// The first number of `0..count` for which `is_wanted` holds.

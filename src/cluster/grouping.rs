@@ -26,7 +26,7 @@ use super::quality::Quality;
 use super::relocation::Relocation;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, Device, Ending};
-use crate::energy::{Functional, RoughEnd};
+use crate::energy::{End, Functional};
 use crate::error::Result;
 use crate::parallel;
 use crate::surface::{Coarse, DualGraph, Grouping};
@@ -136,8 +136,7 @@ fn grouping<E: Functional>(graph: &DualGraph<E>) -> Grouping {
 
 /// The neighbour that each face would merge with at the lowest cost; the face itself where it has none.
 fn choices<E: Functional>(graph: &DualGraph<E>) -> Vec<u32> {
-    let end =
-        |face: u32| RoughEnd::<E> { weight: graph.weights[face as usize] as f32, proxy: graph.points[face as usize] };
+    let end = |face: u32| End { weight: graph.weights[face as usize] as f32, proxy: graph.points[face as usize] };
     let choice = |face: u32| {
         let own = end(face);
         // costs are not negative: their bits are in their order

@@ -14,7 +14,7 @@
 //! | sums, proxies, merge costs and gains in exact integers | [`crate::energy`] |
 //! | pieces of clusters | [`crate::device::pieces`] |
 //! | numbers of clusters from one clustering to the next | [`numbers`] |
-//! | the labels of chosen iterations | [`snapshots`], [`record`] |
+//! | the labels of chosen iterations | [`record`] |
 //! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`mod@reference`] |
 //!
 //! Drivers know devices only as [`crate::device::Steps`]; what a step computes is defined here, how is the device's.
@@ -36,6 +36,5 @@ pub mod relocation;
 mod rounds;
 pub mod run;
 pub mod seeds;
-pub mod snapshots;
 pub mod teleport;
 pub(crate) mod tree_builder;

@@ -4,11 +4,30 @@
 //! before. So memory is in proportion to the faces that moved.
 
 use super::numbers;
-use super::snapshots::Snapshots;
 use crate::surface::Loose;
 
 /// Labels that are kept at most, counted as if each snapshot were whole: 512 MiB as files.
 const MOST_LABELS: u64 = 1 << 27;
+
+/// Iterations whose labels are kept; 0 is the initial growth.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Snapshots {
+    /// 0 and every multiple of this, which is at least 1.
+    Every(u32),
+    /// These, ascending, each once.
+    At(Vec<u32>),
+}
+
+impl Snapshots {
+    /// The first of them that is above `iteration`, or with none the first of all.
+    pub fn next_after(&self, iteration: Option<u32>) -> Option<u32> {
+        let from = iteration.map_or(Some(0), |iteration| iteration.checked_add(1))?;
+        match self {
+            Snapshots::Every(step) => from.checked_next_multiple_of(*step),
+            Snapshots::At(list) => list.get(list.partition_point(|&at| at < from)).copied(),
+        }
+    }
+}
 
 /// The labels of chosen iterations.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -181,5 +200,21 @@ mod tests {
             record.keep(iteration, vec![0; faces]);
         }
         assert_eq!((record.iterations(), record.left_out), (vec![0, 1], 2));
+    }
+
+    #[test]
+    fn they_follow_each_other() {
+        let all = |snapshots: &Snapshots| {
+            let mut last = None;
+            std::iter::from_fn(|| {
+                last = snapshots.next_after(last);
+                last
+            })
+            .take(3)
+            .collect::<Vec<_>>()
+        };
+        assert_eq!(all(&Snapshots::Every(7)), [0, 7, 14]);
+        assert_eq!(all(&Snapshots::At(vec![3, 9])), [3, 9]);
+        assert_eq!(Snapshots::Every(1).next_after(Some(u32::MAX)), None);
     }
 }

@@ -5,17 +5,12 @@
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::ffi::OsString;
-use std::fmt;
 use std::path::PathBuf;
-use std::str::FromStr;
-
-use serde::{Deserialize, Serialize};
 
 use crate::device::FREE;
 use crate::device::dual_edge::keep_first;
 use crate::energy::Functional;
-use crate::error::names::{self, Name, more_than};
+use crate::error::names::{Name, more_than};
 use crate::error::{Error, Result};
 use crate::surface::{DualGraph, Items, NO_FACE};
 
@@ -35,70 +30,6 @@ pub enum Seeds {
     File(PathBuf),
     /// Face numbers that came with the request.
     Listed,
-}
-
-impl fmt::Display for Seeds {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Seeds::Coarse => f.write_str("coarse"),
-            Seeds::Merged => f.write_str("merged"),
-            Seeds::Morton => f.write_str("morton"),
-            Seeds::Random => f.write_str("random"),
-            Seeds::File(path) => write!(f, "file:{}", path.display()),
-            Seeds::Listed => f.write_str("listed"),
-        }
-    }
-}
-
-impl FromStr for Seeds {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        match text {
-            "coarse" => Ok(Seeds::Coarse),
-            "merged" => Ok(Seeds::Merged),
-            "morton" => Ok(Seeds::Morton),
-            "random" => Ok(Seeds::Random),
-            "listed" => Ok(Seeds::Listed),
-            _ => match text.strip_prefix("file:") {
-                Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
-                _ => Err(Error::parameter(format_args!(
-                    "{} must be coarse, merged, morton, random or {}, not {text:?}",
-                    Name::SEEDS,
-                    if names::are_flags() { "file:PATH" } else { "listed (a part named seeds)" }
-                ))),
-            },
-        }
-    }
-}
-
-impl Seeds {
-    /// Seeds as an argument of the command line, where a path may have any bytes.
-    pub(crate) fn from_argument(argument: OsString) -> Result<Self> {
-        if let Some(text) = argument.to_str() {
-            return text.parse();
-        }
-        #[cfg(unix)]
-        {
-            use std::os::unix::ffi::{OsStrExt, OsStringExt};
-            if let Some(path) = argument.as_bytes().strip_prefix(b"file:") {
-                return Ok(Seeds::File(OsString::from_vec(path.to_vec()).into()));
-            }
-        }
-        argument.to_string_lossy().parse()
-    }
-}
-
-impl Serialize for Seeds {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de> Deserialize<'de> for Seeds {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
-    }
 }
 
 /// One face for each cluster, internal order, and the component it lies in.

@@ -12,47 +12,27 @@ pub mod wide;
 pub mod words;
 
 use self::packed::Float;
-use super::functional::{Functional, RoughEnd, Side, Sums};
+use super::functional::{End, Functional, Item, Side, Sums};
 
 pub use self::bound::{RefinementSlack, boundary_slack};
-pub use self::scatter::Axes;
 
 /// The energy of centroidal Voronoi diagrams of points with D coordinates.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Cvd<const D: usize>;
 
-/// A point and its weight.
-#[derive(Debug, Clone, Copy)]
-pub struct Item<const D: usize> {
-    /// g.
-    pub point: [i32; D],
-    /// w, at least 1.
-    pub weight: u32,
-}
-
-impl<const D: usize> Functional for Cvd<D>
-where
-    Axes<D>: scatter::Products,
-{
+impl<const D: usize> Functional for Cvd<D> {
     const NO_PROXY: [i32; D] = [0; D];
 
     /// A cost has a relative error below (D + 9)·2⁻²⁴: each conversion and operation adds 2⁻²⁴, and only integers are
     /// subtracted. Packed costs resolve 1 + 2⁻²⁴.
     const ROUGH_MARGIN: f32 = 1.0 + (D + 16) as f32 / (1 << 22) as f32;
 
-    type Item = Item<D>;
     /// g, or P.
     type Point = [i32; D];
     type Sums = ClusterSums<D>;
     type WideSums = wide::Sums<D>;
-    type End = End<D>;
     type SplitBounds = scatter::Scatter<D>;
     type Position = [f64; D];
-
-    #[inline]
-    fn item(point: [i32; D], weight: u32) -> Item<D> {
-        Item { point, weight }
-    }
 
     /// |g − P|².
     #[inline]
@@ -62,13 +42,13 @@ where
 
     /// w·|g|².
     #[inline]
-    fn constant(Item { point, weight }: Item<D>) -> i128 {
+    fn constant(Item { point, weight }: Item<[i32; D]>) -> i128 {
         let square: i64 = point.iter().map(|&g| i64::from(g) * i64::from(g)).sum();
         i128::from(weight) * i128::from(square)
     }
 
     /// ⌊M₁M₂·|P₁−P₂|²/(M₁+M₂)⌋.
-    fn merge_cost(a: End<D>, b: End<D>) -> u128 {
+    fn merge_cost(a: End<[i32; D]>, b: End<[i32; D]>) -> u128 {
         // 2³⁴ · 2³⁴ · 2⁵⁸ fits
         let product = u128::from(a.weight) * u128::from(b.weight) * u128::from(squared_distance(a.proxy, b.proxy));
         product / u128::from(a.weight + b.weight)
@@ -77,7 +57,7 @@ where
     /// A float of 7 bits of exponent and 25 of mantissa; 0 for cost 0.
     ///
     /// Every step is truncated to 32 bits, so values that differ by less than some 2⁻²⁴ may trade places.
-    fn packed_merge_cost(a: End<D>, b: End<D>, energy_shift: u32) -> u32 {
+    fn packed_merge_cost(a: End<[i32; D]>, b: End<[i32; D]>, energy_shift: u32) -> u32 {
         let distance = squared_distance(a.proxy, b.proxy);
         if distance == 0 {
             return 0;
@@ -90,7 +70,7 @@ where
     }
 
     #[inline]
-    fn rough_merge_cost(a: RoughEnd<Self>, b: RoughEnd<Self>) -> f32 {
+    fn rough_merge_cost(a: End<[i32; D], f32>, b: End<[i32; D], f32>) -> f32 {
         let mut square = 0.0;
         for axis in 0..D {
             let difference = (a.proxy[axis] - b.proxy[axis]) as f32;
@@ -169,12 +149,9 @@ impl<const D: usize> Default for ClusterSums<D> {
     }
 }
 
-impl<const D: usize> Sums<Cvd<D>> for ClusterSums<D>
-where
-    Axes<D>: scatter::Products,
-{
+impl<const D: usize> Sums<Cvd<D>> for ClusterSums<D> {
     #[inline]
-    fn add_face(&mut self, face: Item<D>, sign: i64) {
+    fn add_face(&mut self, face: Item<[i32; D]>, sign: i64) {
         let weight = i64::from(face.weight);
         let centroid = face.point.map(|g| weight * i64::from(g));
         self.add(&Self { centroid, weight, faces: 1 }, sign);
@@ -219,11 +196,6 @@ where
         Some((proxy, 2 * along - i128::from(self.weight) * i128::from(square)))
     }
 
-    #[inline]
-    fn end(&self, proxy: [i32; D]) -> End<D> {
-        End { weight: self.weight(), proxy }
-    }
-
     fn mean(&self) -> [f64; D] {
         self.centroid.map(|s| s as f64 / self.weight as f64)
     }
@@ -238,15 +210,6 @@ pub fn squared_distance<const D: usize>(a: [i32; D], b: [i32; D]) -> u64 {
         sum += (difference * difference) as u64;
     }
     sum
-}
-
-/// A cluster as an end of a dual edge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct End<const D: usize> {
-    /// M < 2³⁴.
-    pub weight: u64,
-    /// P.
-    pub proxy: [i32; D],
 }
 
 #[cfg(test)]

@@ -13,39 +13,32 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
     /// ones.
     const ROUGH_MARGIN: f32;
 
-    /// What the energy sees of a face: a point and a weight.
-    type Item: Copy + Debug + Send + Sync;
-    /// An item without its weight; and the proxy of a cluster, which faces are compared with.
+    /// What the energy sees of a face beside its weight; and the proxy of a cluster, which faces are compared with.
     type Point: Copy + Debug + PartialEq + Send + Sync;
     /// The sums over the faces of a cluster.
     type Sums: Sums<Self>;
     /// The sums in 128 bits, as their definition reads: for the plain device.
     type WideSums: WideSums<Self>;
-    /// What a merge cost reads of a cluster.
-    type End: Copy + Debug + Send + Sync;
     /// What bounds the changes by splits and merges of a cluster.
     type SplitBounds: Bounds<Self>;
     /// A position in f64, on the lattice or in the source.
     type Position: Copy + Debug + AsRef<[f64]> + AsMut<[f64]> + Send + Sync;
 
-    /// What the energy sees of a face.
-    fn item(point: Self::Point, weight: u32) -> Self::Item;
-
     /// The cost of a face of weight 1 in a cluster; below 2⁵⁸.
     fn cost(point: Self::Point, proxy: Self::Point) -> u64;
 
     /// The share of a face in the part of the energy that no labels change, in units of its component.
-    fn constant(item: Self::Item) -> i128;
+    fn constant(item: Item<Self::Point>) -> i128;
 
     /// What merging two clusters raises the energy by, rounded down, in units of their component; below 2⁹².
-    fn merge_cost(a: Self::End, b: Self::End) -> u128;
+    fn merge_cost(a: End<Self::Point>, b: End<Self::Point>) -> u128;
 
     /// The merge cost in 32 bits whose order is the order of the values, in units of the finest component.
-    fn packed_merge_cost(a: Self::End, b: Self::End, energy_shift: u32) -> u32;
+    fn packed_merge_cost(a: End<Self::Point>, b: End<Self::Point>, energy_shift: u32) -> u32;
 
     /// The merge cost in single precision, in units of the component: to leave out edges that cost more than others by
     /// the [margin](Self::ROUGH_MARGIN).
-    fn rough_merge_cost(a: RoughEnd<Self>, b: RoughEnd<Self>) -> f32;
+    fn rough_merge_cost(a: End<Self::Point, f32>, b: End<Self::Point, f32>) -> f32;
 
     /// What moving a face of weight `weight` lowers the energy by, per weight; rounded, and only ever used to rank
     /// bids. `from.weight > weight`.
@@ -77,7 +70,7 @@ pub trait Functional: Copy + Debug + Default + Send + Sync + 'static {
 /// Exact sums over the faces of a cluster.
 pub trait Sums<E: Functional>: Copy + Debug + Default + PartialEq + Send + Sync {
     /// Adds a face (`sign` 1) or takes it away (−1).
-    fn add_face(&mut self, face: E::Item, sign: i64);
+    fn add_face(&mut self, face: Item<E::Point>, sign: i64);
 
     /// Adds other faces (`sign` 1) or takes them away (−1).
     fn add(&mut self, other: &Self, sign: i64);
@@ -107,7 +100,9 @@ pub trait Sums<E: Functional>: Copy + Debug + Default + PartialEq + Send + Sync 
     }
 
     /// What a merge cost reads of the cluster that has this proxy.
-    fn end(&self, proxy: E::Point) -> E::End;
+    fn end(&self, proxy: E::Point) -> End<E::Point> {
+        End { weight: self.weight(), proxy }
+    }
 
     /// The mean place of the faces, on the lattice.
     fn mean(&self) -> E::Position;
@@ -116,7 +111,7 @@ pub trait Sums<E: Functional>: Copy + Debug + Default + PartialEq + Send + Sync 
 /// [`Sums`] in 128 bits. Methods but the first need a cluster that has faces.
 pub trait WideSums<E: Functional>: Clone + Debug + Default {
     /// Adds a face.
-    fn add_face(&mut self, face: E::Item);
+    fn add_face(&mut self, face: Item<E::Point>);
 
     /// Number of faces.
     fn faces(&self) -> u32;
@@ -125,13 +120,13 @@ pub trait WideSums<E: Functional>: Clone + Debug + Default {
     fn weight(&self) -> u64;
 
     /// The [cost](Functional::cost) of a face.
-    fn cost(&self, face: E::Item) -> i128;
+    fn cost(&self, face: Item<E::Point>) -> i128;
 
     /// What the proxy explains of the energy.
     fn explained(&self) -> i128;
 
     /// What a merge cost reads.
-    fn end(&self) -> E::End;
+    fn end(&self) -> End<E::Point>;
 
     /// The same sums in 64 bits.
     fn narrow(&self) -> E::Sums;
@@ -140,7 +135,7 @@ pub trait WideSums<E: Functional>: Clone + Debug + Default {
 /// Bounds of what splits and merges of a cluster change the energy by, in units of its component.
 pub trait Bounds<E: Functional>: Clone + Default + Send + Sync {
     /// Adds a face of the cluster.
-    fn add(&mut self, face: E::Item);
+    fn add(&mut self, face: Item<E::Point>);
 
     /// No split gains more.
     fn most_gain(&self) -> f64;
@@ -149,13 +144,22 @@ pub trait Bounds<E: Functional>: Clone + Default + Send + Sync {
     fn least_merge_cost(&self, other: &Self) -> f64;
 }
 
-/// A cluster as an end of a dual edge, in single precision.
+/// What the energy sees of a face.
 #[derive(Debug, Clone, Copy)]
-pub struct RoughEnd<E: Functional> {
-    /// M.
-    pub weight: f32,
+pub struct Item<P> {
+    /// g.
+    pub point: P,
+    /// w, at least 1.
+    pub weight: u32,
+}
+
+/// A cluster as an end of a dual edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct End<P, W = u64> {
+    /// M < 2³⁴.
+    pub weight: W,
     /// P.
-    pub proxy: E::Point,
+    pub proxy: P,
 }
 
 /// A cluster as a bidding face sees it.

@@ -16,7 +16,7 @@ mod kind;
 pub mod shape_kind;
 pub mod shared;
 
-pub use self::functional::{Bounds, Functional, LatticeEnergy, Merged, RoughEnd, Side, Sums, WideSums};
+pub use self::functional::{Bounds, End, Functional, Item, LatticeEnergy, Merged, Side, Sums, WideSums};
 pub use self::kind::Kind;
 
 /// The energy of points with D coordinates.

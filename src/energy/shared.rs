@@ -4,7 +4,7 @@
 //!
 //! The energy has such structs, because it decides which words a face and a proxy take; a device has others.
 
-use super::functional::Functional;
+use super::functional::{Functional, Item};
 
 /// An atomic number in WGSL.
 pub type Atomic = u32;
@@ -68,7 +68,7 @@ pub trait Words: Functional {
     fn point(coordinate: impl FnMut(usize) -> i32) -> Self::Point;
 
     /// The words of a face.
-    fn of_face(face: Self::Item) -> impl Iterator<Item = u32>;
+    fn of_face(face: Item<Self::Point>) -> impl Iterator<Item = u32>;
 
     /// Those of the proxy of a cluster without faces.
     fn of_unfitted(energy_shift: u32) -> impl Iterator<Item = u32>;

@@ -16,7 +16,6 @@ use crate::error::{Error, Result};
 use crate::hierarchy::stored::{Mask, Stored};
 use crate::report::{Energy, Report, Timings};
 use crate::surface::Surface;
-use crate::surface::figures::Figures;
 use crate::surface::lattice::COORDINATE_BITS;
 use crate::surface::of_faces::OfFaces;
 
@@ -188,8 +187,8 @@ impl Energies {
 
     fn of_faces<E: OfFaces>(surface: &Surface<E>, initial: Option<&[u32]>, labels: &[u32], clusters: usize) -> Self {
         let initial = initial.map(|labels| surface.source_energy(labels, clusters));
-        let Figures { energy: last, hexagon_ratio, l21 } = surface.figures(labels, clusters);
-        Self { initial, last, total: None, hexagon_ratio, l21 }
+        let (last, hexagon_ratio) = surface.energy_and_hexagon_ratio(labels, clusters);
+        Self { initial, last, total: None, hexagon_ratio, l21: surface.l21(labels, clusters) }
     }
 }
 

@@ -271,10 +271,7 @@ struct About {
 }
 
 impl About {
-    fn items<const D: usize>(&mut self, laid: Laid<D>, moves: Moves) -> Items<OfPoints<D>>
-    where
-        OfPoints<D>: Functional<Point = [i32; D], Position = [f64; D]>,
-    {
+    fn items<const D: usize>(&mut self, laid: Laid<D>, moves: Moves) -> Items<OfPoints<D>> {
         let Laid { points, weights, neighbours, components, .. } = laid;
         self.edges = laid.edges;
         self.components = laid.components_found;
@@ -288,10 +285,7 @@ impl About {
     }
 }
 
-impl<const D: usize> Planned<OfPoints<D>>
-where
-    OfPoints<D>: Functional<Position = [f64; D]>,
-{
+impl<const D: usize> Planned<OfPoints<D>> {
     /// Position, weight and label of each internal item, in source units. Positions are about no centre: beside one
     /// item far away, differences to the middle of the range would leave no digit of the others.
     fn source<'a>(

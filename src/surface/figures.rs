@@ -10,20 +10,6 @@ use super::of_faces::OfFaces;
 use crate::mesh::Frame;
 use crate::parallel;
 
-/// Figures of a clustering.
-#[derive(Debug, Clone, Copy)]
-pub struct Figures {
-    /// Its energy in source units ([`Surface::source_energy`]).
-    pub energy: f64,
-    /// The energy over that of a flat tiling of the same area by as many regular hexagons, less what lies inside the
-    /// faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy, and
-    /// where such a tiling is no measure: with a density, of points, and of energies by normals.
-    pub hexagon_ratio: Option<f64>,
-    /// L2,1 (Cohen-Steiner et al. 2004), Σ area·|n − N|² with N the direction of the mean normal of the cluster, where
-    /// the diagonal of the bounding box has length 1. None where the energy is of places.
-    pub l21: Option<f64>,
-}
-
 impl<E: OfFaces> Surface<E> {
     /// The frame of the lattice.
     pub fn frame(&self) -> &Frame {
@@ -44,11 +30,12 @@ impl<E: OfFaces> Surface<E> {
         self.features.iter().filter(is_inside).count() as u64
     }
 
-    /// The figures of labels.
-    pub fn figures(&self, labels: &[u32], clusters: usize) -> Figures {
+    /// The [energy](Self::source_energy), and that over the energy of a flat tiling of the same area by as many regular
+    /// hexagons, less what lies inside the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than
+    /// half of the tiling's energy, and where such a tiling is no measure: with a density, and of energies by normals.
+    pub fn energy_and_hexagon_ratio(&self, labels: &[u32], clusters: usize) -> (f64, Option<f64>) {
         let energy = self.lattice_energy(labels, clusters);
-        let hexagon_ratio = self.tiling(clusters).map(|tiling| energy / tiling);
-        Figures { energy: self.in_source_units(energy), hexagon_ratio, l21: self.l21(labels, clusters) }
+        (self.in_source_units(energy), self.tiling(clusters).map(|tiling| energy / tiling))
     }
 
     /// A length in lattice units, given its share of the diagonal of the bounding box for that in the source; at most
@@ -88,7 +75,9 @@ impl<E: OfFaces> Surface<E> {
         (tiling - inside > tiling / 2.0).then_some(tiling - inside)
     }
 
-    /// Σ 2·(M − |S|), M the area of a cluster and S its vector area.
+    /// L2,1 (Cohen-Steiner et al. 2004), Σ area·|n − N|² with N the direction of the mean normal of the cluster, where
+    /// the diagonal of the bounding box has length 1; computed as Σ 2·(M − |S|), M the area of a cluster and S its
+    /// vector area. None where the energy is of places.
     pub fn l21(&self, labels: &[u32], clusters: usize) -> Option<f64> {
         if self.normals.is_empty() {
             return None;

@@ -2,7 +2,7 @@
 
 use super::components::Component;
 use super::rows::Rows;
-use crate::energy::{Energy, Functional, Sums};
+use crate::energy::{Energy, Functional, Item, Sums};
 use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
@@ -67,8 +67,8 @@ impl<E: Functional> DualGraph<E> {
 
     /// What the energy sees of a face.
     #[inline]
-    pub fn face(&self, face: usize) -> E::Item {
-        E::item(self.points[face], self.weights[face])
+    pub fn face(&self, face: usize) -> Item<E::Point> {
+        Item { point: self.points[face], weight: self.weights[face] }
     }
 
     /// The sums over some faces.

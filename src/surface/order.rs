@@ -32,7 +32,7 @@ type Centroids<'a> = dyn Fn(&[u32], &mut dyn FnMut(usize, DVec3)) + Sync + 'a;
 /// takes them along the curve to 1/2048 of the longest side. Few faces of a surface share such a cell, and those few
 /// are sorted by their whole keys.
 pub fn along_curve(faces: usize, centroids: &Centroids<'_>) -> Vec<u32> {
-    let number_bits = if faces > MANY_FACES { usize::BITS - faces.leading_zeros() } else { NUMBER_BITS };
+    let number_bits = if faces > MANY_FACES { usize::BITS - (faces - 1).leading_zeros() } else { NUMBER_BITS };
     along_curve_by(faces, number_bits, centroids)
 }
 

@@ -4,8 +4,6 @@
 //! exactly, and they see how far a chord is from an arc. Corners alone do not: two sides of a box fit a cylinder
 //! through the three edges along them. A polygon has the middles of its edges, too, of [`MOST`] at most.
 
-use std::borrow::Cow;
-
 use glam::DVec3;
 
 use super::Surface;
@@ -22,8 +20,8 @@ pub const NORMAL_BITS: u32 = 14;
 /// Samples of all faces, internal order.
 #[derive(Debug, Clone)]
 pub struct Samples {
-    /// First sample of each face, and one past the last; none where every face has three.
-    offsets: Option<Vec<u32>>,
+    /// First sample of each face, and one past the last.
+    pub offsets: Vec<u32>,
     points: Vec<[i32; 3]>,
     normals: Vec<[i16; 3]>,
 }
@@ -32,24 +30,12 @@ impl Samples {
     /// Those of a face, at least one.
     #[inline]
     pub fn of(&self, face: u32) -> &[[i32; 3]] {
-        let face = face as usize;
-        match &self.offsets {
-            None => &self.points[3 * face..3 * face + 3],
-            Some(offsets) => &self.points[offsets[face] as usize..offsets[face + 1] as usize],
-        }
+        &self.points[self.offsets[face as usize] as usize..self.offsets[face as usize + 1] as usize]
     }
 
     /// Those of all faces, one face after the other.
     pub fn points(&self) -> &[[i32; 3]] {
         &self.points
-    }
-
-    /// First sample of each face, and one past the last.
-    pub fn offsets(&self) -> Cow<'_, [u32]> {
-        match &self.offsets {
-            None => (0..=self.points.len() as u32).step_by(3).collect(),
-            Some(offsets) => offsets.into(),
-        }
     }
 
     /// The unit normal of a face × 2¹⁴, 0 without area.
@@ -66,7 +52,7 @@ impl Samples {
             Some(*sum)
         }));
         let points = faces.iter().flat_map(|(samples, _)| samples.iter().copied()).collect();
-        Self { offsets: Some(offsets), points, normals: faces.iter().map(|&(_, normal)| normal).collect() }
+        Self { offsets, points, normals: faces.iter().map(|&(_, normal)| normal).collect() }
     }
 }
 
@@ -83,13 +69,11 @@ impl Surface {
                 round_centroid((ends[0] + ends[1]) / 2.0)
             })
         };
-        let offsets = (!corners.faces.are_triangles()).then(|| {
-            let ends = (0..faces).scan(0, |sum, face| {
-                *sum += corners.of(face).len().min(MOST) as u32;
-                Some(*sum)
-            });
-            std::iter::once(0).chain(ends).collect::<Vec<u32>>()
+        let ends = (0..faces).scan(0, |sum, face| {
+            *sum += corners.of(face).len().min(MOST) as u32;
+            Some(*sum)
         });
+        let offsets = std::iter::once(0).chain(ends).collect();
         let points = parallel::list(faces as usize, parallel::LEAST, &|faces, points| {
             points.extend((faces.start as u32..faces.end as u32).flat_map(of_face));
         });

@@ -181,7 +181,7 @@ fn the_lattice_energy_is_the_energy_from_the_source() {
             assert_eq!(lattice == 0.0, power < 0);
             assert_eq!(lattice.is_finite(), power < 0);
         }
-        ratios.push(surface.figures(&vec![0; surface.faces()], 1).hexagon_ratio);
+        ratios.push(surface.energy_and_hexagon_ratio(&vec![0; surface.faces()], 1).1);
     }
     assert!(ratios[0].is_some() && ratios.iter().all(|ratio| *ratio == ratios[0]), "no unit matters: {ratios:?}");
 }
@@ -220,10 +220,14 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
     }
     let surface = Surface::build(&PolygonMesh::of_one_part(Format::Obj, positions, faces)).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
-    let ratio = surface.figures(&internal, 3).hexagon_ratio.expect("most of the energy is visible");
+    let ratio = surface.energy_and_hexagon_ratio(&internal, 3).1.expect("most of the energy is visible");
     assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
     let alone: Vec<u32> = (0..surface.faces() as u32).collect();
-    assert_eq!(surface.figures(&alone, surface.faces()).hexagon_ratio, None, "nothing is left of the tiling's energy");
+    assert_eq!(
+        surface.energy_and_hexagon_ratio(&alone, surface.faces()).1,
+        None,
+        "nothing is left of the tiling's energy"
+    );
 }
 
 fn bridged(mesh: &PolygonMesh) -> Surface {

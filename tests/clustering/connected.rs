@@ -77,10 +77,7 @@ fn points(graph: Graph, shape: &[usize], dimensions: usize, seed: u64) -> PointS
     PointSet { dimensions, values: Values::I4(values), weights: None, mask: None, shape: shape.to_vec(), graph }
 }
 
-fn items<const D: usize>(set: &PointSet) -> Items<OfPoints<D>>
-where
-    OfPoints<D>: Functional<Point = [i32; D], Position = [f64; D]>,
-{
+fn items<const D: usize>(set: &PointSet) -> Items<OfPoints<D>> {
     let laid = lay::<D>(set, &Members::new(set.items(), None), false).expect("points on the lattice");
     let graph = DualGraph {
         points: laid.points,

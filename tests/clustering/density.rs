@@ -58,7 +58,7 @@ fn a_constant_density_gives_the_same_labels_as_none() {
                 let relative = surface.source_energy(&expected, clusters as usize) / weight / energy;
                 // where the numbers are ordinary ones
                 assert!(!(1e-99..1e99).contains(&energy) || (relative - 1.0).abs() < 1e-12, "{name} {relative}");
-                assert_eq!(surface.figures(&expected, clusters as usize).hexagon_ratio, None);
+                assert_eq!(surface.energy_and_hexagon_ratio(&expected, clusters as usize).1, None);
             }
         }
         let surface = build(&mesh, Wanted { curvature_exponent: Some(0.0), ..Wanted::default() });

@@ -11,7 +11,7 @@ use tesserae_mesh::device::cpu::CpuDevice;
 use tesserae_mesh::device::dual_edge::{Rank, Ties};
 use tesserae_mesh::device::pieces::disconnected_clusters;
 use tesserae_mesh::device::plain;
-use tesserae_mesh::energy::{ClusterSums, Energy, Functional, Sums};
+use tesserae_mesh::energy::{ClusterSums, End, Energy, Functional, Sums};
 use tesserae_mesh::hierarchy::{Round, Tree};
 use tesserae_mesh::surface::Surface;
 
@@ -42,9 +42,7 @@ fn sums_of(surface: &Surface, labels: &[u32]) -> Vec<ClusterSums> {
     sums
 }
 
-type End = <Energy as Functional>::End;
-
-fn end(sums: &ClusterSums) -> End {
+fn end(sums: &ClusterSums) -> End<[i32; 3]> {
     End { weight: sums.weight as u64, proxy: sums.fit().expect("it has faces").0 }
 }
 

@@ -169,7 +169,7 @@ fn the_sides_of_a_box_are_six_flat_clusters_and_parts_of_them_are_compact() {
     assert!(l21(&parts) < 1e-12, "{}", l21(&parts));
     let surface = Surface::build(&mesh).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels(&parts)[face as usize]).collect();
-    let ratio = surface.figures(&internal, 60).hexagon_ratio.expect("enough faces");
+    let ratio = surface.energy_and_hexagon_ratio(&internal, 60).1.expect("enough faces");
     assert!(ratio < 1.4, "compact within the sides: {ratio}");
 }
 

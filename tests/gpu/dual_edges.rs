@@ -4,16 +4,14 @@ use crate::common::gpu::{device, numbers, surface};
 use tesserae_mesh::dev::sample::Sample;
 use tesserae_mesh::device::dual_edge::{Rank, Ties};
 use tesserae_mesh::device::{Device, DualEdge};
-use tesserae_mesh::energy::{Energy, Functional, Sums};
+use tesserae_mesh::energy::{End, Energy, Functional, Sums};
 use tesserae_mesh::surface::{Component, Rows, Surface};
 
 /// Faces a cluster, so that weights reach 2³⁴.
 const FACES: usize = 4;
 
 /// A surface of pairs of clusters far from all others. The faces of a cluster lie in its proxy.
-type End = <Energy as Functional>::End;
-
-fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
+fn pairs_of(ends: &[[End<[i32; 3]>; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
     let mut surface = surface(Sample::Strip, 4);
     let faces = 2 * FACES * ends.len();
     surface.items.graph.points.clear();
@@ -41,7 +39,7 @@ fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
 }
 
 /// Ends of all magnitudes, the extremes among them, and many whose costs hardly differ.
-fn ends(count: usize) -> Vec<[End; 2]> {
+fn ends(count: usize) -> Vec<[End<[i32; 3]>; 2]> {
     let mut next = numbers(7);
     let far = (1i32 << 27) - 1;
     let most = (1u64 << 34) - FACES as u64;

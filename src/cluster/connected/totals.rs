@@ -1,6 +1,6 @@
 //! Exact totals of a cluster: what energies and merges are computed from.
 
-use crate::energy::{Functional, Sums};
+use crate::energy::{Functional, Item, Sums};
 
 /// The totals of a cluster. `constant` and `fit` are in the component's unit; the methods shift their results left by
 /// `shift`, to that of the finest component.
@@ -24,7 +24,7 @@ impl<E: Functional> Default for Totals<E> {
 
 impl<E: Functional> Totals<E> {
     /// Counts a face in (1) or out (−1); the proxy is not fitted.
-    pub fn count(&mut self, face: E::Item, sign: i64) {
+    pub fn count(&mut self, face: Item<E::Point>, sign: i64) {
         self.sums.add_face(face, sign);
         self.constant += E::constant(face) * i128::from(sign);
     }

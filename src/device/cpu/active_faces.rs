@@ -41,15 +41,6 @@ pub struct ActiveFaces {
     arrivals: Vec<(u32, u32)>,
 }
 
-/// What the evaluation of a face gives.
-#[derive(Debug)]
-pub struct Evaluation<T> {
-    /// What it decides, if the phase needs to know.
-    pub decision: Option<T>,
-    /// Until when that holds.
-    pub bound: Bound,
-}
-
 impl ActiveFaces {
     /// All boundary faces are active.
     pub fn new<E: Functional>(Partition { graph, boundary, .. }: &Partition<'_, E>) -> Self {
@@ -74,8 +65,9 @@ impl ActiveFaces {
         }
     }
 
-    /// A face has moved; `labels` already have its new cluster. Active are the face, and the neighbours whose bound
-    /// does not cover that cluster.
+    /// A face has moved, or its cluster was merged into another; `labels` already have its new cluster. Active are the
+    /// face, and the neighbours whose bound does not cover that cluster. (One that covers a cluster which has ended is
+    /// exceeded.)
     pub fn moved<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &Labels, face: u32) {
         self.add(face);
         let cluster = labels.near_boundary(face);
@@ -95,19 +87,6 @@ impl ActiveFaces {
         // a phase that is not used does not collect them
         if self.arrivals.len() > self.bounds.len() {
             std::mem::take(&mut self.arrivals).into_iter().for_each(|(face, _)| self.add(face));
-        }
-    }
-
-    /// The cluster of a boundary face was merged into another; `labels` already say so.
-    pub fn merged<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &Labels, face: u32) {
-        self.add(face);
-        let cluster = labels.near_boundary(face);
-        for &near in graph.neighbours_of(face) {
-            if self.bounds[near as usize].near().are_many() {
-                self.arrived(near, cluster);
-            } else if labels.of(near) != cluster {
-                self.add(near);
-            }
         }
     }
 
@@ -151,30 +130,27 @@ impl ActiveFaces {
         partition.labels.refresh_around(partition.graph, &self.queue);
     }
 
-    /// Evaluates all active faces and returns what they decide. Those whose bound allows it become inactive.
+    /// Evaluates all active faces: what each decides, if the phase needs that, and its bound. Returns the decisions.
+    /// Faces whose bound allows it become inactive.
     pub fn evaluate<T: Send, E: Functional>(
         &mut self,
         partition: &Partition<'_, E>,
-        decide: impl Fn(u32) -> Evaluation<T> + Sync,
+        decide: impl Fn(u32) -> (Option<T>, Bound) + Sync,
     ) -> Vec<T> {
         let Self { candidates, bounds, queue, .. } = self;
-        let evaluate = |&face: &u32| {
-            let Evaluation { decision, bound } = decide(face);
-            bounds[face as usize].store(bound);
-            if bound.near.is_interior() {
-                candidates.remove(face);
-            }
-            decision
-        };
         let outgrows_caches = partition.graph.outgrows_caches();
         let decisions = parallel::list(queue.len(), ITEMS, &|range, decisions| {
-            let evaluate = |(face, ahead)| {
+            for (&face, ahead) in with_lookahead(&queue[range]) {
                 if outgrows_caches {
                     prefetch_ahead(partition, bounds, ahead);
                 }
-                evaluate(face)
-            };
-            decisions.extend(with_lookahead(&queue[range]).filter_map(evaluate));
+                let (decision, bound) = decide(face);
+                bounds[face as usize].store(bound);
+                if bound.near.is_interior() {
+                    candidates.remove(face);
+                }
+                decisions.extend(decision);
+            }
         });
         queue.clear();
         decisions

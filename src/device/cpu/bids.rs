@@ -26,17 +26,6 @@ impl Bid {
     }
 }
 
-/// What becomes of a winning bid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// The winner moves, with all that bid for the same move.
-    AllMove,
-    /// The winner moves alone.
-    WinnerMoves,
-    /// No face moves.
-    Refused,
-}
-
 /// All open bids.
 #[derive(Debug)]
 pub struct Bids {
@@ -49,10 +38,8 @@ pub struct Bids {
     at_cluster: Vec<Vec<u32>>,
     /// The face with the best of those bids, or [`NONE`]; out of date for clusters in `changed`.
     best: Vec<u32>,
-    /// Clusters whose bids changed.
+    /// Clusters whose bids changed, some several times.
     changed: Vec<u32>,
-    /// Whether each cluster is in `changed`.
-    is_changed: Vec<bool>,
     /// The faces that were refused since the phase began.
     refused: Vec<u32>,
 }
@@ -67,7 +54,6 @@ impl Bids {
             at_cluster: vec![Vec::new(); clusters],
             best: vec![NONE; clusters],
             changed: Vec::new(),
-            is_changed: vec![false; clusters],
             refused: Vec::new(),
         }
     }
@@ -106,11 +92,9 @@ impl Bids {
             return;
         }
         let old = std::mem::replace(&mut self.bid_of_face[face as usize], new);
-        for cluster in old.ends() {
-            self.mark_changed(cluster);
-        }
+        let ends = old.ends().into_iter().chain(new.ends());
+        self.changed.extend(ends.filter(|&cluster| cluster != NONE));
         for cluster in new.ends() {
-            self.mark_changed(cluster);
             if cluster != NONE && !old.ends().contains(&cluster) {
                 self.at_cluster[cluster as usize].push(face);
             }
@@ -131,21 +115,18 @@ impl Bids {
         }
     }
 
-    fn mark_changed(&mut self, cluster: u32) {
-        if cluster != NONE && !std::mem::replace(&mut self.is_changed[cluster as usize], true) {
-            self.changed.push(cluster);
-        }
-    }
-
     /// The bids that are the best at both their clusters and were not before, as moves.
     pub fn winners(&mut self) -> Vec<Move> {
-        for &cluster in &self.changed {
+        let mut changed = std::mem::take(&mut self.changed);
+        changed.sort_unstable();
+        changed.dedup();
+        for &cluster in &changed {
             let rank = |&face: &u32| (self.bid_of_face[face as usize].gain, Reverse(face));
             let best = self.at_cluster[cluster as usize].iter().copied().max_by_key(rank);
             self.best[cluster as usize] = best.unwrap_or(NONE);
         }
         let mut winners = Vec::new();
-        for &cluster in &self.changed {
+        for &cluster in &changed {
             let face = self.best[cluster as usize];
             if face == NONE {
                 continue;
@@ -153,12 +134,9 @@ impl Bids {
             let Bid { from, to, .. } = self.bid_of_face[face as usize];
             let other = if cluster == from { to } else { from };
             // a winner that is new to both its clusters is found once, from the one that it leaves
-            if self.best[other as usize] == face && (cluster == from || !self.is_changed[other as usize]) {
+            if self.best[other as usize] == face && (cluster == from || changed.binary_search(&other).is_err()) {
                 winners.push(Move { face, from, to });
             }
-        }
-        for cluster in self.changed.drain(..) {
-            self.is_changed[cluster as usize] = false;
         }
         winners
     }
@@ -172,21 +150,15 @@ impl Bids {
         shorter.iter().filter(joins).map(move |&face| Move { face, ..winner })
     }
 
-    /// Takes the bids of winners, and of all that move with them, out. Returns the moves.
-    pub fn commit(&mut self, winners: &[Move], verdicts: &[Verdict]) -> Vec<Move> {
-        let mut moves = Vec::new();
-        for (&winner, verdict) in winners.iter().zip(verdicts) {
-            let first = moves.len();
-            match verdict {
-                Verdict::AllMove => moves.extend(self.joining(winner)),
-                Verdict::WinnerMoves => moves.push(winner),
-                Verdict::Refused => self.refused.push(winner.face),
+    /// Takes the bids of winners, and of the faces that move with each, out. A winner without moves is refused.
+    pub fn commit(&mut self, winners: &[Move], moves: &[Vec<Move>]) {
+        for (winner, moves) in winners.iter().zip(moves) {
+            if moves.is_empty() {
+                self.refused.push(winner.face);
             }
-            self.set(winner.face, Bid::default());
-            for moved in &moves[first..] {
+            for moved in moves.iter().chain([winner]) {
                 self.set(moved.face, Bid::default());
             }
         }
-        moves
     }
 }

@@ -1,8 +1,8 @@
 //! The boundary phase (P§3.2): one pass as [`crate::cluster::flat`] defines it, on active faces.
 
-use super::active_faces::{ActiveFaces, Evaluation};
+use super::active_faces::ActiveFaces;
 use super::clusters::Clusters;
-use super::nearby::{Nearby, Rival};
+use super::nearby::{Bound, Rival};
 use super::{Move, Partition};
 use crate::energy::{Functional, Sums, boundary_slack};
 
@@ -70,19 +70,19 @@ fn rival<E: Functional>(
 /// The move of a face to the nearest cluster among its neighbours' (the smaller number of equally near ones), if that
 /// is nearer than its own.
 #[inline]
-fn decide<E: Functional>(partition: &Partition<'_, E>, face: u32) -> Evaluation<Move> {
+fn decide<E: Functional>(partition: &Partition<'_, E>, face: u32) -> (Option<Move>, Bound) {
     let Partition { graph, labels, clusters, .. } = partition;
     let from = labels.near_boundary(face);
     let point = graph.points[face as usize];
     let mut nearest = (i64::MAX.cast_unsigned(), from);
-    let nearby = Nearby::of(partition, face, from, |cluster, cached| {
+    let bound = Bound::of(partition, face, from, |cluster, cached| {
         nearest = nearest.min((cached.cost(point), cluster));
     });
     let (distance, to) = nearest;
     let own = clusters.cached(from).cost(point);
     if distance < own {
-        Evaluation { decision: Some(Move { face, from, to }), bound: nearby.active() }
+        (Some(Move { face, from, to }), Bound { limit: Bound::ACTIVE, ..bound.until_a_change() })
     } else {
-        Evaluation { decision: None, bound: nearby.bound(boundary_slack(own, distance)) }
+        (None, bound.with_slack(boundary_slack(own, distance)))
     }
 }

@@ -82,11 +82,12 @@ impl ChangeLog {
             self.is_untouched &= !bit;
             return (0..self.is_pending.len() as u32).collect();
         }
-        let mut pending = std::mem::take(&mut self.pending[cursor as usize]);
-        pending.sort_unstable();
-        for &cluster in &pending {
-            self.is_pending[cluster as usize] &= !bit;
-        }
+        let listed = &mut self.pending[cursor as usize];
+        listed.sort_unstable();
+        listed.iter().for_each(|&cluster| self.is_pending[cluster as usize] &= !bit);
+        // a copy, so that the list keeps its room
+        let pending = listed.clone();
+        listed.clear();
         pending
     }
 }

@@ -18,6 +18,9 @@ pub const DRIFT_STEP: u64 = 256;
 /// More steps than any distance has.
 const FAR: u64 = (1 << 30) / DRIFT_STEP;
 
+/// Faces for each cluster of a thread's sums, at least: those of all threads then take no more than 12 bytes a face.
+const FACES_A_CLUSTER: usize = 4;
+
 /// Fits that are computed before they are stored.
 const FITS: usize = 1 << 15;
 
@@ -71,10 +74,17 @@ impl<E: Functional> Clusters<E> {
     pub fn of(graph: &DualGraph<E>, component_of_cluster: &[u32], labels: &[u32]) -> Self {
         let shift = |&component: &u32| graph.components[component as usize].energy_shift as u8;
         let count = component_of_cluster.len();
-        let mut sums = vec![E::Sums::default(); count];
-        for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
-            sums[label as usize].add_face(graph.face(face), 1);
-        }
+        let threads = rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * count).max(1)).max(1);
+        let mut parts: Vec<Vec<E::Sums>> =
+            parallel::pieces(labels.len(), labels.len().div_ceil(threads).max(1), &|range| {
+                let mut sums = vec![E::Sums::default(); count];
+                for (face, &label) in range.clone().zip(&labels[range]).filter(|&(_, &label)| label != FREE) {
+                    sums[label as usize].add_face(graph.face(face), 1);
+                }
+                sums
+            });
+        let mut sums = parts.pop().unwrap_or_else(|| vec![E::Sums::default(); count]);
+        parts.iter().for_each(|part| sums.iter_mut().zip(part).for_each(|(sum, of_part)| sum.add(of_part, 1)));
         let mut cached = vec![CachedProxy { drift: 2, ..CachedProxy::NOWHERE }; count + 1];
         cached[0] = CachedProxy::NOWHERE;
         let mut clusters = Self {

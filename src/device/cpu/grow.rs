@@ -6,16 +6,14 @@ use crate::energy::Functional;
 use crate::error::Result;
 use crate::surface::DualGraph;
 
-/// Labels all free faces that can be reached from the labelled faces in `front`, which holds all neighbours of free
-/// faces.
+/// Labels all of the free faces that can be reached from labelled ones.
 ///
 /// Only faces labelled in the last pass have free neighbours, so the cost is in proportion to the faces labelled.
-pub fn grow<E: Functional>(
-    graph: &DualGraph<E>,
-    labels: &mut Labels,
-    mut front: Vec<u32>,
-    cancel: &Cancel,
-) -> Result<()> {
+pub fn grow<E: Functional>(graph: &DualGraph<E>, labels: &mut Labels, free: &[u32], cancel: &Cancel) -> Result<()> {
+    let beside = free.iter().flat_map(|&face| graph.neighbours_of(face)).copied();
+    let mut front: Vec<u32> = beside.filter(|&near| labels.of(near) != FREE).collect();
+    front.sort_unstable();
+    front.dedup();
     while !front.is_empty() {
         cancel.check()?;
         let mut offers = Vec::new();

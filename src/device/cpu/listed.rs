@@ -180,14 +180,7 @@ impl<'a, E: Functional> Listed<'a, E> {
         let Partition { graph, labels, .. } = &mut self.partition;
         let from: Vec<u32> = faces.iter().map(|&face| labels.refresh(face)).collect();
         faces.iter().for_each(|&face| labels.set(face, FREE));
-        let mut front: Vec<u32> = faces
-            .iter()
-            .flat_map(|&face| graph.neighbours_of(face).iter().copied())
-            .filter(|&near| labels.of(near) != FREE)
-            .collect();
-        front.sort_unstable();
-        front.dedup();
-        grow(graph, labels, front, cancel)?;
+        grow(graph, labels, faces, cancel)?;
         let moves: Vec<Move> = faces
             .iter()
             .zip(from)
@@ -211,11 +204,13 @@ impl<'a, E: Functional> Listed<'a, E> {
     pub fn merge(&mut self, pairs: &[(u32, u32)]) {
         let Self { partition: Partition { graph, labels, clusters, boundary }, boundary_phase, refinement, .. } = self;
         labels.merge(clusters.len(), pairs);
-        labels.renew_after(pairs.len());
+        if pairs.len() > 1 {
+            labels.all();
+        }
         clusters.merge(pairs);
         for &(from, into) in pairs {
             boundary.merged(graph, labels, into, from, |labels, face| {
-                active_faces(boundary_phase, refinement).for_each(|active| active.merged(graph, labels, face));
+                active_faces(boundary_phase, refinement).for_each(|active| active.moved(graph, labels, face));
             });
         }
         self.moved_since_merge = Some(Vec::new());

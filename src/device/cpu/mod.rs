@@ -21,7 +21,7 @@ mod bids;
 mod boundary;
 mod boundary_faces;
 mod change_log;
-mod clusters;
+pub(super) mod clusters;
 mod grow;
 mod labels;
 mod listed;

@@ -50,13 +50,6 @@ pub struct Bound {
 /// the distances to both may change before it could.
 pub type Rival = Option<u64>;
 
-/// The clusters near a face, and how far their proxies have drifted until now, added up.
-#[derive(Debug, Clone, Copy)]
-pub struct Nearby {
-    near: NearClusters,
-    drift: u64,
-}
-
 impl NearClusters {
     /// Whether there is no other cluster: the face is not on a boundary.
     #[inline]
@@ -68,14 +61,6 @@ impl NearClusters {
     #[inline]
     pub fn are_many(self) -> bool {
         self.others[0] == MANY
-    }
-
-    /// The same, for a decision that does not hold when any of these clusters changes.
-    fn watching_all(mut self) -> Self {
-        if let [MANY, own_limit] = &mut self.others {
-            *own_limit = 0;
-        }
-        self
     }
 
     /// Whether a cluster is among the others that are listed.
@@ -99,11 +84,9 @@ impl NearClusters {
 impl Bound {
     /// The limit of an active face, which has to be evaluated: less than any drift.
     pub const ACTIVE: u64 = 1;
-}
 
-impl Nearby {
     /// Looks at the neighbours of a face of cluster `own`. Calls `visit` with each other cluster among theirs; with
-    /// some maybe several times where there are more than two.
+    /// some maybe several times where there are more than two. The limit is how far they have drifted until now.
     #[inline]
     pub fn of<E: Functional>(
         partition: &Partition<'_, E>,
@@ -125,7 +108,7 @@ impl Nearby {
         if are_many {
             other_clusters(graph, labels, face, own).for_each(|other| visit(other, clusters.cached(other)));
             let near = NearClusters { own: slot(own), others: [MANY, saturated(clusters.cached(own).drift)] };
-            return Self { near, drift: drift_of_many(partition, face, own) };
+            return Self { near, limit: drift_of_many(partition, face, own) };
         }
         let mut drift = clusters.cached(own).drift;
         for other in others.into_iter().take_while(|&other| other != NO_SLOT) {
@@ -133,28 +116,26 @@ impl Nearby {
             visit(other - 1, cached);
             drift += cached.drift;
         }
-        Self { near: NearClusters { own: slot(own), others }, drift }
+        Self { near: NearClusters { own: slot(own), others }, limit: drift }
     }
 
     /// The bound of a decision to stay that holds while the distances change by no more than `slack`, in lattice units.
     /// With 0 it holds until one of the clusters changes.
     #[inline]
-    pub fn bound(mut self, slack: u64) -> Bound {
-        let limit = if self.near.is_interior() { u64::MAX } else { self.drift + slack / DRIFT_STEP };
+    pub fn with_slack(mut self, slack: u64) -> Self {
+        self.limit = if self.near.is_interior() { u64::MAX } else { self.limit + slack / DRIFT_STEP };
         if let [MANY, own_limit] = &mut self.near.others {
             *own_limit = own_limit.saturating_add(saturated(slack / DRIFT_STEP));
         }
-        Bound { near: self.near, limit }
+        self
     }
 
     /// The bound of any decision: it holds until one of the clusters changes.
-    pub fn until_a_change(self) -> Bound {
-        Bound { near: self.near.watching_all(), limit: self.drift }
-    }
-
-    /// The bound of a face that stays active.
-    pub fn active(self) -> Bound {
-        Bound { near: self.near.watching_all(), limit: Bound::ACTIVE }
+    pub fn until_a_change(mut self) -> Self {
+        if let [MANY, own_limit] = &mut self.near.others {
+            *own_limit = 0;
+        }
+        self
     }
 }
 

@@ -2,15 +2,14 @@
 
 use std::cmp::Reverse;
 
-use super::active_faces::{ActiveFaces, Evaluation};
-use super::bids::{Bid, Bids, Verdict};
+use super::active_faces::ActiveFaces;
+use super::bids::{Bid, Bids};
 use super::change_log::Cursor;
-use super::nearby::{Bound, Nearby, Rival, other_clusters};
+use super::nearby::{Bound, Rival, other_clusters};
 use super::tuning::chunks::CLUSTERS;
 use super::{Move, Partition};
 use crate::energy::{Functional, RefinementSlack, Side, Sums};
 use crate::parallel;
-use crate::surface::DualGraph;
 
 /// What refinement keeps between iterations.
 #[derive(Debug)]
@@ -39,8 +38,9 @@ impl RefinementPhase {
             return None;
         }
         let winners = self.bids.winners();
-        let verdicts = verdicts(partition, &self.bids, &winners);
-        Some(self.bids.commit(&winners, &verdicts))
+        let moves = improving(partition, &self.bids, &winners);
+        self.bids.commit(&winners, &moves);
+        Some(moves.concat())
     }
 
     /// Evaluates active faces, and returns all bids.
@@ -52,37 +52,29 @@ impl RefinementPhase {
         let bids = &self.bids;
         let new_bids = self.active.evaluate(partition, |face| {
             let (bid, bound) = best_bid(partition, face);
-            Evaluation { decision: bids.is_new(face, bid).then_some((face, bid)), bound }
+            (bids.is_new(face, bid).then_some((face, bid)), bound)
         });
         new_bids.into_iter().for_each(|(face, bid)| self.bids.set(face, bid));
         &self.bids
     }
 }
 
-/// Tests each winner together with all that bid for its move, then alone.
-fn verdicts<E: Functional>(
+/// What moves for each winner: all that bid for its move if that lowers the energy, else the winner alone if that does.
+fn improving<E: Functional>(
     Partition { graph, clusters, .. }: &Partition<'_, E>,
     bids: &Bids,
     winners: &[Move],
-) -> Vec<Verdict> {
+) -> Vec<Vec<Move>> {
     parallel::map(winners.len(), CLUSTERS, |nth| {
-        let winner = winners[nth];
-        let Move { from, to, .. } = winner;
-        if clusters.improves(from, to, &sums_of(graph, bids.joining(winner))) {
-            Verdict::AllMove
-        } else if clusters.improves(from, to, &sums_of(graph, [winner])) {
-            Verdict::WinnerMoves
+        let winner @ Move { face, from, to } = winners[nth];
+        if clusters.improves(from, to, &graph.sums_over(bids.joining(winner).map(|moved| moved.face))) {
+            bids.joining(winner).collect()
+        } else if clusters.improves(from, to, &graph.sums_over([face])) {
+            vec![winner]
         } else {
-            Verdict::Refused
+            Vec::new()
         }
     })
-}
-
-/// The sums of faces that move.
-fn sums_of<E: Functional>(graph: &DualGraph<E>, moves: impl IntoIterator<Item = Move>) -> E::Sums {
-    let mut sums = E::Sums::default();
-    moves.into_iter().for_each(|moved| sums.add_face(graph.face(moved.face as usize), 1));
-    sums
 }
 
 /// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),
@@ -95,20 +87,18 @@ fn best_bid<E: Functional>(partition: &Partition<'_, E>, face: u32) -> (Bid, Bou
     let weight = graph.weights[face as usize];
     let own = clusters.cached(from);
     let mut slack = RefinementSlack::new(weight, own.cost(point), own.least_weight);
-    let nearby = Nearby::of(partition, face, from, |_, other| {
+    let bound = Bound::of(partition, face, from, |_, other| {
         slack.other(other.cost(point), other.least_weight);
     });
     if slack.is_clear() || clusters.sums(from).faces() == 1 {
-        return (Bid::default(), nearby.bound(slack.get()));
+        return (Bid::default(), bound.with_slack(slack.get()));
     }
     let side = |cluster| Side { cost: clusters.cached(cluster).cost(point), weight: clusters.sums(cluster).weight() };
     let own = side(from);
     let gains = other_clusters(graph, labels, face, from).map(|to| (E::gain(weight, own, side(to)), Reverse(to)));
     match gains.max() {
-        Some((gain, Reverse(to))) if gain > 0 => {
-            (Bid { gain: E::bid(gain, weight), from, to }, nearby.until_a_change())
-        }
-        _ => (Bid::default(), nearby.bound(0)),
+        Some((gain, Reverse(to))) if gain > 0 => (Bid { gain: E::bid(gain, weight), from, to }, bound.until_a_change()),
+        _ => (Bid::default(), bound.with_slack(0)),
     }
 }
 

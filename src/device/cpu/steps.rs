@@ -143,19 +143,12 @@ impl<E: Functional> Steps for CpuSteps<'_, E> {
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
         let graph = self.graph;
         let labels = self.labels_mut().all();
-        if !labels.contains(&FREE) {
-            return Ok(());
-        }
-        let is_near_free = |face: &u32| {
-            labels[*face as usize] != FREE
-                && graph.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)
-        };
-        let front: Vec<u32> = (0..labels.len() as u32).filter(is_near_free).collect();
-        if front.is_empty() {
+        let free: Vec<u32> = (0..labels.len() as u32).filter(|&face| labels[face as usize] == FREE).collect();
+        if free.is_empty() {
             return Ok(());
         }
         let mut labels = take(self.labels_mut());
-        let grown = grow(graph, &mut labels, front, cancel);
+        let grown = grow(graph, &mut labels, &free, cancel);
         self.known = Known::Labelled(labels);
         grown
     }

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use super::adapter::{FACES_A_CLUSTER, enumerate, largest_meshes};
 use super::buffers::{Buffer, Sizes};
-use super::kernels::{Items, KERNELS, Kernel, Part, needed};
+use super::kernels::{KERNELS, needed};
 use super::layout::BoundaryList;
-use super::memory::{BEFORE, bytes_of};
+use super::memory::bytes_of;
 use super::state::GpuSteps;
 use super::{GpuDevice, Overrides};
 use crate::cluster::quality::Quality;
@@ -148,45 +148,6 @@ fn a_face_takes_no_more_memory_than_before() {
         let bytes: u64 = Buffer::ALL.iter().map(|&buffer| bytes_of(buffer, &needed, &sizes)).sum();
         assert_eq!(bytes.div_ceil(faces), most, "{bytes} of {faces} faces");
     }
-}
-
-/// A kernel that no other code knows: it adds a constant to the labels.
-static LABELS_ADD: Kernel = Kernel {
-    name: "labels_add",
-    parts: &[Part {
-        path: "test/labels_add",
-        items: Items::Faces,
-        bytes: &[16],
-        wgsl: "//! reads: neighbours
-//! writes: labels
-
-override SUMMAND: u32 = 0u;
-
-fn labels_add(face: u32) {
-    if neighbours[face] < neighbours[face + 1u] {
-        labels[face] += SUMMAND;
-    }
-}
-",
-    }],
-    rounds: 1,
-    constant: Some(("SUMMAND", 3)),
-};
-
-#[test]
-fn a_kernel_is_its_text_a_row_and_a_dispatch() {
-    let device = device(Overrides::default());
-    let surface = Surface::build(&generate(Sample::Knot, 1000).expect("a sample")).expect("a surface");
-    let components = vec![0; 30];
-    let connection = device.connection().expect("it is open");
-    let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
-    let labels: Vec<u32> = (0..surface.faces() as u32).map(|face| face % 20).collect();
-    steps.set_labels(&labels).expect("set");
-    let mut encoder = steps.connection.encoder();
-    steps.encode(&mut encoder, "test", &[&LABELS_ADD], BEFORE);
-    steps.connection.submit(Some(encoder));
-    let expected: Vec<u32> = labels.iter().map(|label| label + 3).collect();
-    assert_eq!(steps.labels().expect("labels"), expected);
 }
 
 #[test]

@@ -6,19 +6,14 @@
 //! an error in sums, proxies, moves or labels makes a difference, unless it repeats itself in all of them.
 
 use crate::device::FREE;
-use crate::energy::{Functional, LatticeEnergy, Sums};
+use crate::device::cpu::clusters::Clusters;
+use crate::energy::{Functional, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::parallel;
 use crate::surface::DualGraph;
 
-/// Faces for each cluster of a thread's sums, at least: sums then take no more than 12 bytes a face.
-const FACES_A_CLUSTER: usize = 4;
-
 /// Labels that a thread checks at least.
 const LABELS_A_THREAD: usize = 1 << 16;
-
-/// Clusters whose energy a thread adds at least.
-const CLUSTERS_A_THREAD: usize = 256;
 
 /// Fails with [`Kind::DeviceWrong`] where labels that a gpu gave do not have the energy that it gave. The graph comes
 /// with the component of each cluster.
@@ -49,23 +44,7 @@ fn energy_of<E: Functional>(
     if let Some(&face) = parallel::filter(labels.len(), LABELS_A_THREAD, is_wrong).first() {
         return Err(labels[face as usize]);
     }
-    let threads = rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * clusters).max(1)).max(1);
-    let chunk = labels.len().div_ceil(threads).max(1);
-    let parts: Vec<Vec<E::Sums>> = parallel::pieces(labels.len(), chunk, &|range| {
-        let mut sums = vec![E::Sums::default(); clusters];
-        for (face, &label) in range.clone().zip(&labels[range]).filter(|&(_, &label)| label != FREE) {
-            sums[label as usize].add_face(graph.face(face), 1);
-        }
-        sums
-    });
-    let explained = |cluster: usize| {
-        let mut sums = E::Sums::default();
-        parts.iter().for_each(|part| sums.add(&part[cluster], 1));
-        let component = component_of_cluster[cluster] as usize;
-        sums.fit().map_or(0, |(_, explained)| explained << graph.components[component].energy_shift)
-    };
-    let explained = parallel::ranges(clusters, CLUSTERS_A_THREAD, &|range| range.map(explained).sum::<i128>());
-    Ok(LatticeEnergy { explained: explained.into_iter().sum() })
+    Ok(Clusters::of(graph, component_of_cluster, labels).energy())
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
 use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
 use crate::device::{DeviceInfo, DeviceKind};
-use crate::energy::{Functional, LatticeEnergy, WideSums};
+use crate::energy::{End, Functional, LatticeEnergy, WideSums};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -63,9 +63,9 @@ impl<E: Functional> PlainSteps<'_, E> {
     }
 
     /// What merge costs read of a cluster that has faces.
-    fn ends(&self) -> impl Fn(u32) -> E::End + use<E> {
+    fn ends(&self) -> impl Fn(u32) -> End<E::Point> + use<E> {
         let sums = (0..).zip(self.sums()).filter(|(_, sums)| sums.faces() > 0);
-        let ends: BTreeMap<u32, E::End> = sums.map(|(cluster, sums)| (cluster, sums.end())).collect();
+        let ends: BTreeMap<u32, End<E::Point>> = sums.map(|(cluster, sums)| (cluster, sums.end())).collect();
         move |cluster| ends[&cluster]
     }
 

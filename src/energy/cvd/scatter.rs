@@ -1,52 +1,25 @@
 //! How the faces of a cluster scatter: bounds of what splits and merges change, in f64 with a margin for their error.
 
-use super::{ClusterSums, Cvd, Item};
-use crate::energy::functional::{Bounds, Sums as _};
-
-/// A number of coordinates that points can have.
-#[derive(Debug)]
-pub struct Axes<const D: usize>;
-
-/// The products of different axes in a scatter matrix. None above 8 axes: the trace then bounds the norm.
-pub trait Products {
-    /// One a pair of axes.
-    type OfPairs: AsRef<[f64]> + AsMut<[f64]> + Clone + Default + Send + Sync + std::fmt::Debug;
-}
-
-macro_rules! products {
-    ($($axes:literal: $pairs:literal),*) => {$(
-        impl Products for Axes<$axes> {
-            type OfPairs = [f64; $pairs];
-        }
-    )*};
-}
-products!(3: 3, 8: 28, 64: 0);
+use super::{ClusterSums, Cvd};
+use crate::energy::functional::{Bounds, Item, Sums as _};
 
 /// Exact sums, and Σ w·d·dᵀ over the faces of a cluster, d = g − the centroid of its first face.
 #[derive(Debug, Clone)]
-pub struct Scatter<const D: usize>
-where
-    Axes<D>: Products,
-{
+pub struct Scatter<const D: usize> {
     first: [i32; D],
     sums: ClusterSums<D>,
     squares: [f64; D],
-    products: <Axes<D> as Products>::OfPairs,
+    /// Of different axes. None above 8 axes: the trace then bounds the norm.
+    products: Vec<f64>,
 }
 
-impl<const D: usize> Default for Scatter<D>
-where
-    Axes<D>: Products,
-{
+impl<const D: usize> Default for Scatter<D> {
     fn default() -> Self {
-        Self { first: [0; D], sums: ClusterSums::default(), squares: [0.0; D], products: Default::default() }
+        Self { first: [0; D], sums: ClusterSums::default(), squares: [0.0; D], products: Vec::new() }
     }
 }
 
-impl<const D: usize> Scatter<D>
-where
-    Axes<D>: Products,
-{
+impl<const D: usize> Scatter<D> {
     /// What rounded proxies change a gain or a cost by, at most, a unit of weight: d/4.
     const ROUNDING: f64 = if D > 4 { D as f64 / 4.0 } else { 1.0 };
 }
@@ -56,14 +29,12 @@ fn pairs<const D: usize>() -> impl Iterator<Item = (usize, usize)> {
     (0..D).flat_map(|a| (a + 1..D).map(move |b| (a, b)))
 }
 
-impl<const D: usize> Bounds<Cvd<D>> for Scatter<D>
-where
-    Axes<D>: Products,
-{
+impl<const D: usize> Bounds<Cvd<D>> for Scatter<D> {
     #[inline]
-    fn add(&mut self, face: Item<D>) {
+    fn add(&mut self, face: Item<[i32; D]>) {
         if self.sums.faces == 0 {
             self.first = face.point;
+            self.products = vec![0.0; if D > 8 { 0 } else { D * (D - 1) / 2 }];
         }
         self.sums.add_face(face, 1);
         let d: [f64; D] = std::array::from_fn(|axis| f64::from(face.point[axis] - self.first[axis]));
@@ -71,7 +42,7 @@ where
         for axis in 0..D {
             self.squares[axis] += weight * d[axis] * d[axis];
         }
-        for (product, (a, b)) in self.products.as_mut().iter_mut().zip(pairs::<D>()) {
+        for (product, (a, b)) in self.products.iter_mut().zip(pairs::<D>()) {
             *product += weight * (d[a] * d[b]);
         }
     }
@@ -82,11 +53,10 @@ where
         let sum: [f64; D] = std::array::from_fn(|at| (centroid[at] - weight * i64::from(self.first[at])) as f64);
         let mean = sum.map(|sum| sum / weight as f64);
         let squares: [f64; D] = std::array::from_fn(|axis| self.squares[axis] - sum[axis] * mean[axis]);
-        let products = self.products.as_ref();
-        let norm = if products.is_empty() {
+        let norm = if self.products.is_empty() {
             squares.iter().sum()
         } else {
-            let products = products.iter().zip(pairs::<D>()).map(|(product, (a, b))| product - sum[a] * mean[b]);
+            let products = self.products.iter().zip(pairs::<D>()).map(|(product, (a, b))| product - sum[a] * mean[b]);
             let of_squares: f64 = squares.iter().map(|x| x * x).sum();
             (of_squares + 2.0 * products.map(|x| x * x).sum::<f64>()).sqrt()
         };
@@ -108,7 +78,7 @@ mod tests {
     use super::*;
     use crate::dev::random;
 
-    type Face = Item<3>;
+    type Face = Item<[i32; 3]>;
 
     fn sums(faces: &[Face]) -> ClusterSums<3> {
         let mut sums = ClusterSums::default();

@@ -1,9 +1,8 @@
 //! The sums in 128 bits, as their definition reads. The plain device computes with them; the narrow forms are compared
 //! with it.
 
-use super::scatter::Products;
-use super::{Axes, ClusterSums, Cvd, End, Item};
-use crate::energy::functional::WideSums;
+use super::{ClusterSums, Cvd};
+use crate::energy::functional::{End, Item, WideSums};
 
 /// Sums over the faces of a cluster.
 #[derive(Debug, Clone)]
@@ -28,11 +27,8 @@ impl<const D: usize> Sums<D> {
     }
 }
 
-impl<const D: usize> WideSums<Cvd<D>> for Sums<D>
-where
-    Axes<D>: Products,
-{
-    fn add_face(&mut self, face: Item<D>) {
+impl<const D: usize> WideSums<Cvd<D>> for Sums<D> {
+    fn add_face(&mut self, face: Item<[i32; D]>) {
         let weight = i128::from(face.weight);
         for axis in 0..D {
             self.s[axis] += weight * i128::from(face.point[axis]);
@@ -50,7 +46,7 @@ where
     }
 
     /// |g − P|².
-    fn cost(&self, face: Item<D>) -> i128 {
+    fn cost(&self, face: Item<[i32; D]>) -> i128 {
         let proxy = self.proxy();
         (0..D).map(|axis| (i128::from(face.point[axis]) - proxy[axis]).pow(2)).sum()
     }
@@ -63,7 +59,7 @@ where
         along - self.m * square
     }
 
-    fn end(&self) -> End<D> {
+    fn end(&self) -> End<[i32; D]> {
         End { weight: self.m as u64, proxy: self.proxy().map(|p| p as i32) }
     }
 

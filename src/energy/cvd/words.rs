@@ -1,7 +1,7 @@
 //! Which words a face, the sums of a cluster and a proxy take on a gpu. `shaders/energy/cvd.wgsl` computes with them.
 
-use super::scatter::{Axes, Products};
-use super::{ClusterSums, Cvd, Item};
+use super::{ClusterSums, Cvd};
+use crate::energy::functional::Item;
 use crate::energy::shared::{Words, wide};
 
 /// The energy in WGSL.
@@ -30,17 +30,14 @@ pub const fn sums(axes: usize) -> usize {
     axes + 1
 }
 
-impl<const D: usize> Words for Cvd<D>
-where
-    Axes<D>: Products,
-{
+impl<const D: usize> Words for Cvd<D> {
     const AXES: usize = D;
 
     fn point(coordinate: impl FnMut(usize) -> i32) -> [i32; D] {
         std::array::from_fn(coordinate)
     }
 
-    fn of_face(Item { point, weight }: Item<D>) -> impl Iterator<Item = u32> {
+    fn of_face(Item { point, weight }: Item<[i32; D]>) -> impl Iterator<Item = u32> {
         point.map(i32::cast_unsigned).into_iter().chain([weight])
     }
 

@@ -34,9 +34,6 @@ pub fn choices<E: Functional>(partition: &mut Partition<'_, E>, living: &mut Vec
     choices.into_iter().flatten().collect()
 }
 
-/// Slots of the table of neighbours that were found last.
-const RECENT: usize = 16;
-
 /// Finds the clusters beside those of a list, some maybe several times, in place of what `others` has. Faces that are
 /// on no boundary are dropped from the list.
 pub fn find_neighbours<E: Functional>(
@@ -49,11 +46,12 @@ pub fn find_neighbours<E: Functional>(
     others.clear();
     list.retain(|face| {
         let before = others.len();
-        let beside = graph.neighbours_of(face).iter().map(|&near| labels.near_boundary(near));
-        others.extend(beside.filter(|&other| other != cluster));
+        for &near in graph.neighbours_of(face) {
+            let other = labels.near_boundary(near);
+            others.push(other);
+            // in place of a branch: which neighbours are in other clusters follows no pattern
+            others.truncate(others.len() - usize::from(other == cluster));
+        }
         others.len() > before
     });
-    // most repetitions follow soon after the first
-    let mut recent = [cluster; RECENT];
-    others.retain(|&other| std::mem::replace(&mut recent[other as usize % RECENT], other) != other);
 }

@@ -23,11 +23,11 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use self::node::{Edge, Grown, NO_NODE, Node, NodeEdges, Status, resolve};
 use self::search::SearchResult;
-use crate::device::cpu::best_edge::rough_end;
+use crate::device::cpu::best_edge::{self, rough_end};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::energy::{Functional, RoughEnd};
+use crate::energy::{End, Functional};
 use crate::parallel;
 use crate::surface::DualGraph;
 
@@ -36,25 +36,19 @@ const NEVER: u32 = 0;
 
 /// The living clusters, their neighbours and their best dual edges.
 ///
-/// A node stands for a cluster. Nodes are in the order of their clusters, and are renumbered when half of them have
-/// ended, so that the living ones lie close together.
+/// A node stands for the cluster of its number.
 #[derive(Debug)]
 pub struct Contraction<E: Functional> {
     nodes: Vec<Node<E>>,
     rows: Vec<NodeEdges>,
-    cluster_of_node: Vec<u32>,
-    /// The node of each cluster that has not ended.
-    node_of_cluster: Vec<u32>,
     /// The rows of the nodes, and edges that are no longer in a row. One thread at a time writes a row.
     edges: Vec<AtomicU64>,
     /// The nodes that grew in the last round.
     grown: Vec<Grown>,
-    /// The pairs of nodes whose best edges lead to each other, with their ranks as clusters.
-    pairs: Vec<(Rank<u32>, [u32; 2])>,
+    /// The pairs of nodes whose best edges lead to each other.
+    pairs: Vec<Rank<u32>>,
     /// Number of the round, from 1.
     round: u32,
-    /// Nodes that have ended.
-    ended: usize,
     /// Number of edges after the last compaction.
     compacted: usize,
     /// Which of equally cheap dual edges is the best.
@@ -72,7 +66,7 @@ impl<E: Functional> Contraction<E> {
             NodeEdges::new(start, graph.neighbours_of(face).len() as u32, NEVER)
         };
         let node = |face: u32| Node {
-            end: RoughEnd { weight: 0.0, proxy: E::NO_PROXY },
+            end: End { weight: 0.0, proxy: E::NO_PROXY },
             status: Status { into: face, grown: NEVER + 1 },
             best: Edge::LOST.packed().into(),
         };
@@ -82,14 +76,11 @@ impl<E: Functional> Contraction<E> {
         Self {
             rows: (0..faces).map(row).collect(),
             nodes: (0..faces).map(node).collect(),
-            cluster_of_node: (0..faces).collect(),
-            node_of_cluster: (0..faces).collect(),
             compacted: edges.len(),
             edges,
             grown: Vec::new(),
             pairs: Vec::new(),
             round: NEVER,
-            ended: 0,
             ties,
             is_current: false,
         }
@@ -100,7 +91,7 @@ impl<E: Functional> Contraction<E> {
         self.update(clusters);
         let choice = |node: usize| {
             let other = self.nodes[node].best().other;
-            (other != NO_NODE).then(|| (self.cluster_of_node[node], self.cluster_of_node[other as usize]))
+            (other != NO_NODE).then_some((node as u32, other))
         };
         parallel::list(self.nodes.len(), ITEMS, &|range, choices| choices.extend(range.filter_map(choice)))
     }
@@ -109,20 +100,18 @@ impl<E: Functional> Contraction<E> {
     /// packed costs.
     pub fn mutual(&mut self, clusters: &Clusters<E>) -> Vec<Rank<u32>> {
         self.update(clusters);
-        self.pairs.iter().map(|(rank, _)| *rank).collect()
+        self.pairs.clone()
     }
 
     /// Merges the first cluster of each pair into the second; no cluster is in two pairs. The best edges are current.
     pub fn merge(&mut self, pairs: &[(u32, u32)]) {
         debug_assert!(self.is_current);
-        // the second condition: a cluster with a long row that grows in many rounds
-        if self.ended > self.rows.len() / 2 || self.edges.len() > room(self.compacted, self.rows.len()) {
+        if self.edges.len() > room(self.compacted, self.rows.len()) {
             self.compact();
         }
         self.round += 1;
         let mut end = self.edges.len();
         for &(from, into) in pairs {
-            let [into, from] = [into, from].map(|cluster| self.node_of_cluster[cluster as usize]);
             let rows = [into, from].map(|node| self.rows[node as usize].edges());
             let ended = &mut self.nodes[from as usize];
             ended.status.into = into;
@@ -133,7 +122,6 @@ impl<E: Functional> Contraction<E> {
             self.grown.push(Grown { node: into, rows });
         }
         self.edges.resize_with(end, AtomicU64::default);
-        self.ended += pairs.len();
         self.is_current = false;
     }
 
@@ -148,11 +136,11 @@ impl<E: Functional> Contraction<E> {
         let mut lost = Vec::new();
         if self.round == NEVER {
             self.round += 1;
-            self.nodes.iter_mut().zip(&self.cluster_of_node).for_each(|(node, &cluster)| node.end = end(cluster));
+            (0..).zip(&mut self.nodes).for_each(|(cluster, node)| node.end = end(cluster));
             lost = (0..self.rows.len() as u32).collect();
         }
         for grown in &grown {
-            self.nodes[grown.node as usize].end = end(self.cluster_of_node[grown.node as usize]);
+            self.nodes[grown.node as usize].end = end(grown.node);
         }
         let search = |range| self.search_grown(clusters, &grown[range]);
         let results: Vec<SearchResult> = parallel::ranges(grown.len(), ITEMS, &search);
@@ -174,15 +162,15 @@ impl<E: Functional> Contraction<E> {
         let choice = |node: u32| self.nodes[node as usize].best().other;
         // a node that searched without having grown did so because its choice had grown or ended, or in the first round
         let has_grown = |node: u32| self.nodes[node as usize].status.grown == self.round;
-        let stays = |&(_, [a, b]): &(_, [u32; 2])| choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b);
+        let stays = |pair: &Rank<u32>| {
+            let (a, b) = pair.ends();
+            choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b)
+        };
         let has_searched = |node: u32| self.rows[node as usize].searched() == self.round;
         let pair = |&node: &u32| {
             let other = choice(node);
             let is_new = other != NO_NODE && choice(other) == node && (node < other || !has_searched(other));
-            is_new.then(|| {
-                let [low, high] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-                (Rank::new(self.packed_cost(clusters, node, other), low, high, Ties::Hash), [node, other])
-            })
+            is_new.then(|| Rank::new(best_edge::packed_cost(clusters, node, other), node, other, Ties::Hash))
         };
         let kept = &self.pairs;
         let mut pairs = parallel::list(kept.len(), ITEMS, &|range, pairs| {
@@ -194,52 +182,18 @@ impl<E: Functional> Contraction<E> {
         self.pairs = pairs;
     }
 
-    /// Drops nodes that have ended and edges that are in no row. The best edges are current.
+    /// Drops the edges that are in no row of a living node.
     fn compact(&mut self) {
         let Self { nodes, rows, edges, .. } = self;
-        let mut new_number = vec![NO_NODE; rows.len()];
-        let mut left = Vec::with_capacity(rows.len() - self.ended);
-        let mut end = 0;
-        for (number, row) in rows.iter().enumerate().filter(|&(number, _)| nodes[number].status.into == number as u32) {
-            let new = left.len();
-            new_number[number] = new as u32;
-            self.node_of_cluster[self.cluster_of_node[number] as usize] = new as u32;
-            self.cluster_of_node[new] = self.cluster_of_node[number];
-            left.push((number as u32, row, end));
-            end += row.edges().len();
+        let mut kept = Vec::with_capacity(edges.capacity());
+        let is_living = |(node, _): &(u32, &mut NodeEdges)| nodes[*node as usize].status.into == *node;
+        for (_, row) in (0..).zip(rows).filter(is_living) {
+            let of_row = row.edges();
+            row.start = kept.len();
+            kept.extend(edges[of_row].iter().map(|edge| AtomicU64::new(edge.load(Relaxed))));
         }
-        self.cluster_of_node.truncate(left.len());
-        self.pairs.iter_mut().flat_map(|(_, nodes)| nodes).for_each(|node| *node = new_number[*node as usize]);
-
-        let mut kept_edges = Vec::with_capacity(room(end, left.len()));
-        kept_edges.resize_with(end, AtomicU64::default);
-        let compacted_row = |&(_, row, start): &(u32, &NodeEdges, usize)| {
-            let row_edges = &edges[row.edges()];
-            let mut searched = row.searched();
-            for (target, edge) in kept_edges[start..].iter().zip(row_edges) {
-                let Edge { other, cost } = Edge::unpacked(edge.load(Relaxed));
-                if !nodes[other as usize].status.is_unchanged_since(other, row.searched()) {
-                    searched = NEVER;
-                }
-                let other = new_number[resolve(nodes, other) as usize];
-                target.store(Edge { other, cost }.packed(), Relaxed);
-            }
-            NodeEdges::new(start, row_edges.len() as u32, searched)
-        };
-        let new_rows = parallel::map(left.len(), ITEMS, |new| compacted_row(&left[new]));
-        let renewed = |(new, &(old, ..)): (u32, &(u32, &NodeEdges, usize))| {
-            let Node { end, status, best } = &nodes[old as usize];
-            let mut best = Edge::unpacked(best.load(Relaxed));
-            if best.other != NO_NODE {
-                best.other = new_number[best.other as usize];
-            }
-            Node { end: *end, status: Status { into: new, ..*status }, best: best.packed().into() }
-        };
-        self.nodes = (0..).zip(&left).map(renewed).collect();
-        self.rows = new_rows;
-        self.ended = 0;
-        self.compacted = end;
-        self.edges = kept_edges;
+        self.compacted = kept.len();
+        self.edges = kept;
     }
 }
 

@@ -14,7 +14,7 @@ use super::clusters::Clusters;
 use super::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{DualEdge, FREE};
-use crate::energy::{Functional, RoughEnd, Sums};
+use crate::energy::{End, Functional, Sums};
 use crate::parallel;
 
 /// The best dual edges, given the choices.
@@ -42,11 +42,11 @@ fn packed_cost<E: Functional>(clusters: &Clusters<E>, cluster: u32, other: u32) 
 }
 
 /// A cluster as an end of a dual edge.
-fn end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> E::End {
+fn end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> End<E::Point> {
     clusters.sums(cluster).end(clusters.cached(cluster).proxy)
 }
 
 /// The same in single precision.
-fn rough_end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> RoughEnd<E> {
-    RoughEnd { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.cached(cluster).proxy }
+fn rough_end<E: Functional>(clusters: &Clusters<E>, cluster: u32) -> End<E::Point, f32> {
+    End { weight: clusters.sums(cluster).weight() as f32, proxy: clusters.cached(cluster).proxy }
 }

@@ -35,13 +35,16 @@ impl FaceSet {
     pub fn filter<T: Sync>(&self, items: &[T], is_kept: impl Fn(u32, &T) -> bool + Sync) -> (Vec<u32>, usize) {
         let filtered = parallel::ranges(self.0.len(), WORDS, &|words| {
             let mut size = 0;
-            let mut kept = Vec::new();
+            let mut kept = Vec::with_capacity(64);
             for (word, items) in words.clone().zip(items[64 * words.start..].chunks(64)) {
                 let bits = self.0[word].load(Relaxed);
                 let first = (64 * word) as u32;
                 size += bits.count_ones() as usize;
-                let faces = ones(bits).map(|bit| first + bit);
-                kept.extend(faces.filter(|&face| is_kept(face, &items[face as usize % 64])));
+                for bit in ones(bits) {
+                    kept.push(first + bit);
+                    // in place of a branch, which would follow no pattern
+                    kept.truncate(kept.len() - usize::from(!is_kept(first + bit, &items[bit as usize])));
+                }
             }
             (kept, size)
         });

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
-use crate::energy::{Functional, RoughEnd};
+use crate::energy::{End, Functional};
 
 /// No node.
 pub const NO_NODE: u32 = u32::MAX;
@@ -12,7 +12,7 @@ pub const NO_NODE: u32 = u32::MAX;
 #[derive(Debug)]
 #[repr(align(32))]
 pub struct Node<E: Functional> {
-    pub end: RoughEnd<E>,
+    pub end: End<E::Point, f32>,
     pub status: Status,
     /// Its best edge, packed. Written by the node's own search. Before that search, the search of a neighbour that grew
     /// may reset it to [`Edge::LOST`]; offers are applied between the two.

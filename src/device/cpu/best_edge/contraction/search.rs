@@ -5,7 +5,7 @@
 //! that do not search.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 
 use super::{Contraction, Edge, Grown, NO_NODE, resolve};
 use crate::device::cpu::best_edge;
@@ -24,20 +24,12 @@ pub(super) struct SearchResult {
 }
 
 impl<E: Functional> Contraction<E> {
-    /// The packed cost of merging two nodes.
-    pub(super) fn packed_cost(&self, clusters: &Clusters<E>, node: u32, other: u32) -> u32 {
-        let [cluster, other] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-        best_edge::packed_cost(clusters, cluster, other)
-    }
-
     /// Whether one edge of a node is better than another.
     pub(super) fn prefers(&self, clusters: &Clusters<E>, node: u32, edge: Edge, than: Edge) -> bool {
         if edge.cost > than.cost * E::ROUGH_MARGIN || than.cost > edge.cost * E::ROUGH_MARGIN {
             return edge.cost < than.cost;
         }
-        let cluster = |node: u32| self.cluster_of_node[node as usize];
-        let cost = |other: u32| self.packed_cost(clusters, node, other);
-        let rank = |other: u32| Rank::new(cost(other), cluster(node), cluster(other), self.ties);
+        let rank = |other: u32| Rank::new(best_edge::packed_cost(clusters, node, other), node, other, self.ties);
         rank(edge.other) < rank(than.other)
     }
 
@@ -66,15 +58,16 @@ impl<E: Functional> Contraction<E> {
             }
             let target = &edges[self.rows[node as usize].start..];
             let mut kept = 0;
-            let mut cheapest = Cheapest::default();
+            let mut best = Edge::NONE;
             visited.begin(rows[0].len() + rows[1].len());
             for edge in rows.iter().flat_map(|row| &edges[row.clone()]) {
                 let other = resolve(nodes, Edge::unpacked(edge.load(Relaxed)).other);
                 if other == node || !visited.is_new(other) {
                     continue;
                 }
-                let cost = self.rough_cost(node, other);
-                target[kept].store(cheapest.add(Edge { other, cost }), Relaxed);
+                let edge = Edge { other, cost: self.rough_cost(node, other) };
+                best = if self.prefers(clusters, node, edge, best) { edge } else { best };
+                target[kept].store(edge.packed(), Relaxed);
                 kept += 1;
                 let its = nodes[other as usize].best();
                 if nodes[other as usize].status.grown != round && its != Edge::LOST {
@@ -83,12 +76,12 @@ impl<E: Functional> Contraction<E> {
                         if nodes[other as usize].lose_best() {
                             result.lost.push(other);
                         }
-                    } else if cost <= its.cost * E::ROUGH_MARGIN {
-                        result.offers.push((other, Edge { other: node, cost }));
+                    } else if edge.cost <= its.cost * E::ROUGH_MARGIN {
+                        result.offers.push((other, Edge { other: node, ..edge }));
                     }
                 }
             }
-            self.store_row(clusters, node, &target[..kept], cheapest);
+            self.store_row(node, kept, best);
         }
         result
     }
@@ -110,7 +103,7 @@ impl<E: Functional> Contraction<E> {
             let row = &rows[node as usize];
             let edges = &edges[row.edges()];
             let mut kept = 0;
-            let mut cheapest = Cheapest::default();
+            let mut best = Edge::NONE;
             visited.begin(edges.len());
             for at in 0..edges.len() {
                 let mut edge = Edge::unpacked(edges[at].load(Relaxed));
@@ -122,48 +115,18 @@ impl<E: Functional> Contraction<E> {
                     }
                     edge = Edge { other, cost: self.rough_cost(node, other) };
                 }
-                edges[kept].store(cheapest.add(edge), Relaxed);
+                best = if self.prefers(clusters, node, edge, best) { edge } else { best };
+                edges[kept].store(edge.packed(), Relaxed);
                 kept += 1;
             }
-            self.store_row(clusters, node, &edges[..kept], cheapest);
+            self.store_row(node, kept, best);
         }
     }
 
     /// Stores the result of a search: the length of the row and the best edge.
-    fn store_row(&self, clusters: &Clusters<E>, node: u32, edges: &[AtomicU64], cheapest: Cheapest) {
-        let mut best = Edge::unpacked(cheapest.first);
-        if Edge::unpacked(cheapest.second).cost <= best.cost * E::ROUGH_MARGIN {
-            for edge in edges.iter().map(|edge| Edge::unpacked(edge.load(Relaxed))) {
-                if edge.other != best.other && self.prefers(clusters, node, edge, best) {
-                    best = edge;
-                }
-            }
-        }
+    fn store_row(&self, node: u32, edges: usize, best: Edge) {
         self.nodes[node as usize].set_best(best);
-        self.rows[node as usize].renew(edges.len(), self.round);
-    }
-}
-
-/// The two edges of a row with the lowest rough costs, packed.
-#[derive(Debug, Clone, Copy)]
-struct Cheapest {
-    first: u64,
-    second: u64,
-}
-
-impl Default for Cheapest {
-    fn default() -> Self {
-        Self { first: Edge::NONE.packed(), second: Edge::NONE.packed() }
-    }
-}
-
-impl Cheapest {
-    /// Takes an edge into account, and returns it packed.
-    fn add(&mut self, edge: Edge) -> u64 {
-        let packed = edge.packed();
-        self.second = self.second.min(packed.max(self.first));
-        self.first = self.first.min(packed);
-        packed
+        self.rows[node as usize].renew(edges, self.round);
     }
 }
 

@@ -4,37 +4,19 @@ use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::json;
 use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, ObjectBuilder, OneOfBuilder, SchemaFormat, Type};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-use crate::error::names::Name;
+use super::Name;
+pub use crate::cluster::record::Snapshots;
 use crate::error::{Error, Result};
-
-/// Iterations whose labels are kept; 0 is the initial growth.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "Written", into = "Written")]
-pub enum Snapshots {
-    /// 0 and every multiple of this, which is at least 1.
-    Every(u32),
-    /// These, ascending, each once.
-    At(Vec<u32>),
-}
 
 impl Snapshots {
     /// As it is written in flags and queries, for the description of the interface.
     pub const PATTERN: &'static str = "^(0|[1-9][0-9]{0,8})(,(0|[1-9][0-9]{0,8}))*,?$";
-
-    /// The first of them that is above `iteration`, or with none the first of all.
-    pub fn next_after(&self, iteration: Option<u32>) -> Option<u32> {
-        let from = iteration.map_or(Some(0), |iteration| iteration.checked_add(1))?;
-        match self {
-            Snapshots::Every(step) => from.checked_next_multiple_of(*step),
-            Snapshots::At(list) => list.get(list.partition_point(|&at| at < from)).copied(),
-        }
-    }
 
     /// A single number: every so many; 0 for the initial growth alone.
     fn single(number: u32) -> Self {
@@ -80,8 +62,17 @@ impl FromStr for Snapshots {
     }
 }
 
-/// As it is written in JSON, TOML and queries.
-#[derive(Serialize, Deserialize)]
+impl Serialize for Snapshots {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Snapshots::Every(step) => step.serialize(serializer),
+            Snapshots::At(list) => list.serialize(serializer),
+        }
+    }
+}
+
+/// As it may be written in JSON, TOML and queries.
+#[derive(Deserialize)]
 #[serde(
     untagged,
     expecting = "snapshots must be a number N, for every N-th iteration, or a list of iterations, as \
@@ -93,23 +84,12 @@ enum Written {
     Text(String),
 }
 
-impl TryFrom<Written> for Snapshots {
-    type Error = Error;
-
-    fn try_from(written: Written) -> Result<Self> {
-        match written {
+impl<'de> Deserialize<'de> for Snapshots {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match Written::deserialize(deserializer)? {
             Written::Number(number) => Ok(Self::single(number)),
             Written::List(list) => Ok(Self::list(list)),
-            Written::Text(text) => text.parse(),
-        }
-    }
-}
-
-impl From<Snapshots> for Written {
-    fn from(snapshots: Snapshots) -> Self {
-        match snapshots {
-            Snapshots::Every(step) => Self::Number(step),
-            Snapshots::At(list) => Self::List(list),
+            Written::Text(text) => text.parse().map_err(serde::de::Error::custom),
         }
     }
 }
@@ -171,21 +151,5 @@ mod tests {
         for json in ["-1", "1.5", "null", "{}", r#"["1"]"#, "[-1]", "4294967296", r#""""#] {
             assert!(serde_json::from_str::<Snapshots>(json).is_err(), "{json}");
         }
-    }
-
-    #[test]
-    fn they_follow_each_other() {
-        let all = |snapshots: &Snapshots| {
-            let mut last = None;
-            std::iter::from_fn(|| {
-                last = snapshots.next_after(last);
-                last
-            })
-            .take(3)
-            .collect::<Vec<_>>()
-        };
-        assert_eq!(all(&Snapshots::Every(7)), [0, 7, 14]);
-        assert_eq!(all(&Snapshots::At(vec![3, 9])), [3, 9]);
-        assert_eq!(Snapshots::Every(1).next_after(Some(u32::MAX)), None);
     }
 }
