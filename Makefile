@@ -36,8 +36,8 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 # What most suites need is built first; then four of them run at a time, since most of them wait for much of their time.
 # The longest come first. `unit` takes longest and compiles in the folder that `lint` waits for, so that it goes before
-# others (nice, so little that these do not starve beside busy processes) and compiles on all cores (without the flags
-# by which make limits cargo). The two that measure processor time run at the end, a core each. A suite that hangs fails
+# others (nice, so little that they do not starve beside busy processes) and compiles on all cores (without the flags by
+# which make limits cargo). The two that measure processor time run at the end, a core each. A suite that hangs fails
 # when its time has passed, with what it printed.
 SUITES := unit page farm python end-to-end lint fuzz bucket memory crash outputs deploy
 MEASURES := page-times costs

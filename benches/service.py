@@ -3,17 +3,19 @@
     python service.py BEFORE AFTER [ROUNDS]
 
 Both are programs with the command `serve`, on the cpu device; ROUNDS (5) times each. Nothing else should run.
+Data folders are in the temporary folder (TMPDIR), which should be on a disk.
 
 | row | what is measured |
 |---|---|
 | start | from the start of the process until `/readyz` answers; the data folder is new |
 | stop | from SIGTERM until the process has ended |
-| latency of N faces | median of 200 jobs into 20 clusters at `fast` with `Prefer: wait`, one after the other |
+| latency of N faces | median of 200 jobs into 20 clusters at `fast` with `Prefer: wait`, in turn, after 20 others |
 | jobs a second | 1,200 such jobs of 300 faces by 8 clients |
 """
 
 import concurrent.futures
 import http.client
+import json
 import pathlib
 import socket
 import statistics
@@ -35,7 +37,7 @@ def jobs(port, mesh, count):
         connection.request("POST", PATH, mesh, HEADERS)
         answer = connection.getresponse()
         body = answer.read()
-        assert answer.status == 200, body
+        assert answer.status == 200 and json.loads(body)["state"] == "succeeded", body
         times.append(1000 * (time.perf_counter() - started))
     return times
 
@@ -45,8 +47,9 @@ def started(binary, arguments):
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     begin = time.perf_counter()
-    process = subprocess.Popen([binary, "serve", "--device", "cpu", "--log", "warn", "--listen", f"127.0.0.1:{port}", *arguments])
-    while True:
+    listen = ["--listen", f"127.0.0.1:{port}"]
+    process = subprocess.Popen([binary, "serve", "--device", "cpu", "--log", "error", *listen, *arguments])
+    while time.perf_counter() < begin + 60:
         try:
             connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
             connection.request("GET", "/readyz")
@@ -55,6 +58,8 @@ def started(binary, arguments):
         except OSError:
             assert process.poll() is None, "the service ended"
         time.sleep(0.0005)
+    process.kill()
+    raise TimeoutError("the service is not ready after a minute")
 
 
 def stopped(process):
@@ -89,7 +94,8 @@ def main():
         meshes = {}
         for faces in (300, 1000):
             file = pathlib.Path(folder) / f"{faces}.glb"
-            subprocess.run([binaries[1], "sample", "sphere", "--faces", str(faces), file], check=True, stdout=subprocess.DEVNULL)
+            sample = [binaries[1], "sample", "sphere", "--faces", str(faces), file]
+            subprocess.run(sample, check=True, stdout=subprocess.DEVNULL)
             meshes[faces] = file.read_bytes()
         for is_durable in (True, False):
             values = ({}, {})
@@ -98,7 +104,9 @@ def main():
                     arguments = ["--data-dir", f"{folder}/data-{turn}-{at}"] if is_durable else []
                     for name, value in measure(binaries[at], meshes, arguments).items():
                         values[at].setdefault(name, []).append(value)
-            print(f"\n| {'with' if is_durable else 'without'} a data folder | before | after | ratio | ratios of rounds |\n|---|--:|--:|--:|---|")
+            where = "with" if is_durable else "without"
+            print(f"\n| {where} a data folder | before | after | ratio | ratios of rounds |")
+            print("|---|--:|--:|--:|---|")
             for name in values[0]:
                 before, after = (statistics.median(of[name]) for of in values)
                 each = ", ".join(f"{b / a:.2f}" for a, b in zip(values[0][name], values[1][name]))

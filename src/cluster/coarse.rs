@@ -119,6 +119,10 @@ impl<E: Functional> CoarseStart<E> {
         let mut levels: Vec<Coarse<E>> = Vec::new();
         loop {
             let graph = levels.last().map_or(&items.graph, |level| &level.graph);
+            let is_coarse = |groups: u64| groups * 3 > graph.faces() as u64 * 2;
+            if is_coarse(graph.least_groups(&heaviest)) {
+                break;
+            }
             let mut grouping = graph.grouped(&heaviest);
             let mut has_too_few = false;
             for ((groups, &share), heaviest) in grouping.groups_of_components().zip(&shares).zip(&mut heaviest) {
@@ -130,7 +134,7 @@ impl<E: Functional> CoarseStart<E> {
             if has_too_few {
                 grouping = graph.grouped(&heaviest);
             }
-            if u64::from(grouping.groups()) * 3 > graph.faces() as u64 * 2 {
+            if is_coarse(u64::from(grouping.groups())) {
                 break;
             }
             levels.push(graph.contracted(grouping));

@@ -57,7 +57,7 @@ impl<'a, E: Functional> Teleports<'a, E> {
         for splits in &mut splits {
             splits.sort_unstable_by_key(|split| (Reverse(split.gain), split.cluster));
         }
-        let mut pairs = mutual(edges);
+        let mut pairs = mutual(edges, &mut Vec::new());
         pairs.sort_unstable();
         let pairs = pairs.iter().map(Rank::ends).collect();
         Self { graph, component_of_cluster, faces_of_cluster, pairs, splits }

@@ -76,10 +76,12 @@ impl<Cost> Rank<Cost> {
 }
 
 /// The mutual pairs of best dual edges. `edges` are in the order of their clusters.
-pub fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
+///
+/// `chosen` is memory for a number a cluster, which a caller with many rounds keeps: only those of the clusters that
+/// have edges are written and read.
+pub fn mutual(edges: &[DualEdge], chosen: &mut Vec<u32>) -> Vec<Rank<u32>> {
     let clusters = edges.last().map_or(0, |edge| edge.cluster as usize + 1);
-    // what is chosen has an edge: the zeros of others are not read, and cost nothing
-    let mut chosen = vec![0; clusters];
+    chosen.resize(clusters.max(chosen.len()), u32::MAX);
     for edge in edges {
         chosen[edge.cluster as usize] = edge.other;
     }

@@ -186,7 +186,7 @@ pub trait MergeSteps<E: Functional = Energy>: Steps {
 
     /// The pairs of clusters that chose each other as ends of their best dual edges, in no particular order.
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
-        Ok(mutual(&self.optimal_dual_edges(ties)?))
+        Ok(mutual(&self.optimal_dual_edges(ties)?, &mut Vec::new()))
     }
 
     /// The two ends of the dual edge with the smallest exact cost of all, the smaller number first.

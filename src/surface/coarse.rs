@@ -59,6 +59,19 @@ impl Grouping {
 }
 
 impl<E: Functional> DualGraph<E> {
+    /// A lower bound of the number of groups that [`grouped`](Self::grouped) makes.
+    pub fn least_groups(&self, heaviest: &[u64]) -> u64 {
+        let of_component = |(component, &heaviest): (&Component, &u64)| match heaviest {
+            0 => u64::from(component.faces),
+            // a face that is heavier is a group of its own
+            _ => {
+                let weights = self.weights[component.range()].iter();
+                weights.map(|&weight| u64::from(weight).min(heaviest)).sum::<u64>().div_ceil(heaviest)
+            }
+        };
+        self.components.iter().zip(heaviest).map(of_component).sum()
+    }
+
     /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a
     /// single face. Groups are connected.
     pub fn grouped(&self, heaviest: &[u64]) -> Grouping {
@@ -267,6 +280,8 @@ mod tests {
             let coarser = coarse.graph.contracted(coarse.graph.grouped(&heavier));
             assert_neighbours_are_those_of_the_faces(&coarse.graph, &coarser);
             assert!(coarse.graph.faces() * 3 <= surface.faces() * 2, "{sample:?}");
+            let least = surface.least_groups(&heaviest);
+            assert!(least >= 12 && least <= coarse.graph.faces() as u64, "{sample:?}: {least}");
         }
     }
 

@@ -287,7 +287,7 @@ fn moves_since_a_merge_are_all_known_whatever_made_them() {
         let mut found = Vec::new();
         for _ in 0..6 {
             let edges = steps.optimal_dual_edges(Ties::Hash).expect("a search");
-            let pairs: Vec<(u32, u32)> = mutual(&edges).iter().map(Rank::ends).collect();
+            let pairs: Vec<(u32, u32)> = mutual(&edges, &mut Vec::new()).iter().map(Rank::ends).collect();
             steps.merge(&pairs).expect("a merge");
             steps.optimise_boundary(2, &cancel, &mut |_| {}).expect("optimise");
             let mut cut_off = steps.repair(&cancel).expect("a repair");

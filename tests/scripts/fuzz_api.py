@@ -67,7 +67,7 @@ def fuzz(url, folder, config, examples, *options, **more):
         [SCHEMATHESIS, "--no-color", "--config-file", path, "run", url + "/openapi.yaml", "--seed", "1", "--workers", "1",
          "--request-timeout", "30", "--max-failures", "20", "--exclude-checks", "positive_data_acceptance", *most,
          *options],
-        check=True, cwd=folder, **more)
+        check=True, timeout=2400, cwd=folder, **more)
 
 
 def follow_links(url, folder):

@@ -66,8 +66,8 @@ impl ActiveFaces {
     }
 
     /// A face has moved, or its cluster was merged into another; `labels` already have its new cluster. Active are the
-    /// face, and the neighbours whose bound does not cover that cluster. (One that covers a cluster which has ended is
-    /// exceeded.)
+    /// face, and the neighbours whose bound does not cover that cluster. A bound that covers the cluster that ended is
+    /// exceeded: its drift is [far](super::clusters::Clusters::merge).
     pub fn moved<E: Functional>(&mut self, graph: &DualGraph<E>, labels: &Labels, face: u32) {
         self.add(face);
         let cluster = labels.near_boundary(face);

@@ -15,10 +15,12 @@ use crate::surface::DualGraph;
 /// and the bound of a face fits 32 bits.
 pub const DRIFT_STEP: u64 = 256;
 
-/// More steps than any distance has.
+/// More steps than any distance has, and than any slack: a bound that a cluster which ended is part of is exceeded
+/// ([`super::active_faces::ActiveFaces::moved`] relies on that).
 const FAR: u64 = (1 << 30) / DRIFT_STEP;
 
-/// Faces for each cluster of a thread's sums, at least: those of all threads then take no more than 12 bytes a face.
+/// Faces for each cluster of a thread's sums, at least: the sums of all threads then take no more than a quarter of
+/// those with a cluster a face.
 const FACES_A_CLUSTER: usize = 4;
 
 /// Fits that are computed before they are stored.
@@ -74,7 +76,8 @@ impl<E: Functional> Clusters<E> {
     pub fn of(graph: &DualGraph<E>, component_of_cluster: &[u32], labels: &[u32]) -> Self {
         let shift = |&component: &u32| graph.components[component as usize].energy_shift as u8;
         let count = component_of_cluster.len();
-        let threads = rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * count).max(1)).max(1);
+        let threads =
+            rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * count).max(parallel::LEAST)).max(1);
         let mut parts: Vec<Vec<E::Sums>> =
             parallel::pieces(labels.len(), labels.len().div_ceil(threads).max(1), &|range| {
                 let mut sums = vec![E::Sums::default(); count];

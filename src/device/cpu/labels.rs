@@ -2,9 +2,9 @@
 //!
 //! A merge writes one entry, what the cluster was merged into. Labels follow where they are read: those of boundary
 //! faces and of their neighbours are kept up to date ([`Labels::refresh`]), and [`Labels::of`] resolves any other. So a
-//! merge costs as much as the boundary of the cluster that ends, not its area. Where boundaries are listed and several
-//! pairs merge, all labels are renewed at once, by all threads. Under a contraction no label is refreshed until
-//! boundaries are listed.
+//! merge costs as much as the boundary of the cluster that ends, not its area. Where that would be more than a pass
+//! over all labels, all are renewed at once, by all threads. Under a contraction no label is refreshed until boundaries
+//! are listed.
 
 use super::tuning::chunks::FACES;
 use crate::device::FREE;
@@ -14,6 +14,12 @@ use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 use crate::union_find::root;
 
+/// Faces that a pass renews in the time that the refreshing of labels takes for a merge.
+const FACES_A_MERGE: usize = 256;
+
+/// The same for the refreshing of a face and its neighbours.
+const FACES_AROUND: usize = 8;
+
 /// One label a face, internal order.
 #[derive(Debug, Default)]
 pub struct Labels {
@@ -21,6 +27,8 @@ pub struct Labels {
     raw: Vec<u32>,
     /// What each cluster was merged into; itself while it lives: a union-find forest. Empty until clusters merge.
     merged_into: Vec<u32>,
+    /// The clusters that ended since all labels were those of living ones.
+    ended: Vec<u32>,
     /// Whether all labels are those of living clusters.
     are_current: bool,
 }
@@ -28,13 +36,14 @@ pub struct Labels {
 impl Labels {
     /// All faces free.
     pub fn new(faces: usize) -> Self {
-        Self { raw: vec![FREE; faces], merged_into: Vec::new(), are_current: true }
+        Self { raw: vec![FREE; faces], merged_into: Vec::new(), ended: Vec::new(), are_current: true }
     }
 
     /// Replaces all labels by those of living clusters.
     pub fn replace(&mut self, labels: &[u32]) {
         self.raw.copy_from_slice(labels);
         self.merged_into.clear();
+        self.ended.clear();
         self.are_current = true;
     }
 
@@ -72,6 +81,9 @@ impl Labels {
 
     /// Brings the labels of some faces and of their neighbours up to date.
     pub fn refresh_around<E: Functional>(&mut self, graph: &DualGraph<E>, faces: &[u32]) {
+        if FACES_AROUND * faces.len() >= self.raw.len() {
+            self.renew();
+        }
         if self.are_current {
             return;
         }
@@ -96,8 +108,16 @@ impl Labels {
         }
         for &(from, into) in pairs {
             self.merged_into[from as usize] = into;
+            self.ended.push(from);
         }
         self.are_current = false;
+    }
+
+    /// Brings all labels up to date if so many merges are worth it.
+    pub fn renew_after(&mut self, merges: usize) {
+        if FACES_A_MERGE * merges >= self.raw.len() {
+            self.renew();
+        }
     }
 
     /// Whether each face is a cluster of its own, of the same number.
@@ -117,7 +137,10 @@ impl Labels {
             return;
         }
         let merged_into = &mut self.merged_into;
-        (0..merged_into.len() as u32).for_each(|cluster| merged_into[cluster as usize] = root(merged_into, cluster));
+        // in reverse, so that the target of a merge is resolved before it is read
+        for cluster in std::mem::take(&mut self.ended).into_iter().rev() {
+            merged_into[cluster as usize] = merged_into[merged_into[cluster as usize] as usize];
+        }
         parallel::runs_mut(&mut self.raw, FACES, &|_, labels| {
             labels.iter_mut().filter(|label| **label != FREE).for_each(|label| *label = merged_into[*label as usize]);
         });

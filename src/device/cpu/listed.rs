@@ -204,9 +204,7 @@ impl<'a, E: Functional> Listed<'a, E> {
     pub fn merge(&mut self, pairs: &[(u32, u32)]) {
         let Self { partition: Partition { graph, labels, clusters, boundary }, boundary_phase, refinement, .. } = self;
         labels.merge(clusters.len(), pairs);
-        if pairs.len() > 1 {
-            labels.all();
-        }
+        labels.renew_after(pairs.len());
         clusters.merge(pairs);
         for &(from, into) in pairs {
             boundary.merged(graph, labels, into, from, |labels, face| {

@@ -4,8 +4,9 @@
 //! is called after every wait for the device. A connection that failed once is not used again: the next surface opens a
 //! new one.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -43,12 +44,32 @@ pub(super) struct Connection {
     pub(super) tested: Mutex<HashMap<usize, Result<()>>>,
     /// Name of the adapter.
     pub(super) name: String,
+    /// What surfaces are uploaded through.
+    pub(super) staging: Mutex<Staging>,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
     /// A fault of the next buffer, or of the next numbers that the host reads.
     reached: Mutex<Option<Fault>>,
     /// Where passes are timed.
     clock: Option<Clock>,
+}
+
+/// Memory that the host writes and the device copies from. Pieces are used again: wgpu fills new ones with zeros, which
+/// takes as long as writing what is to be sent.
+#[derive(Debug, Default)]
+pub(super) struct Staging {
+    /// Mapped.
+    pub(super) idle: Vec<wgpu::Buffer>,
+    /// In the order of their submissions.
+    pub(super) in_flight: VecDeque<InFlight>,
+}
+
+/// A piece from which the device copies; it is mapped again after that.
+#[derive(Debug)]
+pub(super) struct InFlight {
+    pub(super) buffer: wgpu::Buffer,
+    pub(super) submission: wgpu::SubmissionIndex,
+    pub(super) mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
 
 /// Failures that callbacks reported.
@@ -107,6 +128,7 @@ impl Connection {
             pipelines: Mutex::default(),
             tested: Mutex::default(),
             name,
+            staging: Mutex::default(),
             health,
             fault: Mutex::new(overrides.fault),
             reached: Mutex::default(),
@@ -198,14 +220,16 @@ impl Connection {
         self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
-    /// Creates a buffer. A failure, such as lack of memory, is an error of this call and leaves the connection usable.
+    /// Creates a buffer, mapped if the host may write it. A failure, such as lack of memory, is an error of this call
+    /// and leaves the connection usable.
     pub(super) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         if lock(&self.reached).take_if(|fault| matches!(fault, Fault::Exhaust(_))).is_some() {
             return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "injected".into() }));
         }
         let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
         let scopes = kinds.map(|kind| self.device.push_error_scope(kind));
-        let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+        let mapped_at_creation = usage.contains(wgpu::BufferUsages::MAP_WRITE);
+        let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation };
         let buffer = self.device.create_buffer(&descriptor);
         // scopes end in reverse order
         let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();

@@ -97,7 +97,7 @@ impl SurfaceMemory {
         let common = Iteration { faces: sizes.faces as u32, ..Iteration::zeroed() };
         let (listed, bound) = (common.faces, RefCell::default());
         let memory = Self { storage, iterations, stride, common, sizes, is_merging, listed, bound };
-        upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours));
+        upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
         connection.check()?;
         Ok(memory)
     }

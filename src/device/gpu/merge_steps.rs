@@ -11,7 +11,7 @@ use super::memory::{BETWEEN, Numbers};
 use super::readback::{Along, Part, Parts};
 use super::state::{Change, Found, GpuSteps, History, Search};
 use super::upload::upload;
-use crate::device::dual_edge::Ties;
+use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{DualEdge, FREE, MergeSteps};
 use crate::energy::Words;
 use crate::error::{Error, Result};
@@ -119,6 +119,10 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
             Ok(DualEdge { cluster: number(cluster)?, other: number(other)?, cost })
         };
         best.into_iter().map(edge).collect()
+    }
+
+    fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
+        Ok(mutual(&self.optimal_dual_edges(ties)?, &mut self.chosen))
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {

@@ -12,7 +12,7 @@ use super::choice::{choose, none_usable, reports};
 use super::connection::Connection;
 use super::memory::storage;
 use super::pipeline::with_own_layout;
-use super::upload::upload;
+use super::upload::{upload, upload_staged};
 use crate::energy::{Energy, Words as _};
 use crate::error::Result;
 
@@ -138,18 +138,24 @@ fn download(connection: &Connection, from: &wgpu::Buffer, bytes: u64) -> Result<
 }
 
 /// Transfers of [`TRANSFER`] bytes, in GB/s.
-fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 2]> {
+fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 3]> {
     let data = vec![7u32; TRANSFER / size_of::<u32>()];
     let target = storage(connection, "transfer", TRANSFER as u64)?;
     let speed = |seconds: f64| TRANSFER as f64 / seconds / 1e9;
     let finish = || connection.wait(connection.queue.submit([]));
-    let mut fastest = [f64::MAX; 2];
+    let mut fastest = [f64::MAX; 3];
     for _ in 0..REPEATS {
+        let mut times = [0.0; 3];
+        let started = Instant::now();
+        upload_staged(connection, &target, 0, &data)?;
+        finish()?;
+        times[0] = started.elapsed().as_secs_f64();
         let started = Instant::now();
         upload(connection, &target, &data);
         finish()?;
-        let times = [started.elapsed().as_secs_f64(), download(connection, &target, TRANSFER as u64)?];
+        times[1] = started.elapsed().as_secs_f64();
+        times[2] = download(connection, &target, TRANSFER as u64)?;
         fastest = std::array::from_fn(|at| fastest[at].min(times[at]));
     }
-    Ok([("upload", speed(fastest[0])), ("download", speed(fastest[1]))])
+    Ok([("upload_staged", speed(fastest[0])), ("upload_written", speed(fastest[1])), ("download", speed(fastest[2]))])
 }

@@ -78,7 +78,7 @@ fn results<E: Words>(steps: &mut dyn MergeSteps<E>) -> Result<Vec<Numbers>> {
     all.push(("best dual edges", numbers.collect()));
     let cheapest = steps.cheapest_dual_edge(Ties::Hash)?;
     all.push(("cheapest dual edge", cheapest.iter().flat_map(|&(a, b)| [a, b].map(i128::from)).collect()));
-    let mut pairs: Vec<(u32, u32)> = mutual(&edges).iter().map(Rank::ends).collect();
+    let mut pairs: Vec<(u32, u32)> = mutual(&edges, &mut Vec::new()).iter().map(Rank::ends).collect();
     pairs.sort_unstable();
     let (ordered, _) = steps.merge_pairs(&pairs)?;
     all.push(("merges", ordered.iter().flat_map(|&(from, into)| [from, into].map(i128::from)).collect()));

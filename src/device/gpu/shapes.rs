@@ -57,8 +57,8 @@ impl GpuShapes {
         let words = |name: &str, words: usize| storage(&connection, name, 4 * words as u64);
         let of_neighbours = words("neighbours", faces + 1 + graph.neighbours.items.len())?;
         let of_samples = words("samples", faces + 1 + points.len())?;
-        upload_rows(&connection, &of_neighbours, &graph.neighbours.offsets, 1, &graph.neighbours.items);
-        upload_rows(&connection, &of_samples, &samples.offsets, 3, points);
+        upload_rows(&connection, &of_neighbours, &graph.neighbours.offsets, 1, &graph.neighbours.items)?;
+        upload_rows(&connection, &of_samples, &samples.offsets, 3, points)?;
         let compiled = || with_own_layout(&connection.device, NAME, WGSL);
         let pipeline = lock(&connection.pipelines).entry((NAME, 0)).or_insert_with(compiled).clone();
         let steps = Self {

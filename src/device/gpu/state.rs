@@ -135,6 +135,8 @@ pub(super) struct GpuSteps<'a, E: Words> {
     pub(super) living: Vec<u32>,
     /// Whether the place of a cluster is one of them.
     pub(super) is_living: Vec<bool>,
+    /// Memory for [`mutual`](crate::device::dual_edge::mutual).
+    pub(super) chosen: Vec<u32>,
     pub(super) known: Known<E>,
     /// The last search for dual edges.
     pub(super) last_search: Option<Search>,
@@ -170,6 +172,7 @@ impl<'a, E: Words> GpuSteps<'a, E> {
             component_of_place: Vec::new(),
             living: Vec::new(),
             is_living: Vec::new(),
+            chosen: Vec::new(),
             known: Known::NEW,
             last_search: None,
             phase_from: 1,

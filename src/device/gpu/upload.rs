@@ -1,56 +1,136 @@
 //! What the host writes to the device.
-//!
-//! `write_buffer` does it: staging memory that is used again was slower on an H200 and in software
-//! (`benches/results/2026-11-27-nvidia-h200`).
 
-use bytemuck::{Pod, cast_slice};
+use std::ops::Range;
+use std::sync::mpsc::channel;
 
-use super::connection::Connection;
+use bytemuck::{Pod, cast, cast_slice};
+
+use super::connection::{Connection, InFlight, PATIENCE, Staging};
+use super::lock;
 use crate::energy::Words;
+use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 
-/// Words that are written at once, so that wgpu's copies of them stay small.
+/// Items that are written at once, so that wgpu's copies of them stay small.
 const CHUNK: usize = 1 << 20;
 
 /// Writes items to a buffer.
 pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, items: &[T]) {
-    upload_from(connection, buffer, 0, cast_slice(items));
-}
-
-/// Writes words to a buffer, from word `first` on.
-fn upload_from(connection: &Connection, buffer: &wgpu::Buffer, first: usize, words: &[u32]) {
-    for (at, chunk) in (first..).step_by(CHUNK).zip(words.chunks(CHUNK)) {
-        connection.queue.write_buffer(buffer, (at * size_of::<u32>()) as u64, cast_slice(chunk));
+    for (at, chunk) in (0..).step_by(CHUNK).zip(items.chunks(CHUNK)) {
+        connection.queue.write_buffer(buffer, (at * size_of::<T>()) as u64, cast_slice(chunk));
         // wgpu keeps its copy until a submission takes it along
         connection.submit(None);
     }
 }
 
-/// Writes faces and their neighbours.
+/// Writes faces and their neighbours, through [`Staging`]. Creating a piece may fail for want of memory, which is an
+/// error of this call; if a copy of `write_buffer` finds none, the device is lost.
 pub(super) fn upload_graph<E: Words>(
     connection: &Connection,
     graph: &DualGraph<E>,
     faces: &wgpu::Buffer,
     neighbours: &wgpu::Buffer,
-) {
-    let words = E::AXES + 1;
-    let mut chunk = Vec::with_capacity(CHUNK);
-    for first in (0..graph.faces()).step_by(CHUNK / words) {
-        let end = graph.faces().min(first + CHUNK / words);
-        chunk.clear();
-        (first..end).for_each(|face| chunk.extend(E::of_face(graph.face(face))));
-        upload_from(connection, faces, first * words, &chunk);
-    }
-    upload_rows(connection, neighbours, &graph.neighbours.offsets, 1, &graph.neighbours.items);
+) -> Result<()> {
+    let mut words = Vec::new();
+    write(connection, faces, (0, graph.faces()), E::AXES + 1, |range, mut to| {
+        words.clear();
+        range.for_each(|face| words.extend(E::of_face(graph.face(face))));
+        to.copy_from_slice(cast_slice(&words));
+    })?;
+    upload_rows(connection, neighbours, &graph.neighbours.offsets, 1, &graph.neighbours.items)
 }
 
-/// Writes rows of items: the index of the first word of each row, and one more index for the end, given as items; then
-/// the items, which are some words each.
-pub(super) fn upload_rows(connection: &Connection, target: &wgpu::Buffer, offsets: &[u32], words: u32, items: &[u32]) {
+/// Writes rows of items through [`Staging`]: the index of the first word of each row, and one more index for the end,
+/// given as items; then the items, which are some words each.
+pub(super) fn upload_rows(
+    connection: &Connection,
+    target: &wgpu::Buffer,
+    offsets: &[u32],
+    words: u32,
+    items: &[u32],
+) -> Result<()> {
     let rows = offsets.len();
-    for (at, offsets) in (0..).step_by(CHUNK).zip(offsets.chunks(CHUNK)) {
-        let chunk: Vec<u32> = offsets.iter().map(|offset| offset * words + rows as u32).collect();
-        upload_from(connection, target, at, &chunk);
+    let offset = |row: usize| cast(offsets[row] * words + rows as u32);
+    write(connection, target, (0, rows), 1, |range, to| to.write_iter(range.map(offset)))?;
+    upload_staged(connection, target, rows, items)
+}
+
+/// Writes numbers to a buffer, from number `first` on, through [`Staging`].
+pub(super) fn upload_staged(
+    connection: &Connection,
+    target: &wgpu::Buffer,
+    first: usize,
+    numbers: &[u32],
+) -> Result<()> {
+    write(connection, target, (first, numbers.len()), 1, |range, mut to| {
+        to.copy_from_slice(cast_slice(&numbers[range]));
+    })
+}
+
+/// Bytes of a piece of staging memory.
+const PIECE: usize = 4 << 20;
+
+/// Pieces that a connection keeps: the host fills one while the device copies from others.
+const PIECES: usize = 4;
+
+impl Staging {
+    /// A mapped piece.
+    fn take(&mut self, connection: &Connection) -> Result<wgpu::Buffer> {
+        if let Some(buffer) = self.idle.pop() {
+            return Ok(buffer);
+        }
+        if self.in_flight.len() < PIECES {
+            let usage = wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC;
+            return connection.buffer("staging", PIECE as u64, usage);
+        }
+        let Some(InFlight { buffer, submission, mapped }) = self.in_flight.pop_front() else {
+            return Err(Error::internal("there is no staging memory"));
+        };
+        connection.wait(submission)?;
+        // another thread may have polled first, and be about to call back
+        match mapped.recv_timeout(PATIENCE) {
+            Ok(Ok(())) => Ok(buffer),
+            Ok(Err(_)) | Err(_) => Err(connection.break_down("its memory could not be mapped again")),
+        }
     }
-    upload_from(connection, target, rows, items);
+
+    /// Copies the first bytes of a piece, which is mapped again once that is done.
+    fn copy(&mut self, connection: &Connection, buffer: wgpu::Buffer, (target, at): (&wgpu::Buffer, u64), bytes: u64) {
+        buffer.unmap();
+        let mut encoder = connection.encoder();
+        encoder.copy_buffer_to_buffer(&buffer, 0, target, at, bytes);
+        let submission = connection.submit(Some(encoder));
+        let (sender, mapped) = channel();
+        // the receiver is gone with the connection
+        buffer.map_async(wgpu::MapMode::Write, .., move |outcome| drop(sender.send(outcome)));
+        self.in_flight.push_back(InFlight { buffer, submission, mapped });
+        // those whose mapping an earlier wait has brought
+        while self.in_flight.front().is_some_and(|piece| matches!(piece.mapped.try_recv(), Ok(Ok(())))) {
+            self.idle.extend(self.in_flight.pop_front().map(|piece| piece.buffer));
+        }
+    }
+}
+
+/// Writes items of some words to a buffer, from item `first` on: `fill` writes chunks of them to mapped memory.
+fn write(
+    connection: &Connection,
+    target: &wgpu::Buffer,
+    (first, items): (usize, usize),
+    words: usize,
+    mut fill: impl FnMut(Range<usize>, wgpu::WriteOnly<'_, [[u8; 4]]>),
+) -> Result<()> {
+    let size = words * size_of::<u32>();
+    let mut staging = lock(&connection.staging);
+    for at in (0..items).step_by(PIECE / size) {
+        let range = at..items.min(at + PIECE / size);
+        let bytes = (range.len() * size) as u64;
+        let piece = staging.take(connection)?;
+        {
+            let unwritable = |_| connection.break_down("its memory could not be written");
+            let mut view = piece.get_mapped_range_mut(..bytes).map_err(unwritable)?;
+            fill(range, view.slice(..).into_chunks::<4>().0);
+        }
+        staging.copy(connection, piece, (target, ((first + at) * size) as u64), bytes);
+    }
+    Ok(())
 }

@@ -9,17 +9,20 @@ pub struct Scatter<const D: usize> {
     first: [i32; D],
     sums: ClusterSums<D>,
     squares: [f64; D],
-    /// Of different axes. None above 8 axes: the trace then bounds the norm.
-    products: Vec<f64>,
+    /// Of different axes, the first [`PAIRS`](Self::PAIRS).
+    products: [f64; 28],
 }
 
 impl<const D: usize> Default for Scatter<D> {
     fn default() -> Self {
-        Self { first: [0; D], sums: ClusterSums::default(), squares: [0.0; D], products: Vec::new() }
+        Self { first: [0; D], sums: ClusterSums::default(), squares: [0.0; D], products: [0.0; 28] }
     }
 }
 
 impl<const D: usize> Scatter<D> {
+    /// Pairs of axes. None above 8 axes: the trace then bounds the norm.
+    const PAIRS: usize = if D > 8 { 0 } else { D * (D - 1) / 2 };
+
     /// What rounded proxies change a gain or a cost by, at most, a unit of weight: d/4.
     const ROUNDING: f64 = if D > 4 { D as f64 / 4.0 } else { 1.0 };
 }
@@ -34,7 +37,6 @@ impl<const D: usize> Bounds<Cvd<D>> for Scatter<D> {
     fn add(&mut self, face: Item<[i32; D]>) {
         if self.sums.faces == 0 {
             self.first = face.point;
-            self.products = vec![0.0; if D > 8 { 0 } else { D * (D - 1) / 2 }];
         }
         self.sums.add_face(face, 1);
         let d: [f64; D] = std::array::from_fn(|axis| f64::from(face.point[axis] - self.first[axis]));
@@ -42,7 +44,7 @@ impl<const D: usize> Bounds<Cvd<D>> for Scatter<D> {
         for axis in 0..D {
             self.squares[axis] += weight * d[axis] * d[axis];
         }
-        for (product, (a, b)) in self.products.iter_mut().zip(pairs::<D>()) {
+        for (product, (a, b)) in self.products[..Self::PAIRS].iter_mut().zip(pairs::<D>()) {
             *product += weight * (d[a] * d[b]);
         }
     }
@@ -53,10 +55,13 @@ impl<const D: usize> Bounds<Cvd<D>> for Scatter<D> {
         let sum: [f64; D] = std::array::from_fn(|at| (centroid[at] - weight * i64::from(self.first[at])) as f64);
         let mean = sum.map(|sum| sum / weight as f64);
         let squares: [f64; D] = std::array::from_fn(|axis| self.squares[axis] - sum[axis] * mean[axis]);
-        let norm = if self.products.is_empty() {
+        let norm = if Self::PAIRS == 0 {
             squares.iter().sum()
         } else {
-            let products = self.products.iter().zip(pairs::<D>()).map(|(product, (a, b))| product - sum[a] * mean[b]);
+            let products = self.products[..Self::PAIRS]
+                .iter()
+                .zip(pairs::<D>())
+                .map(|(product, (a, b))| product - sum[a] * mean[b]);
             let of_squares: f64 = squares.iter().map(|x| x * x).sum();
             (of_squares + 2.0 * products.map(|x| x * x).sum::<f64>()).sqrt()
         };

@@ -40,12 +40,12 @@ impl Store {
     /// Claims waiting jobs, in the order of the [rules](queue). They are running from then on. Also gives the time
     /// until a job that was passed over may be claimed, if that needs time only.
     pub async fn claim_as(&self, claiming: Claiming) -> Result<(Vec<(Ticket, Job)>, Option<Duration>)> {
-        // without the lock of the queue: an arrival wakes all workers
+        // an arrival wakes the workers of all services that share the queue: an idle one looks without the lock
         let waits = "SELECT number FROM jobs WHERE state = 'queued' LIMIT 1";
-        if self.is_idle.load(Relaxed) && self.query("look", waits, Vec::new()).await?.is_empty() {
+        let is_alone = !self.is_shared();
+        if !is_alone && self.is_idle.load(Relaxed) && self.query("look", waits, Vec::new()).await?.is_empty() {
             return Ok((Vec::new(), None));
         }
-        let is_alone = !self.is_shared();
         let (taken, wait) = self.change("claim", move |change| claim(change, &claiming, is_alone)).await?;
         self.is_idle.store(taken.is_empty(), Relaxed);
         self.held.lock().extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));

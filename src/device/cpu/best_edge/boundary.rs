@@ -34,6 +34,9 @@ pub fn choices<E: Functional>(partition: &mut Partition<'_, E>, living: &mut Vec
     choices.into_iter().flatten().collect()
 }
 
+/// Slots of the table of neighbours that were found last.
+const RECENT: usize = 16;
+
 /// Finds the clusters beside those of a list, some maybe several times, in place of what `others` has. Faces that are
 /// on no boundary are dropped from the list.
 pub fn find_neighbours<E: Functional>(
@@ -54,4 +57,7 @@ pub fn find_neighbours<E: Functional>(
         }
         others.len() > before
     });
+    // most repetitions follow soon after the first
+    let mut recent = [cluster; RECENT];
+    others.retain(|&other| std::mem::replace(&mut recent[other as usize % RECENT], other) != other);
 }

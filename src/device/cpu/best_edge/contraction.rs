@@ -2,7 +2,7 @@
 //!
 //! It replaces the faces as long as none of them moves: in hierarchies without optimisation, and in others before the
 //! first round that is optimised. A round costs in proportion to the clusters that merge and to their neighbours, not
-//! to the number of clusters or to the length of their boundaries.
+//! to the number of clusters or to the length of their boundaries. A list of all choices goes over the faces.
 //!
 //! # Which nodes search again
 //!
@@ -182,12 +182,14 @@ impl<E: Functional> Contraction<E> {
         self.pairs = pairs;
     }
 
-    /// Drops the edges that are in no row of a living node.
+    /// Drops the edges that are in no row of a living node. The rows of others are not read any more.
     fn compact(&mut self) {
         let Self { nodes, rows, edges, .. } = self;
-        let mut kept = Vec::with_capacity(edges.capacity());
-        let is_living = |(node, _): &(u32, &mut NodeEdges)| nodes[*node as usize].status.into == *node;
-        for (_, row) in (0..).zip(rows).filter(is_living) {
+        let is_living = |node: u32| nodes[node as usize].status.into == node;
+        let living =
+            (0..).zip(rows.iter()).filter(|&(node, _)| is_living(node)).map(|(_, row)| row.edges().len()).sum();
+        let mut kept = Vec::with_capacity(room(living, rows.len()));
+        for (_, row) in (0..).zip(rows).filter(|&(node, _)| is_living(node)) {
             let of_row = row.edges();
             row.start = kept.len();
             kept.extend(edges[of_row].iter().map(|edge| AtomicU64::new(edge.load(Relaxed))));

@@ -54,7 +54,8 @@ pub struct Edge {
     pub cost: f32,
 }
 
-/// The living node that a node is part of.
+/// The living node that a node is part of. Of two clusters that merge, the one with more faces lives on, so that no way
+/// there is longer than the logarithm of the faces.
 pub fn resolve<E: Functional>(nodes: &[Node<E>], mut node: u32) -> u32 {
     loop {
         let into = nodes[node as usize].status.into;

@@ -82,7 +82,7 @@ fn numbers(seed: u64) -> impl FnMut(u64) -> u64 {
 
 /// The mutual pairs, the cheapest first.
 fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
-    let mut pairs = dual_edge::mutual(edges);
+    let mut pairs = dual_edge::mutual(edges, &mut Vec::new());
     pairs.sort_unstable();
     pairs
 }
