@@ -19,7 +19,6 @@ use crate::files::retention::Retention;
 use crate::files::storage::Storage;
 use crate::guard::access::Access;
 use crate::guard::traffic::{Traffic, connections};
-use crate::http::page;
 use crate::http::router::router;
 use crate::http::state::{DeviceDescription, Shared};
 use crate::metrics::Metrics;
@@ -193,7 +192,6 @@ impl Server {
         let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));
         tasks.spawn(Teller { store, webhooks, metrics: Arc::clone(&shared.metrics) }.run(stop.clone()));
         tracing::info!(%address, device = shared.device.info.name, "listening on http://{address}");
-        page::start();
 
         tokio::select! {
             () = shutdown => {}

@@ -9,7 +9,6 @@
 //! before each use, so that a new release is a new page.
 
 use std::sync::LazyLock;
-use std::thread;
 
 use axum::body::Bytes;
 use axum::http::header;
@@ -49,7 +48,7 @@ const FILES: [(&str, &str, &[u8]); 7] = [
 #[cfg(not(feature = "page"))]
 const FILES: [(&str, &str, &[u8]); 0] = [];
 
-/// The knot and its hierarchy, each with its digest; made once, when the service has started.
+/// The knot and its hierarchy, each with its digest; made once, when a page first loads them.
 static KNOT: LazyLock<Result<[(Content, Bytes); 2]>> = LazyLock::new(make_knot);
 
 pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
@@ -64,13 +63,6 @@ pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
         let content = digest(bytes);
         routes.route(path, get(async move || serve(media_type, bytes, content)))
     })
-}
-
-/// Makes what the page shows first, in the background.
-pub(crate) fn start() {
-    if !FILES.is_empty() {
-        thread::spawn(|| LazyLock::force(&KNOT));
-    }
 }
 
 /// A file of the page with the headers that all of them have.
@@ -89,7 +81,6 @@ fn digest(bytes: &[u8]) -> Content {
 }
 
 async fn knot(file: usize) -> Answer {
-    // a request may arrive before the knot is made
     let made = blocking(move || KNOT.as_ref().map(|files| files[file].clone()).map_err(Error::clone));
     let (content, bytes) = made.await??;
     Ok(serve("application/octet-stream", bytes, content))
