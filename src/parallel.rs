@@ -53,11 +53,17 @@ pub fn map<T: Send>(count: usize, least: usize, of: impl Fn(usize) -> T + Sync) 
 pub fn filter(count: usize, least: usize, is_wanted: impl Fn(&u32) -> bool + Sync) -> Vec<u32> {
     list(count, least, &|range, list| {
         for number in range.start as u32..range.end as u32 {
-            list.push(number);
-            // in place of a branch, which would follow no pattern
-            list.truncate(list.len() - usize::from(!is_wanted(&number)));
+            push_if(list, number, is_wanted(&number));
         }
     })
+}
+
+/// Appends an item if it is wanted. Where that follows no pattern, a branch would be mispredicted: the item is appended
+/// and taken back.
+#[inline]
+pub fn push_if<T>(list: &mut Vec<T>, item: T, is_wanted: bool) {
+    list.push(item);
+    list.truncate(list.len() - usize::from(!is_wanted));
 }
 
 /// The first number of `0..count` for which `is_wanted` holds.

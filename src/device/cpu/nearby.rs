@@ -86,8 +86,8 @@ impl Bound {
     pub const ACTIVE: u64 = 1;
 
     /// Looks at the neighbours of a face of cluster `own`. Calls `visit` with each other cluster among theirs; with
-    /// some maybe several times where there are more than two. The limit is how far the proxies of
-    /// all these clusters have drifted until now.
+    /// some maybe several times where there are more than two. The limit is how far the proxies of all these clusters
+    /// have drifted until now.
     #[inline]
     pub fn of<E: Functional>(
         partition: &Partition<'_, E>,

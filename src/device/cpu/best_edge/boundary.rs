@@ -7,6 +7,7 @@ use crate::device::cpu::boundary_faces::ClusterList;
 use crate::device::cpu::labels::Labels;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::energy::{Functional, Sums};
+use crate::parallel::push_if;
 use crate::surface::DualGraph;
 
 /// The choices of the clusters. `living` are those that may have faces, ascending; ones that have none are dropped.
@@ -51,9 +52,7 @@ pub fn find_neighbours<E: Functional>(
         let before = others.len();
         for &near in graph.neighbours_of(face) {
             let other = labels.near_boundary(near);
-            others.push(other);
-            // in place of a branch: which neighbours are in other clusters follows no pattern
-            others.truncate(others.len() - usize::from(other == cluster));
+            push_if(others, other, other != cluster);
         }
         others.len() > before
     });

@@ -41,9 +41,7 @@ impl FaceSet {
                 let first = (64 * word) as u32;
                 size += bits.count_ones() as usize;
                 for bit in ones(bits) {
-                    kept.push(first + bit);
-                    // in place of a branch, which would follow no pattern
-                    kept.truncate(kept.len() - usize::from(!is_kept(first + bit, &items[bit as usize])));
+                    parallel::push_if(&mut kept, first + bit, is_kept(first + bit, &items[bit as usize]));
                 }
             }
             (kept, size)
