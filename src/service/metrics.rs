@@ -278,7 +278,7 @@ metrics! {
         file_errors: Counter, "file_errors", "Files that could not be written or read for reasons of their place";
         stuck_jobs: Gauge, "stuck_jobs", "Jobs that repeat what they cannot read or write in their files";
         unknown_jobs: Gauge, "unknown_jobs",
-            "Folders in the data folder of jobs that the store does not know, as of the last sweep";
+            "Folders of jobs that the store does not know, as of the last sweep; at a shared place those of a day ago";
         results_damaged: Counter, "results_damaged", "Stored results that were not what was stored when they were read";
         request_lag: Histogram = short(), "request_thread_lag" [Seconds],
             "How late the threads that answer requests began what was due, looked at four times a second";

@@ -76,27 +76,8 @@ impl Server {
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
         let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
-        let (place, reserve) = (settings.storage.blobs.as_ref(), settings.storage.min_free_bytes);
-        let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, extras.faults.clone())?;
-        files.allow_references(&settings.storage.mesh_prefixes)?;
         let access = Arc::new(Access::open(&settings.access).await?);
-        let mut store = open_store(&settings, &files, extras.faults.clone()).await?;
-        let check = async {
-            files.probe_elsewhere().await?;
-            if !store.is_shared() && store.is_durable() && !store.was_used().await? {
-                files.check_unused_store().await?;
-            }
-            if store.is_durable() {
-                files.take_place(&store.name, store.newest().await?.is_some()).await?;
-            }
-            Ok(())
-        };
-        if let Err(refusal) = check.await {
-            // another process may open the file at once
-            store.close().await;
-            return Err(refusal);
-        }
-        let files = Arc::new(files);
+        let (files, mut store) = open_places(&settings, &extras.faults).await?;
         let metrics = Arc::new(Metrics::new(&description.info, &settings));
         let observer = Arc::clone(&metrics);
         store.observe(move |operation, elapsed, failed| observer.stored(operation, elapsed, failed));
@@ -220,12 +201,36 @@ impl Server {
         }
         tasks.close();
         let _ = timeout(LAST_MOMENT, tasks.wait()).await;
-        // Whatever still holds on to jobs and files, they are closed now.
+        // work that still runs can no longer change the store or the files
         let _ = timeout(LAST_MOMENT, shared.store.close()).await;
         shared.files.close().await;
         tracing::info!("stopped");
         Ok(())
     }
+}
+
+/// The place of files, and the store that it belongs to.
+async fn open_places(settings: &Settings, faults: &Faults) -> Result<(Arc<Files>, Store)> {
+    let (place, reserve) = (settings.storage.blobs.as_ref(), settings.storage.min_free_bytes);
+    let mut files = Files::open(settings.data_dir.as_deref(), place, reserve, faults.clone())?;
+    files.allow_references(&settings.storage.mesh_prefixes)?;
+    let store = open_store(settings, &files, faults.clone()).await?;
+    let check = async {
+        files.probe_elsewhere().await?;
+        if !store.is_shared() && store.is_durable() && !store.was_used().await? {
+            files.check_unused_store().await?;
+        }
+        if store.is_durable() {
+            files.take_place(&store.name, store.newest().await?.is_some()).await?;
+        }
+        Ok(())
+    };
+    if let Err(refusal) = check.await {
+        // another process may open the file at once
+        store.close().await;
+        return Err(refusal);
+    }
+    Ok((Arc::new(files), store))
 }
 
 async fn open_store(settings: &Settings, files: &Files, faults: Faults) -> Result<Store> {

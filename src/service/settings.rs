@@ -68,15 +68,15 @@ pub struct Settings {
           default_value_t = Self::default().drain_delay, value_parser = clap::value_parser!(u64).range(0..=3600))]
     pub drain_delay: u64,
 
-    /// What is kept.
+    /// Places.
     #[command(flatten)]
     pub storage: StorageSettings,
 
-    /// What a job may cost.
+    /// Work.
     #[command(flatten)]
     pub work: WorkSettings,
 
-    /// Limits of traffic.
+    /// Traffic.
     #[command(flatten)]
     pub traffic: TrafficSettings,
 
@@ -186,7 +186,7 @@ pub enum Switch {
     Off,
 }
 
-/// What a job may cost.
+/// Limits of work on jobs.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 #[command(next_help_heading = "Work")]
 pub struct WorkSettings {
@@ -234,7 +234,7 @@ impl Default for WorkSettings {
     }
 }
 
-/// What is kept.
+/// Places of jobs and files, and how long they stay.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 #[command(next_help_heading = "Places")]
 pub struct StorageSettings {

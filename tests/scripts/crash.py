@@ -225,7 +225,7 @@ def main():
         f"lost: {accepted.keys() - known.keys()}, nobody's: {known.keys() - accepted.keys()}"
     attempts = [check(server, known[id], prepared[kind][2]) for id, kind in accepted.items()]
     server.process.send_signal(signal.SIGTERM)
-    assert server.process.wait(timeout=30) == 0, server.tail()
+    assert server.process.wait(timeout=120) == 0, server.tail()
     uploads = {path.name for path in (DATA / "uploads").iterdir()}
     assert not uploads & accepted.keys(), "uploads of ended jobs are left"
     results = {path.name for path in (DATA / "results").iterdir()}

@@ -177,7 +177,7 @@ def rolling_update(replicas, kinds):
 
 def nothing_is_left(database, front):
     """Jobs expire, and the sweep removes what killed services left."""
-    two_days_ago = time.time() - 2 * 86_400
+    eight_days_ago = time.time() - 8 * 86_400
 
     def files():
         return [os.path.join(folder, name) for folder, _, names in os.walk(BLOBS) for name in names if name != "owner"]
@@ -187,7 +187,7 @@ def nothing_is_left(database, front):
     probe.write_text("probe")
     leftovers = files()
     for path in leftovers:
-        os.utime(path, (two_days_ago, two_days_ago))
+        os.utime(path, (eight_days_ago, eight_days_ago))
     front.arguments += ["--retention", "1"]
     front.start()
     front.wait_until_ready()

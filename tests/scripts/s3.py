@@ -50,7 +50,7 @@ class Bucket:
         deadline = time.monotonic() + 120
         while True:
             try:
-                return urllib.request.urlopen(url, timeout=5).close()
+                return urllib.request.urlopen(url, timeout=60).close()
             except OSError:
                 if self.process.poll() is not None or time.monotonic() > deadline:
                     self.log.seek(0)
@@ -70,7 +70,7 @@ class Bucket:
         if hasattr(self, "gate"):
             self.gate.close()
         self.process.terminate()
-        self.process.wait(timeout=30)
+        self.process.wait(timeout=120)
 
 
 if __name__ == "__main__":

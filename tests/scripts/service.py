@@ -47,10 +47,10 @@ class Service:
         self.process.wait()
 
     def wait_until_ready(self):
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 120
         while True:
             try:
-                urllib.request.urlopen(self.url + "/readyz", timeout=5).close()
+                urllib.request.urlopen(self.url + "/readyz", timeout=60).close()
                 return
             except OSError:
                 if self.process.poll() is not None or time.monotonic() > deadline:
@@ -66,11 +66,11 @@ class Service:
         """Asks it to stop, and returns its exit status."""
         self.process.send_signal(signal.SIGTERM)
         try:
-            return self.process.wait(timeout=30)
+            return self.process.wait(timeout=120)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-            raise RuntimeError(f"the service did not stop within 30 s:\n{self.logged()}") from None
+            raise RuntimeError(f"the service did not stop within two minutes:\n{self.logged()}") from None
 
     def __exit__(self, kind, *_):
         status = self.process.poll() if self.process.poll() is not None else self.stop()

@@ -38,7 +38,7 @@ def client(address, mesh, quality, jobs, failures):
 
 def counted(service):
     """Commits of the store, changes in them, and seconds spent on them."""
-    text = urllib.request.urlopen(service.url + "/metrics", timeout=10).read().decode()
+    text = urllib.request.urlopen(service.url + "/metrics", timeout=60).read().decode()
     values = dict(line.rsplit(" ", 1) for line in text.splitlines() if line and line[0] != "#")
     return [float(values[f"tesserae_store_{name}_total"]) for name in ("commits", "commands", "commit_seconds")]
 

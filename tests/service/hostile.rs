@@ -28,7 +28,7 @@ async fn raw(service: &Service, request: &[u8]) -> String {
     stream.write_all(request).await.expect("sent");
     let mut answer = Vec::new();
     let read = stream.read_to_end(&mut answer);
-    let _ = tokio::time::timeout(Duration::from_secs(20), read).await;
+    let _ = tokio::time::timeout(Duration::from_secs(120), read).await;
     String::from_utf8_lossy(&answer).into_owned()
 }
 

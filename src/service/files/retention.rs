@@ -8,7 +8,7 @@
 //! knows fewer jobs, and removing their files would make the loss final. An upload that is not whole goes at once.
 //!
 //! A place that is shared holds uploads that come in at another process, which look like those that a killed process
-//! left. There, what belongs to no job goes when its newest blob is a day old by the clock of the place.
+//! left: there, they count as unknown from a [`DAY`] on. Ages are by the clock of the place.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -29,6 +29,9 @@ const INTERVAL: Duration = Duration::from_secs(30);
 
 /// Least time for which files stay of jobs that the store does not know.
 const UNKNOWN: Duration = Duration::from_secs(7 * 86_400);
+
+/// Age from which on files at a shared place come in nowhere any more.
+const DAY: Duration = Duration::from_secs(86_400);
 
 /// The clock jumped when it is ahead of the time that passed by more than this.
 const JUMP: Duration = Duration::from_secs(3600);
@@ -122,11 +125,13 @@ impl Files {
     /// attempts that neither run nor succeeded. Uploads that are coming in stay, and so do files of unknown jobs that
     /// were stored after `old`, all of them when none. Returns how many folders went.
     pub async fn sweep(&self, store: &Store, mut old: Option<SystemTime>) -> Result<usize> {
-        let (mut removed, mut unknown) = (0, 0);
+        let (mut removed, mut unknown, mut counted) = (0, 0, None);
         if self.is_shared() {
-            // an upload that takes longer is lost
-            old = self.blobs.probe().await?.checked_sub(Duration::from_secs(86_400));
-            if let Some(old) = old
+            let now = self.blobs.probe().await?;
+            // killed services leave uploads: they go even where jobs are kept for ever
+            old = now.checked_sub(UNKNOWN).map(|known| old.map_or(known, |old| old.min(known)));
+            counted = now.checked_sub(DAY);
+            if let Some(old) = counted
                 && let Err(error) = self.blobs.sweep_probes(old).await
             {
                 tracing::warn!("{error}");
@@ -138,7 +143,7 @@ impl Files {
             match store.get(id).await? {
                 _ if is_coming_in => {}
                 Some(job) if !job.state.is_ended() || job.keeps_upload() => {}
-                None if self.stays(Folder::Upload(id), old).await? => unknown += 1,
+                None if self.stays(Folder::Upload(id), [old, counted], &mut unknown).await? => {}
                 _ => {
                     self.remove_upload(id).await;
                     removed += 1;
@@ -158,26 +163,28 @@ impl Files {
                         }
                     }
                 }
-                None if self.stays(Folder::Results(id), old).await? => unknown += 1,
+                None if self.stays(Folder::Results(id), [old, counted], &mut unknown).await? => {}
                 None => {
                     self.remove(id).await;
                     removed += 1;
                 }
             }
         }
-        // at a shared place, most of them are coming in at other processes
-        self.unknown.store(if self.is_shared() { 0 } else { unknown }, Ordering::Relaxed);
+        self.unknown.store(unknown, Ordering::Relaxed);
         Ok(removed)
     }
 
-    /// Whether a folder of a job that the store does not know stays: it has a file that is newer than `old`.
-    async fn stays(&self, folder: Folder, old: Option<SystemTime>) -> Result<bool> {
+    /// Whether a folder of a job that the store does not know stays: it has a file that is newer than `old`. Adds it to
+    /// `unknown` if none is newer than `counted`.
+    async fn stays(&self, folder: Folder, [old, counted]: [Option<SystemTime>; 2], unknown: &mut u64) -> Result<bool> {
         let is_upload_of_one = matches!(folder, Folder::Upload(_)) && !self.is_shared();
         if is_upload_of_one && !self.blobs.names(&folder.path()).await?.iter().any(|name| name == MESH) {
             return Ok(false);
         }
         let newest = self.blobs.newest(&folder.path()).await?;
-        Ok(newest.is_some_and(|newest| old.is_none_or(|old| newest > old)))
+        let Some(newest) = newest.filter(|&newest| old.is_none_or(|old| newest > old)) else { return Ok(false) };
+        *unknown += u64::from(counted.is_none_or(|counted| newest <= counted));
+        Ok(true)
     }
 
     /// The jobs that have a folder. What has another name is not the service's.

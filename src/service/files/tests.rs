@@ -274,7 +274,12 @@ async fn what_is_new_at_a_shared_place_stays_although_the_store_does_not_know_it
         file.expect("it opens").set_modified(SystemTime::now() - age).expect("set");
     };
     aged(&format!("{}/{MESH}", upload.path()), day - day / 24);
-    aged(&format!("{}/x", Folder::Result(unknown, 1).path()), day + day / 24);
+    for (age, counted) in [(day - day / 24, 0), (day + day / 24, 1), (7 * day - day / 24, 1)] {
+        aged(&format!("{}/x", Folder::Result(unknown, 1).path()), age);
+        assert_eq!(one.sweep(&store, None).await, Ok(0));
+        assert_eq!(one.unknown.load(Ordering::Relaxed), counted, "{age:?}");
+    }
+    aged(&format!("{}/x", Folder::Result(unknown, 1).path()), 7 * day + day / 24);
     // killed processes leave such files
     for (name, age) in [("new", day / 24), ("old", 2 * day)] {
         std::fs::create_dir_all(blobs.path().join("probes").join(name)).expect("made");

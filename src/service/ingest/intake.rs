@@ -27,9 +27,10 @@ const BETWEEN_PARTS: u64 = 4 << 20;
 /// Most chunks between the contents of two parts: the multipart reader searches all that it gathered at each one.
 const CHUNKS_BETWEEN_PARTS: u64 = 512;
 
-/// Chunks that may come however small they are,
+/// Chunks that may have any length.
 const ANY_CHUNKS: u64 = 4096;
-/// and bytes that all chunks must have on average after that. A chunk takes some 2 µs.
+
+/// Bytes that chunks must have on average after [`ANY_CHUNKS`]. A chunk takes some 2 µs.
 const BYTES_PER_CHUNK: u64 = 64;
 
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.

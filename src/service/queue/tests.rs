@@ -37,7 +37,7 @@ fn is_noticed(is_other: impl Fn(&[Step]) -> bool) -> bool {
 #[test]
 fn other_rules_are_noticed() {
     let seen = |history: &[Step], altered, ends| seen(history, 2, altered, ends);
-    assert!(is_noticed(|history| seen(history, Altered::Weights, false) != seen(history, Altered::Nothing, false)));
+    assert!(is_noticed(|history| seen(history, Altered::Suspects, false) != seen(history, Altered::Nothing, false)));
     let panics = |history: &[Step], altered| catch_unwind(AssertUnwindSafe(|| seen(history, altered, true))).is_err();
     let fails = |altered| is_noticed(|history| panics(history, altered));
     assert!(fails(Altered::Blame), "an innocent job is given up");

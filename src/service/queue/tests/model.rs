@@ -22,8 +22,8 @@ pub fn claiming(worker: usize, limit: usize, newcomers: usize, weight: u32) -> C
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Altered {
     Nothing,
-    /// All tenants have one weight.
-    Weights,
+    /// A crash makes no suspects.
+    Suspects,
     /// A crash counts for all jobs that had begun.
     Blame,
 }
@@ -96,7 +96,7 @@ impl Stored for Model {
     }
 
     async fn claim(&mut self, worker: usize, limit: usize, newcomers: usize) -> Vec<(usize, u32)> {
-        let claiming = claiming(worker, limit, newcomers, if self.altered == Altered::Weights { 1 } else { 3 });
+        let claiming = claiming(worker, limit, newcomers, 3);
         let Picks { numbers, turns, .. } = claim(self.view(worker), &claiming, &RULES, self.now);
         self.turns.extend(turns.into_iter().map(|turn| (turn.tenant, (turn.served, turn.next))));
         let mut claimed = Vec::new();
@@ -115,7 +115,8 @@ impl Stored for Model {
         self.now += Duration::from_millis(1);
         let row = &mut self.rows[job];
         let Ok((standing, event)) = row.standing.apply(change, &RULES, self.now) else { return false };
-        row.standing = standing;
+        let suspicion = if self.altered == Altered::Suspects { 0 } else { standing.suspicion };
+        row.standing = Standing { suspicion, ..standing };
         row.events.extend(event);
         true
     }

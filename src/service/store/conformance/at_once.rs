@@ -1,5 +1,6 @@
 //! Many operations at once, what claims of many jobs cost, and repeated requests.
 
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::Instant;
 
 use tokio::task::JoinSet;
@@ -55,27 +56,29 @@ pub(super) async fn arrivals_wake_a_worker(store: &Store) {
 
 pub(super) async fn many_at_once_lose_nothing(store: Arc<Store>) {
     let (mut clients, mut workers) = (JoinSet::new(), JoinSet::new());
+    let (ended, started) = (Arc::new(AtomicUsize::new(0)), Instant::now());
     for _ in 0..50 {
         let store = Arc::clone(&store);
         clients.spawn(async move { create(store.as_ref()).await.id });
     }
     for _ in 0..8 {
-        let store = Arc::clone(&store);
+        let (store, ended) = (Arc::clone(&store), Arc::clone(&ended));
         workers.spawn(async move {
             let mut arrivals = store.arrivals();
             let mut claimed = Vec::new();
-            loop {
+            while ended.load(Relaxed) < 50 && started.elapsed() < Duration::from_secs(120) {
                 arrivals.borrow_and_update();
                 while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
                     let row = vec![What::Iteration("{}".to_owned())];
                     store.append(ticket, row, Progress::default()).await.expect("appended");
                     store.end(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
                     claimed.push(ticket.job);
+                    ended.fetch_add(1, Relaxed);
                 }
-                if tokio::time::timeout(Duration::from_millis(200), arrivals.changed()).await.is_err() {
-                    return claimed;
-                }
+                // the last arrival may wake another one
+                let _ = tokio::time::timeout(Duration::from_millis(50), arrivals.changed()).await;
             }
+            claimed
         });
     }
     let (mut created, mut claimed) = (clients.join_all().await, workers.join_all().await.concat());

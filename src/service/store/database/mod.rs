@@ -213,7 +213,7 @@ impl<T: FromValue> FromValue for Option<T> {
     }
 }
 
-/// Those of `migrations` that bring tables of a version up to date: 0 where there are none yet.
+/// The `migrations` that tables of version `found` lack; 0 is the version of a database without tables.
 pub fn steps<'m>(found: i64, migrations: &'m [&'m str]) -> Result<&'m [&'m str]> {
     usize::try_from(found).ok().and_then(|found| migrations.get(found..)).ok_or_else(|| {
         let known = migrations.len();

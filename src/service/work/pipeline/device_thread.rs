@@ -28,7 +28,7 @@ use super::bounds::{caught, pool, within};
 use super::memory::Slot;
 use super::rows::OnRow;
 use super::small::{SMALL_FACES, SmallMeshes};
-use super::turns::{Line, Turn};
+use super::turns::Line;
 use crate::metrics::Metrics;
 use crate::ops::blocking::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
@@ -138,33 +138,34 @@ impl DeviceThread {
     /// takes longer than `limit`, not counting the time that it waits for others.
     pub(super) async fn run(&self, task: Task, limit: Option<Duration>) -> Result<Outcome> {
         let small = self.another().filter(|_| task.prepared.subject.items() <= SMALL_FACES);
-        let (mut device, threads) = match (small, &self.beside) {
-            (Some(device), _) => (device, &self.small),
-            (None, None) => return self.run_in_turn(self.line.turn(task.cost).await, task, limit).await,
-            (None, Some(beside)) => match self.line.turn_unless_short(task.cost).await {
-                Some(turn) => return self.run_in_turn(turn, task, limit).await,
-                None => {
-                    let gone = || Error::internal("the device for short meshes is gone");
-                    (self.another().ok_or_else(gone)?, beside)
-                }
-            },
+        let (turn, beside) = match (small, &self.beside) {
+            (Some(device), _) => (None, Some((device, &self.small))),
+            (None, None) => (Some(self.line.turn(task.cost).await), None),
+            (None, Some(beside)) => {
+                (self.line.turn_unless_short(task.cost).await, self.another().map(|device| (device, beside)))
+            }
         };
-        let (context, span) = (Arc::clone(&self.context), task.span.clone());
-        let work = move || {
-            let done = task.run(|task| task.cluster(device.as_mut(), &context.metrics))?;
-            span.in_scope(|| done.finish(&context.faults))
-        };
-        threads.run(limit, work).await
-    }
-
-    async fn run_in_turn(&self, turn: Turn, task: Task, limit: Option<Duration>) -> Result<Outcome> {
-        let work = async {
-            let done = self.on_thread(|devices| task.run(|task| devices.run(task))).await;
-            drop(turn);
-            let (done, faults, span) = (done?, self.context.faults.clone(), tracing::info_span!("finish"));
-            blocking(move || caught(|| span.in_scope(|| done.finish(&faults)))).await?
-        };
-        within(limit, work).await
+        let context = Arc::clone(&self.context);
+        match (turn, beside) {
+            (Some(turn), _) => {
+                let work = async {
+                    let done = self.on_thread(|devices| task.run(|task| devices.run(task))).await;
+                    drop(turn);
+                    let (done, span) = (done?, tracing::info_span!("finish"));
+                    blocking(move || caught(|| span.in_scope(|| done.finish(&context.faults)))).await?
+                };
+                within(limit, work).await
+            }
+            (None, Some((mut device, threads))) => {
+                let span = task.span.clone();
+                let work = move || {
+                    let done = task.run(|task| task.cluster(device.as_mut(), &context.metrics))?;
+                    span.in_scope(|| done.finish(&context.faults))
+                };
+                threads.run(limit, work).await
+            }
+            (None, None) => Err(Error::internal("the device for short meshes is gone")),
+        }
     }
 
     fn another(&self) -> Option<Box<dyn Device>> {

@@ -1,20 +1,17 @@
 //! A pipeline and its run: jobs are claimed, worked on and ended, or given back.
 
-use std::pin::pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use parking_lot::Mutex;
 use tesserae_mesh::device::Cancel;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::job::Outcome;
 use tesserae_mesh::mesh::Limits;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
-use super::bounds::{AGAIN, Patience};
+use super::bounds::AGAIN;
 use super::device_thread::DeviceThread;
 use super::leases::{Lease, Leases};
 use super::memory::{Memory, Slot};
@@ -61,7 +58,7 @@ pub(super) struct Attempt {
 }
 
 #[derive(Debug)]
-enum Verdict {
+pub(super) enum Verdict {
     Ended(Ending),
     /// It is to be tried again: the device or the process failed and not the mesh, or it was broken off without fault.
     Released(Option<Error>),
@@ -190,7 +187,7 @@ impl Attempt {
             Ok(outcome) => {
                 metrics.reported(&outcome.report);
                 let writing = Instant::now();
-                let verdict = self.write_or_wait(slot, outcome).instrument(tracing::info_span!("write")).await;
+                let verdict = self.write(slot, outcome).instrument(tracing::info_span!("write")).await;
                 metrics.written(&self.job, writing.elapsed());
                 verdict
             }
@@ -199,28 +196,8 @@ impl Attempt {
         self.conclude(verdict).await;
     }
 
-    /// Writes the result of an attempt, until that works, takes too long, or is broken off between two attempts.
-    async fn write_or_wait(&self, slot: Slot, outcome: Outcome) -> Verdict {
-        let outcome = Arc::new(Mutex::new(outcome));
-        let mut patience = Patience::new(&self.pipeline.files, self.pipeline.patience);
-        let mut broken_off = pin!(self.broken_off());
-        loop {
-            let error = match self.write(&slot, &outcome).await {
-                Ok((summary, small)) => {
-                    return Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small });
-                }
-                Err(error) => error,
-            };
-            tokio::select! {
-                biased;
-                verdict = &mut broken_off => return verdict,
-                waited = patience.wait(error) => if let Err(error) = waited { return judge(error) },
-            }
-        }
-    }
-
     /// Completes when the attempt is not to go on, with its verdict.
-    async fn broken_off(&self) -> Verdict {
+    pub(super) async fn broken_off(&self) -> Verdict {
         tokio::select! {
             biased;
             () = self.cancel_requested() => Verdict::Ended(End::Cancelled.into()),
@@ -276,7 +253,7 @@ impl Attempt {
                 }
                 outcome
             }
-            Verdict::Lost => Err(Error::conflict("the job is not this process's any more")),
+            Verdict::Lost => Err(Error::conflict("the lease was lost: another process may run the job")),
         };
         if may_have_files && state != Ok(State::Succeeded) {
             files.remove_result(job.id, ticket.attempt).await;
@@ -324,7 +301,7 @@ impl Attempt {
     }
 }
 
-fn judge(error: Error) -> Verdict {
+pub(super) fn judge(error: Error) -> Verdict {
     match error.kind {
         Kind::Cancelled => Verdict::Ended(End::Cancelled.into()),
         Kind::Conflict => Verdict::Lost,

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::iter;
+use std::pin::pin;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
@@ -22,12 +23,12 @@ use super::bounds::{AGAIN, Patience, caught};
 use super::device_thread::Task;
 use super::memory::{Needed, Reading, Slot};
 use super::rows::Inbox;
-use super::run::{Attempt, Pipeline};
+use super::run::{Attempt, Pipeline, Verdict, judge};
 use crate::blobs::Blob;
 use crate::files::{self, BlobWriter, job_blobs, kept_mesh, settle};
 use crate::ops::blocking::blocking;
 use crate::store::kept::Kept;
-use crate::store::{SmallBlob, Spec, Summary, live};
+use crate::store::{End, Ending, Spec, Summary, live};
 
 /// What the files of an upload hold.
 struct Contents {
@@ -79,22 +80,39 @@ impl Attempt {
     }
 
     /// From labels to files, or to blobs where all of the result is small. They mean nothing until the job has ended
-    /// with them. Must not be dropped in the middle: it would go on, and leave files of no job.
-    pub(super) async fn write(&self, slot: &Slot, outcome: &Arc<Mutex<Outcome>>) -> Result<(Summary, Vec<SmallBlob>)> {
-        let Self { job, started, .. } = self;
-        let keeps_image = job.spec.kept.mesh && job.spec.format.is_image();
-        let image = if keeps_image { Some(self.open_file(files::MESH).await?.bytes().await?) } else { None };
-        let (files, slot, outcome) = (Arc::clone(&self.pipeline.files), slot.clone(), Arc::clone(outcome));
-        let (id, attempt, kept, started) = (job.id, job.attempt, job.spec.kept.clone(), *started);
-        let (mut summary, blobs) = blocking(move || {
-            let (_slot, outcome) = (slot, &mut *outcome.lock());
-            let blob = |name: &str| files.result(id, attempt, name);
-            caught(|| write(outcome, &kept, image.as_deref(), blob, started))
-        })
-        .await??;
-        let small = settle(blobs).await?;
-        summary.is_small = !small.is_empty();
-        Ok((summary, small))
+    /// with them. Goes on until that works, takes too long, or is broken off between two attempts: one that was dropped
+    /// in the middle would go on, and leave files of no job.
+    pub(super) async fn write(&self, slot: Slot, outcome: Outcome) -> Verdict {
+        let Self { pipeline, job, started, .. } = self;
+        let outcome = Arc::new(Mutex::new(outcome));
+        let written = async || {
+            let keeps_image = job.spec.kept.mesh && job.spec.format.is_image();
+            let image = if keeps_image { Some(self.open_file(files::MESH).await?.bytes().await?) } else { None };
+            let (files, slot, outcome) = (Arc::clone(&pipeline.files), slot.clone(), Arc::clone(&outcome));
+            let (id, attempt, kept, started) = (job.id, job.attempt, job.spec.kept.clone(), *started);
+            let work = move || {
+                let (_slot, outcome) = (slot, &mut *outcome.lock());
+                let blob = |name: &str| files.result(id, attempt, name);
+                caught(|| write(outcome, &kept, image.as_deref(), blob, started))
+            };
+            let (mut summary, blobs) = blocking(work).await??;
+            let result = settle(blobs).await?;
+            summary.is_small = !result.is_empty();
+            Ok(Ending { end: End::Succeeded(summary), rest: None, result })
+        };
+        let mut patience = Patience::new(&pipeline.files, pipeline.patience);
+        let mut broken_off = pin!(self.broken_off());
+        loop {
+            let error = match written().await {
+                Ok(ending) => return Verdict::Ended(ending),
+                Err(error) => error,
+            };
+            tokio::select! {
+                biased;
+                verdict = &mut broken_off => return verdict,
+                waited = patience.wait(error) => if let Err(error) = waited { return judge(error) },
+            }
+        }
     }
 
     /// Reads the files of an upload, when there is memory for them; gives the time in milliseconds, too.
@@ -120,25 +138,23 @@ impl Attempt {
         }
         files.faults.abort_at(job.spec.file_name.as_deref());
         let reading = Instant::now();
-        let mut opened = Some(uploads);
-        let contents = patience.repeat(|| self.contents(opened.take())).await?;
-        Ok((memory, contents, milliseconds(reading.elapsed())))
-    }
-
-    /// Reads the mesh and its buffers, opened again where they were not, then what came beside them.
-    async fn contents(&self, opened: Option<Vec<Blob>>) -> Result<Contents> {
-        let uploads = if let Some(uploads) = opened { uploads } else { self.open().await? };
-        let mut mesh = Vec::new();
-        for upload in uploads {
-            mesh.push(upload.bytes().await.map_err(upload_is_gone)?);
-        }
         let beside = async |name: &str, is_there: bool| {
             if is_there { self.open_file(name).await?.bytes().await.map(Some) } else { Ok(None) }
         };
-        let spec = &self.job.spec;
-        let seeds = beside(files::SEEDS, spec.listed_seeds).await?;
-        let weights = beside(files::WEIGHTS, spec.has_weights).await?;
-        Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, spec.has_graph).await? })
+        // the mesh and its buffers, opened again where they were not, then what came beside them
+        let read = async |opened: Option<Vec<Blob>>| {
+            let uploads = if let Some(uploads) = opened { uploads } else { self.open().await? };
+            let mut mesh = Vec::new();
+            for upload in uploads {
+                mesh.push(upload.bytes().await.map_err(upload_is_gone)?);
+            }
+            let seeds = beside(files::SEEDS, job.spec.listed_seeds).await?;
+            let weights = beside(files::WEIGHTS, job.spec.has_weights).await?;
+            Ok(Contents { mesh, seeds, weights, graph: beside(files::GRAPH, job.spec.has_graph).await? })
+        };
+        let mut opened = Some(uploads);
+        let contents = patience.repeat(|| read(opened.take())).await?;
+        Ok((memory, contents, milliseconds(reading.elapsed())))
     }
 
     async fn open(&self) -> Result<Vec<Blob>> {

@@ -12,9 +12,8 @@ use tokio_postgres::config::{Host, SslMode};
 
 use super::super::StoreUrl;
 
-/// What a session begins with. Statements are short here: one that is not waits for something that does not come. Every
-/// statement finds its rows by an index: the statistics of a queue are those of a moment that is over, and a plan by
-/// them may read all jobs.
+/// Options of each session. Statements are short, so that a long one is stuck: it fails at a timeout. Every statement
+/// finds its rows by an index: a plan by the statistics of a queue, which are soon out of date, may read all jobs.
 const SESSION: &str = "-c search_path=tesserae -c statement_timeout=20s -c lock_timeout=10s \
     -c idle_in_transaction_session_timeout=20s -c timezone=UTC -c synchronous_commit=on -c jit=off \
     -c plan_cache_mode=force_generic_plan -c enable_seqscan=off -c enable_bitmapscan=off -c enable_hashjoin=off \
