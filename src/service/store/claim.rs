@@ -50,8 +50,8 @@ impl Store {
         self.is_idle.store(taken.is_empty(), Relaxed);
         self.held.lock().extend(taken.iter().map(|(ticket, last_seq, _)| (*ticket, *last_seq)));
         if !is_alone && !taken.is_empty() {
-            // The claim did not wait for the disk; this commit does, and comes after it. If it fails, the jobs begin all
-            // the same: after a crash that undid the claim, the store refuses what this worker writes.
+            // The claim did not wait for the disk; this commit does, and comes after it. If it fails, the jobs begin
+            // all the same: after a crash that undid the claim, the store refuses what this worker writes.
             let sql = "UPDATE workers SET seen_at = seen_at WHERE id = $1";
             if let Err(error) = self.query("heartbeat", sql, values![self.me]).await {
                 tracing::warn!(%error, jobs = taken.len(), "jobs begin before their claim is known to be stored");
