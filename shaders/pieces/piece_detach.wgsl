@@ -1,11 +1,11 @@
 //! uses: boundary_insert, cluster_sums
-//! reads: faces, parents
+//! reads: faces, pieces
 //! writes: labels, clusters, largest_pieces, stats, label_at_merge, boundary_list
 // Last step, a thread a face: the faces of the other pieces become free, listed, and movers. Rust:
 // device::pieces::cut_off_faces.
 
 fn piece_detach(face: u32) {
-    let root = parents[face];
+    let root = pieces[face];
     if root == FREE || ~atomicLoad(&largest_pieces[labels[face]].inverted_root) == root {
         return;
     }

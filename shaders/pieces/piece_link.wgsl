@@ -1,5 +1,5 @@
 //! reads: neighbours, labels
-//! writes: clusters, parents, piece_sizes
+//! writes: clusters, pieces
 // Connected pieces of clusters, first step, a thread a face (ECL-CC, Jaiganesh and Burtscher 2018): a face of a cluster
 // that is not known to be connected points to the smallest of itself and its neighbours in the cluster. Rust:
 // device::pieces::cut_off_faces.
@@ -16,7 +16,7 @@ fn piece_link(face: u32) {
                 parent = min(parent, near);
             }
         }
-        atomicStore(&piece_sizes[face], 0u);
+        atomicStore(&pieces[iteration.faces + face], 0u);
     }
-    atomicStore(&parents[face], parent);
+    atomicStore(&pieces[face], parent);
 }

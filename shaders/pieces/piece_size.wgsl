@@ -1,22 +1,22 @@
 //! reads: labels
-//! writes: parents, piece_sizes, largest_pieces
+//! writes: pieces, largest_pieces
 // Third step: sets every face to its root, counts the faces of each piece, and finds the size of each cluster's largest
 // piece. A thread takes a few faces in a row, as in `sums_gather`. Rust: device::pieces::cut_off_faces.
 
 // The smallest face of the tree of a face. No path is halved, as in `piece_union`: threads set faces to their roots.
 fn end_of(face: u32) -> u32 {
     var at = face;
-    var above = atomicLoad(&parents[at]);
+    var above = atomicLoad(&pieces[at]);
     while above != at {
         at = above;
-        above = atomicLoad(&parents[at]);
+        above = atomicLoad(&pieces[at]);
     }
     return above;
 }
 
 // The last addition to a piece finds its whole size.
 fn add_to_piece(root: u32, faces: u32) {
-    let before = atomicAdd(&piece_sizes[root], faces);
+    let before = atomicAdd(&pieces[iteration.faces + root], faces);
     atomicMax(&largest_pieces[labels[root]].size, before + faces);
 }
 
@@ -26,11 +26,11 @@ fn piece_size(run: u32) {
     var root = FREE;
     var faces = 0u;
     for (var face = first; face < end; face++) {
-        if atomicLoad(&parents[face]) == FREE {
+        if atomicLoad(&pieces[face]) == FREE {
             continue;
         }
         let next = end_of(face);
-        atomicStore(&parents[face], next);
+        atomicStore(&pieces[face], next);
         if next != root {
             if root != FREE {
                 add_to_piece(root, faces);

@@ -1,5 +1,5 @@
 //! reads: neighbours, labels
-//! writes: parents
+//! writes: pieces
 // Second step, a thread a face: for each two neighbours of a cluster, the larger root of their trees becomes a child of
 // the smaller. In whatever order threads run, each tree ends as a whole piece with its smallest face as root. A thread
 // whose exchange fails searches the root again; a root changes once at most. Rust: device::pieces::cut_off_faces.
@@ -8,22 +8,22 @@
 // set, to one further up, so the order in which threads set them does not matter.
 fn root_of(face: u32) -> u32 {
     var at = face;
-    var above = atomicLoad(&parents[at]);
+    var above = atomicLoad(&pieces[at]);
     if above == at {
         return at;
     }
-    var next = atomicLoad(&parents[above]);
+    var next = atomicLoad(&pieces[above]);
     while next != above {
-        atomicStore(&parents[at], next);
+        atomicStore(&pieces[at], next);
         at = above;
         above = next;
-        next = atomicLoad(&parents[above]);
+        next = atomicLoad(&pieces[above]);
     }
     return above;
 }
 
 fn piece_union(face: u32) {
-    if atomicLoad(&parents[face]) == FREE {
+    if atomicLoad(&pieces[face]) == FREE {
         return;
     }
     let own = labels[face];
@@ -36,7 +36,7 @@ fn piece_union(face: u32) {
             while a != b {
                 let high = max(a, b);
                 let low = min(a, b);
-                if atomicCompareExchangeWeak(&parents[high], high, low).exchanged {
+                if atomicCompareExchangeWeak(&pieces[high], high, low).exchanged {
                     break;
                 }
                 a = root_of(high);

@@ -67,7 +67,7 @@ tuning! {
     /// gpu a start takes some 200 dispatches and 14 waits, whatever the graph.
     start_on_cpu = 16_384, (0..=u32::MAX / 4);
     /// Faces up to which a gpu makes the merges of a hierarchy that come before the first phase: for them it has a
-    /// cluster a face, and 244 bytes for each. Beyond, the cpu makes them.
+    /// cluster a face, and 240 bytes for each. Beyond, the cpu makes them.
     merges_up_to = 4_194_304, (0..=u32::MAX);
     /// Clusters up to which their sums come with their best dual edges: 36 bytes each, instead of a wait for those
     /// that merge.

@@ -85,12 +85,11 @@ macro_rules! buffers {
 }
 
 impl Buffer {
-    /// The one whose memory it has. What iterations leave in it is not needed when pieces are searched, nor the other
-    /// way round.
+    /// The one whose memory it has: passes of the growth, iterations of either phase and searches for pieces leave
+    /// nothing in it that the others need.
     pub fn memory(self) -> Self {
         match self {
-            Self::Parents => Self::WantedClusters,
-            Self::PieceSizes => Self::FaceBids,
+            Self::WantedClusters | Self::Pieces => Self::FaceBids,
             own => own,
         }
     }
@@ -122,11 +121,9 @@ buffers! {
     FaceBids = "face_bids": "array<FaceBid>", of::<layout::FaceBid>, |sizes| sizes.faces;
     /// Refinement: the bids at each cluster, and the move out of it.
     ClusterBids = "cluster_bids": "array<ClusterBids>", |axes| CLUSTER_BIDS.bytes(axes), |sizes| sizes.clusters;
-    /// Pieces: the tree of each face. A face points to a smaller face of its piece, the smallest to itself, and a face
-    /// of no piece to FREE.
-    Parents = "parents": "array<atomic<u32>>", of::<u32>, |sizes| sizes.faces;
-    /// Pieces: number of faces, at their smallest face.
-    PieceSizes = "piece_sizes": "array<atomic<u32>>", of::<u32>, |sizes| sizes.faces;
+    /// The tree of each face: it points to a smaller face of its piece, the smallest to itself, and a face of no piece
+    /// to FREE. Behind all of these the number of faces of each piece, at its smallest face.
+    Pieces = "pieces": "array<atomic<u32>>", of::<u32>, |sizes| 2 * sizes.faces;
     /// Pieces: the one that each cluster keeps.
     LargestPieces = "largest_pieces": "array<LargestPiece>", of::<layout::LargestPiece>, |sizes| sizes.clusters;
     /// What each iteration of a batch reports, then what is done between batches, and before them.
