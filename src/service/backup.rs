@@ -36,7 +36,7 @@ pub struct Backup {
 }
 
 /// A folder with files of a job.
-struct Wanted {
+struct WantedFolder {
     job: JobId,
     path: PathBuf,
     /// A file that is there unless the job is worth nothing: the mesh of an upload, or what came with one in a bucket;
@@ -44,7 +44,7 @@ struct Wanted {
     needed: Option<String>,
 }
 
-impl Wanted {
+impl WantedFolder {
     /// Whether the backup in `to` lacks files that the job needs.
     fn is_lost(&self, to: &Path) -> bool {
         self.needed.as_ref().is_some_and(|file| !to.join(&self.path).join(file).is_file())
@@ -143,7 +143,7 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<Connection> {
 }
 
 /// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others.
-fn wanted(copy: &Connection) -> rusqlite::Result<Vec<Wanted>> {
+fn wanted(copy: &Connection) -> rusqlite::Result<Vec<WantedFolder>> {
     let (report, mesh, buffer) = (REPORT_JSON.file, files::MESH, files::buffer(0));
     let (seeds, weights, graph) = (files::SEEDS, files::WEIGHTS, files::GRAPH);
     let sql = format!(
@@ -162,7 +162,7 @@ fn wanted(copy: &Connection) -> rusqlite::Result<Vec<Wanted>> {
         let unreadable = |error| rusqlite::Error::FromSqlConversionFailure(0, Type::Text, Box::new(error));
         let job = row.get::<_, String>(0)?.parse().map_err(unreadable)?;
         let folder = if row.get(1)? { Folder::Result(job, row.get(2)?) } else { Folder::Upload(job) };
-        Ok(Wanted { job, path: folder.path().as_ref().into(), needed: row.get(3)? })
+        Ok(WantedFolder { job, path: folder.path().as_ref().into(), needed: row.get(3)? })
     })?;
     rows.collect()
 }
@@ -188,7 +188,7 @@ fn take_files(from: &Path, to: &Path) -> io::Result<()> {
     all_files(from).iter().try_for_each(|file| link(from, to, file))
 }
 
-fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
+fn remove_others(to: &Path, wanted: &[WantedFolder]) -> io::Result<()> {
     let wanted: HashSet<&Path> = wanted.iter().map(|wanted| &*wanted.path).collect();
     for file in all_files(to) {
         let folder = file.parent().unwrap_or(&file);
@@ -223,7 +223,7 @@ mod tests {
         let [from, to] = folders();
         let job = JobId::random();
         let folder = PathBuf::from(Folder::Upload(job).path().as_ref());
-        let wanted = Wanted { job, path: folder.clone(), needed: Some(files::MESH.to_owned()) };
+        let wanted = WantedFolder { job, path: folder.clone(), needed: Some(files::MESH.to_owned()) };
         let file = folder.join(files::MESH);
         link(from.path(), to.path(), &file).expect("nothing to take");
         assert!(!to.path().join(&folder).exists() && wanted.is_lost(to.path()));

@@ -13,7 +13,7 @@ use crate::guard::access::tokens::{TokenFile, Tokens};
 use crate::http::api::create;
 use crate::http::{conditional, negotiate};
 use crate::ingest::intake::Rules;
-use crate::ingest::request::Wanted;
+use crate::ingest::request::WantedJob;
 use crate::ingest::upload;
 use crate::ops::faults::Faults;
 use crate::ops::trace::TraceParent;
@@ -23,7 +23,7 @@ use crate::work::webhooks;
 /// A query string and a JSON part.
 pub fn request(query: &[u8], json: &[u8]) {
     let Ok(uri) = format!("/v1/jobs?{}", String::from_utf8_lossy(query)).parse() else { return };
-    let Ok(mut wanted) = Wanted::from_query(&uri) else { return };
+    let Ok(mut wanted) = WantedJob::from_query(&uri) else { return };
     let _ = wanted.add_json(json);
     let _ = wanted.check_early(true);
     for format in InputFormat::all() {

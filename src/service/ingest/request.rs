@@ -18,7 +18,7 @@ use crate::store::kept::{self, Kept};
 use crate::store::{PRIORITIES, Spec};
 
 #[derive(Debug, Clone)]
-pub(crate) struct Wanted {
+pub(crate) struct WantedJob {
     /// Format of the mesh or the points, if the query has it.
     pub format: Option<InputFormat>,
     /// URL of the object of a bucket that is the mesh, if the request does not bring it.
@@ -36,7 +36,7 @@ pub(crate) struct Wanted {
 /// Parameters of a job that are none of its clustering.
 pub(crate) const OF_JOB: [&str; 4] = ["webhook", "priority", "outputs", "keep_mesh"];
 
-impl Wanted {
+impl WantedJob {
     pub fn from_query(uri: &Uri) -> Result<Self> {
         let mut rest = query::pairs(uri)?;
         let given = rest.iter().map(|(name, _)| name.clone()).collect();
@@ -214,8 +214,8 @@ mod tests {
 
     const OBJ: InputFormat = InputFormat::Mesh(Format::Obj);
 
-    fn wanted(query: &str) -> Result<Wanted> {
-        Wanted::from_query(&format!("/v1/jobs?{query}").parse().expect("a URI"))
+    fn wanted(query: &str) -> Result<WantedJob> {
+        WantedJob::from_query(&format!("/v1/jobs?{query}").parse().expect("a URI"))
     }
 
     fn with_json(query: &str, json: &str) -> Result<Spec> {

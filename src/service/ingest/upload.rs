@@ -22,7 +22,7 @@ use tesserae_mesh::mesh::HEAD_BYTES;
 use crate::files::{self, Files, Incoming};
 use crate::guard::problem::{ACCEPTED, ENCODINGS};
 use crate::ingest::intake::{self, Coding, Rules};
-use crate::ingest::request::Wanted;
+use crate::ingest::request::WantedJob;
 use crate::store::{Referred, Spec};
 
 /// An upload that is whole and was found in order.
@@ -48,7 +48,7 @@ pub(crate) async fn receive(
     rules: Rules,
 ) -> Result<Upload> {
     let (parts, body) = request.into_parts();
-    let wanted = Wanted::from_query(&parts.uri)?;
+    let wanted = WantedJob::from_query(&parts.uri)?;
     let coding = coding(&parts.headers)?;
     let kind = body_kind(&parts.headers)?;
     wanted.check_early(matches!(kind, BodyKind::Form))?;
@@ -126,7 +126,7 @@ pub(crate) fn content_length(headers: &HeaderMap) -> Option<u64> {
 struct Received {
     folder: Incoming,
     with_digests: bool,
-    wanted: Wanted,
+    wanted: WantedJob,
     mesh: Option<Mesh>,
     buffers: Vec<String>,
     /// Of the buffers.

@@ -100,7 +100,7 @@ pub(crate) enum Change {
 
 /// What an event of a job says. Every change of the state is one.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum What {
+pub(crate) enum JobEvent {
     Queued,
     /// It runs: the number of the attempt, which also made the iterations and rounds up to the next state; the worker.
     Started(u32, String),
@@ -137,7 +137,7 @@ impl Rules {
 
 impl Standing {
     /// The job after a change, and the event if the state changed; the state where the change is not allowed.
-    pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<What>), State> {
+    pub fn apply(self, change: Change, rules: &Rules, now: SystemTime) -> Result<(Self, Option<JobEvent>), State> {
         if !self.allows(&change) {
             return Err(self.state);
         }
@@ -153,7 +153,7 @@ impl Standing {
                     lease_until: Some(now + lease),
                     ..self
                 };
-                (claimed, Some(What::Started(attempt, worker.to_string())))
+                (claimed, Some(JobEvent::Started(attempt, worker.to_string())))
             }
             Change::Begin(_) => (Self { has_begun: true, ..self }, None),
             Change::Heartbeat(_, lease) => (Self { lease_until: Some(now + lease), ..self }, None),
@@ -194,7 +194,7 @@ impl Standing {
 
     /// Puts the job back to its place in the queue, or ends it where that was requested, or where as many attempts
     /// failed as may. A fault counts if the attempt had begun: before that, the mesh cannot be its cause.
-    fn given_back(mut self, fault: Option<Error>, rules: &Rules, not_before: SystemTime) -> (Self, Option<What>) {
+    fn given_back(mut self, fault: Option<Error>, rules: &Rules, not_before: SystemTime) -> (Self, Option<JobEvent>) {
         let fault = fault.filter(|_| self.has_begun);
         if fault.is_none() {
             self.uncounted += 1;
@@ -207,13 +207,13 @@ impl Standing {
         }
     }
 
-    fn queued(self, not_before: SystemTime) -> (Self, Option<What>) {
+    fn queued(self, not_before: SystemTime) -> (Self, Option<JobEvent>) {
         let not_before = (self.suspicion > 0).then_some(not_before);
-        (Self { state: State::Queued, has_begun: false, not_before, lease_until: None, ..self }, Some(What::Queued))
+        (Self { state: State::Queued, has_begun: false, not_before, lease_until: None, ..self }, Some(JobEvent::Queued))
     }
 
-    fn ended(self, state: State, problem: Option<Error>) -> (Self, Option<What>) {
-        (Self { state, not_before: None, lease_until: None, ..self }, Some(What::End(state, problem)))
+    fn ended(self, state: State, problem: Option<Error>) -> (Self, Option<JobEvent>) {
+        (Self { state, not_before: None, lease_until: None, ..self }, Some(JobEvent::End(state, problem)))
     }
 }
 

@@ -13,8 +13,8 @@
 //!            └───────── cancel ─────────────────────────────────────────┘
 //! ```
 //!
-//! [`Standing::apply`] has one arm for each change. Every change of state is a [`What`], which the store numbers from
-//! 1 without gaps and appends in the same transaction: all events together give the state.
+//! [`Standing::apply`] has one arm for each change. Every change of state is a [`JobEvent`], which the store numbers
+//! from 1 without gaps and appends in the same transaction: all events together give the state.
 //!
 //! A claim is a lease: a worker prolongs it by heartbeats, and a job whose lease is over waits again at its old place.
 //! The number of the attempt is the fence: a worker that names an earlier one changes nothing. An attempt counts from
@@ -49,4 +49,4 @@ mod job;
 pub(crate) mod tests;
 
 pub(crate) use self::claim::{Claiming, Picks, Share, Shares, Suspect, Tenant, Turn, View, Waiting, claim};
-pub(crate) use self::job::{Change, Rules, Standing, State, What, crashed, not_yours};
+pub(crate) use self::job::{Change, JobEvent, Rules, Standing, State, crashed, not_yours};

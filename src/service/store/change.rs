@@ -10,7 +10,7 @@ use super::database::{Abort, Row, Rows, Value, json, read, values};
 use super::job::{Job, JobId, SmallBlob, Ticket, keeps_upload};
 use super::listeners::Effects;
 use super::terms::{Ending, Pulse};
-use crate::queue::{Change, Rules, Standing, State, What, not_yours};
+use crate::queue::{Change, JobEvent, Rules, Standing, State, not_yours};
 
 pub struct Transaction<'t> {
     pub rows: &'t mut dyn Rows,
@@ -57,7 +57,7 @@ const SAVE: &str = "UPDATE jobs SET state = $2, attempt = $3, uncounted = $4, be
     last_seq = $13, ends = $14, problem = $15, summary = $16, ended_at = $17, progress = coalesce($18, progress) \
     WHERE number = $1";
 
-pub struct Live {
+pub struct LiveJob {
     pub id: JobId,
     pub number: i64,
     pub tenant: String,
@@ -76,7 +76,7 @@ struct Traced {
     trace_parent: Option<String>,
 }
 
-impl Live {
+impl LiveJob {
     pub fn of(row: &Row) -> Result<Self> {
         let webhook = |webhook| (webhook, row.json::<Traced>("spec").ok().and_then(|spec| spec.trace_parent));
         Ok(read!(row, Self {
@@ -99,13 +99,13 @@ impl Transaction<'_> {
     }
 
     /// The job of that id, locked.
-    pub fn find(&mut self, id: JobId) -> Result<Option<Live>, Abort> {
+    pub fn find(&mut self, id: JobId) -> Result<Option<LiveJob>, Abort> {
         let sql = "SELECT * FROM jobs WHERE id = $1 FOR UPDATE";
-        Ok(self.rows.first(sql, values![id])?.as_ref().map(Live::of).transpose()?)
+        Ok(self.rows.first(sql, values![id])?.as_ref().map(LiveJob::of).transpose()?)
     }
 
     /// The job after a change, or [`Kind::Conflict`](tesserae_mesh::Kind::Conflict) where the rules do not allow it.
-    pub fn apply(&mut self, mut live: Live, change: Change, ending: Option<&Ending>) -> Result<Live, Abort> {
+    pub fn apply(&mut self, mut live: LiveJob, change: Change, ending: Option<&Ending>) -> Result<LiveJob, Abort> {
         let now = self.now()?;
         let before = live.standing;
         let is_fault = match change {
@@ -127,11 +127,11 @@ impl Transaction<'_> {
         live.last_seq = self.tell(live.number, live.last_seq, whats)?;
         let mut end = vec![Value::Null; 4];
         match &event {
-            Some(What::Queued) => live.worker_id = None,
-            Some(What::Started(_, worker)) => {
+            Some(JobEvent::Queued) => live.worker_id = None,
+            Some(JobEvent::Started(_, worker)) => {
                 (live.worker, live.worker_id) = (Some(worker.clone()), Some(self.me));
             }
-            Some(What::End(_, problem)) => {
+            Some(JobEvent::End(_, problem)) => {
                 live.ends += 1;
                 let summary = ending.and_then(|ending| ending.end.parts().2).map(json).transpose()?;
                 let progress = rest.map(|(_, progress)| json(progress)).transpose()?;
@@ -148,7 +148,7 @@ impl Transaction<'_> {
         values.extend(values![live.last_seq, live.ends]);
         values.extend(end);
         self.rows.write(SAVE, values)?;
-        self.effects.arrivals |= matches!(event, Some(What::Queued | What::End(..)));
+        self.effects.arrivals |= matches!(event, Some(JobEvent::Queued | JobEvent::End(..)));
         if event.is_some() || standing.cancel_requested != before.cancel_requested {
             self.pulse(&live);
         }
@@ -156,7 +156,7 @@ impl Transaction<'_> {
     }
 
     /// Writes the blobs of an ended job and its notice.
-    fn ended(&mut self, live: &Live, problem: Option<&Error>, result: &[SmallBlob]) -> Result<(), Abort> {
+    fn ended(&mut self, live: &LiveJob, problem: Option<&Error>, result: &[SmallBlob]) -> Result<(), Abort> {
         if let Some((webhook, trace_parent)) = &live.webhook {
             let (state, problem, now) = (live.standing.state, problem.map(json).transpose()?, self.now()?);
             let notice = values![live.id, &**webhook, trace_parent.clone(), state, problem, now, live.ends];
@@ -183,8 +183,8 @@ impl Transaction<'_> {
     }
 
     /// Appends events to those of a job; the number of the last one, which the caller writes to its row.
-    pub fn tell<'w>(&mut self, job: i64, mut seq: u64, whats: impl Iterator<Item = &'w What>) -> Result<u64, Abort> {
-        for what in whats {
+    pub fn tell<'w>(&mut self, job: i64, mut seq: u64, new: impl Iterator<Item = &'w JobEvent>) -> Result<u64, Abort> {
+        for what in new {
             seq += 1;
             let (kind, data) = what.columns()?;
             let sql = "INSERT INTO events (job, seq, kind, data) VALUES ($1, $2, $3, $4)";
@@ -194,7 +194,7 @@ impl Transaction<'_> {
     }
 
     /// Wakes the tasks that wait for the job, after the commit.
-    pub fn pulse(&mut self, live: &Live) {
+    pub fn pulse(&mut self, live: &LiveJob) {
         let Standing { state, cancel_requested, .. } = live.standing;
         let pulse = Pulse { last_seq: live.last_seq, cancel_requested, ended: state.is_ended() };
         self.effects.pulses.push((live.id, Some(pulse)));

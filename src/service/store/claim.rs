@@ -8,7 +8,7 @@ use std::time::{Duration, SystemTime};
 
 use tesserae_mesh::error::{Error, Result};
 
-use super::change::{Live, Transaction, job, standing};
+use super::change::{LiveJob, Transaction, job, standing};
 use super::database::{Abort, Query, Row, read, time, values};
 use super::job::{Job, Ticket};
 use super::store::Store;
@@ -78,7 +78,7 @@ impl Store {
     pub(super) async fn recover(&self) -> Result<usize> {
         let recovered = self.change("reclaim", |change| {
             let rows = change.rows.query("SELECT * FROM jobs WHERE state = 'running'", Vec::new())?;
-            let jobs = rows.iter().map(Live::of).collect::<Result<Vec<_>>>()?;
+            let jobs = rows.iter().map(LiveJob::of).collect::<Result<Vec<_>>>()?;
             let count = jobs.len();
             give_back_of_lost(change, jobs)?;
             change.rows.write("DELETE FROM workers WHERE id <> $1", values![change.me])?;
@@ -106,7 +106,7 @@ fn claim(
     let sql = "SELECT *, NULL AS queue_position FROM jobs WHERE number = $1 AND state = 'queued' FOR UPDATE";
     let picked: Vec<Query> = numbers.into_iter().map(|number| (sql, values![number])).collect();
     let rows = change.rows.all(&picked)?;
-    let found = rows.iter().flatten().map(|row| Ok((Live::of(row)?, job(row)))).collect::<Result<Vec<_>>>()?;
+    let found = rows.iter().flatten().map(|row| Ok((LiveJob::of(row)?, job(row)))).collect::<Result<Vec<_>>>()?;
     let Claiming { worker, lease, .. } = claiming;
     let mut taken = Vec::new();
     for (mut live, job) in found {
@@ -178,9 +178,9 @@ fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
         return Ok(Vec::new());
     }
     let up_since = change.rows.up_since()?;
-    let (mut lost, mut workers) = (Vec::new(), BTreeMap::<_, Vec<Live>>::new());
+    let (mut lost, mut workers) = (Vec::new(), BTreeMap::<_, Vec<LiveJob>>::new());
     for row in &rows {
-        let live = Live::of(row)?;
+        let live = LiveJob::of(row)?;
         let lease = row.get::<Option<Duration>>("lease")?.unwrap_or_default();
         let alive_until: Option<SystemTime> = row.get("alive_until")?;
         let until = live.standing.lease_until.unwrap_or(now);
@@ -201,7 +201,7 @@ fn reclaim(change: &mut Transaction<'_>) -> Result<Vec<Ticket>, Abort> {
     Ok(lost)
 }
 
-fn give_back_of_lost(change: &mut Transaction<'_>, jobs: Vec<Live>) -> Result<(), Abort> {
+fn give_back_of_lost(change: &mut Transaction<'_>, jobs: Vec<LiveJob>) -> Result<(), Abort> {
     let standings: Vec<Standing> = jobs.iter().map(|job| job.standing).collect();
     for (job, what) in jobs.into_iter().zip(crashed(&standings)) {
         change.apply(job, what, None)?;

@@ -6,13 +6,13 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
-use super::change::{Live, Transaction, job, jobs};
+use super::change::{LiveJob, Transaction, job, jobs};
 use super::database::{Abort, Rows, json, values};
 use super::job::{Job, JobId, Progress, Ticket, no_such_job, not_failed};
 use super::listeners::marked;
 use super::store::Store;
 use super::terms::{Created, Deletion, Ending, Event, Idempotency, NewJob, Pulse};
-use crate::queue::{Change, Rules, State, What, not_yours};
+use crate::queue::{Change, JobEvent, Rules, State, not_yours};
 
 /// The place of a job that is to wait, of which the tenant may have `most`. [`Kind::QueueFull`] when there is none.
 fn place(rows: &mut dyn Rows, rules: &Rules, tenant: &str, most: Option<u64>, urgency: i16) -> Result<u64, Abort> {
@@ -71,7 +71,7 @@ impl Store {
         operation: &'static str,
         ticket: Ticket,
         ends: bool,
-        work: impl Fn(&mut Transaction<'_>, Live) -> Result<T, Abort> + Send + 'static,
+        work: impl Fn(&mut Transaction<'_>, LiveJob) -> Result<T, Abort> + Send + 'static,
     ) -> Result<T> {
         let worked = self.change(operation, move |change| {
             let live = change.find(ticket.job)?.ok_or_else(|| no_such_job(ticket.job))?;
@@ -104,7 +104,7 @@ impl Store {
     /// Ends a running job. Small blobs of its upload go, unless it is given up. Its worker may repeat it.
     pub async fn end(&self, ticket: Ticket, ending: impl Into<Ending>) -> Result<()> {
         let (ending, is_held) = (ending.into(), self.held.lock().contains_key(&ticket));
-        let end = move |change: &mut Transaction<'_>, live: Live| {
+        let end = move |change: &mut Transaction<'_>, live: LiveJob| {
             let (state, problem, _) = ending.end.parts();
             let is_mine = is_held && live.worker_id == Some(change.me) && live.ticket() == ticket;
             if is_mine && live.standing.state == state {
@@ -117,9 +117,9 @@ impl Store {
     }
 
     /// Appends events and replaces the progress. Repeated after a lost answer, it does nothing.
-    pub async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
+    pub async fn append(&self, ticket: Ticket, events: Vec<JobEvent>, progress: Progress) -> Result<()> {
         let before = self.held.lock().get(&ticket).copied();
-        let append = move |change: &mut Transaction<'_>, mut live: Live| {
+        let append = move |change: &mut Transaction<'_>, mut live: LiveJob| {
             if live.ticket() != ticket || live.standing.state != State::Running {
                 return Err(not_yours(ticket.job).into());
             }
@@ -228,7 +228,7 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
     };
     let job = Job { queue_position: Some(place), ..job(&row)? };
     let number = row.get("number")?;
-    change.tell(number, 0, [What::Queued].iter())?;
+    change.tell(number, 0, [JobEvent::Queued].iter())?;
     change.keep(number, upload)?;
     // no task can wait for a job that was not there
     change.effects.arrivals = true;
@@ -264,7 +264,7 @@ fn retry(change: &mut Transaction<'_>, id: JobId, most: Option<u64>) -> Result<J
 }
 
 fn delete(change: &mut Transaction<'_>, id: JobId) -> Result<Deletion, Abort> {
-    let Some(Live { number, standing, .. }) = change.find(id)? else { return Ok(Deletion::Unknown) };
+    let Some(LiveJob { number, standing, .. }) = change.find(id)? else { return Ok(Deletion::Unknown) };
     if !standing.state.is_ended() {
         return Ok(Deletion::Live);
     }

@@ -44,7 +44,7 @@ pub(crate) use self::job::{
 pub(crate) use self::store::Store;
 pub(crate) use self::terms::{Created, Deletion, End, Ending, Event, Idempotency, ListQuery, NewJob, Notice, Pulse};
 pub(crate) use self::workers::Worker;
-pub(crate) use crate::queue::{Claiming, Rules, State, What};
+pub(crate) use crate::queue::{Claiming, JobEvent, Rules, State};
 
 #[cfg(test)]
 pub(crate) mod tests {

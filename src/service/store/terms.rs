@@ -6,7 +6,7 @@ use tesserae_mesh::error::{Error, Result};
 
 use super::database::{Row, json, read, unreadable};
 use super::job::{Job, JobId, Progress, SmallBlob, Spec, Summary};
-use crate::queue::{State, What};
+use crate::queue::{JobEvent, State};
 
 #[derive(Debug, Clone)]
 pub(crate) struct NewJob {
@@ -58,7 +58,7 @@ impl End {
 pub(crate) struct Ending {
     pub end: End,
     /// The last events before that, and the progress after them.
-    pub rest: Option<(Vec<What>, Progress)>,
+    pub rest: Option<(Vec<JobEvent>, Progress)>,
     pub result: Vec<SmallBlob>,
 }
 
@@ -87,10 +87,10 @@ pub(crate) struct ListQuery {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Event {
     pub seq: u64,
-    pub what: What,
+    pub what: JobEvent,
 }
 
-impl What {
+impl JobEvent {
     pub(super) fn columns(&self) -> Result<(&'static str, String)> {
         Ok(match self {
             Self::Queued => ("state", State::Queued.name().to_owned()),
@@ -105,11 +105,11 @@ impl What {
 impl Event {
     pub(super) fn of(row: &Row) -> Result<Self> {
         let what = match &*row.get::<String>("kind")? {
-            "state" => What::Queued,
-            "started" => row.json("data").map(|(attempt, worker)| What::Started(attempt, worker))?,
-            "iteration" => What::Iteration(row.get("data")?),
-            "round" => What::Round(row.get("data")?),
-            "end" => row.json("data").map(|(state, problem)| What::End(state, problem))?,
+            "state" => JobEvent::Queued,
+            "started" => row.json("data").map(|(attempt, worker)| JobEvent::Started(attempt, worker))?,
+            "iteration" => JobEvent::Iteration(row.get("data")?),
+            "round" => JobEvent::Round(row.get("data")?),
+            "end" => row.json("data").map(|(state, problem)| JobEvent::End(state, problem))?,
             other => return Err(unreadable("kind", &other)),
         };
         Ok(Self { seq: row.get("seq")?, what })

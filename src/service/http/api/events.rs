@@ -26,7 +26,7 @@ use crate::guard::problem::{Answer, Problem, Problematic};
 use crate::guard::query;
 use crate::http::state::{App, Shared};
 use crate::store::live::{LabelsEvent, Watcher};
-use crate::store::{Event, JobId, Pulse, State, What, no_such_job};
+use crate::store::{Event, JobEvent, JobId, Pulse, State, no_such_job};
 use crate::work::urls;
 
 #[derive(Debug, Deserialize, IntoParams)]
@@ -168,7 +168,7 @@ impl Reader {
                 return None;
             }
             // the last labels come before the end; others when no event waits
-            if matches!(self.page.front(), Some(Event { what: What::End(..), .. }))
+            if matches!(self.page.front(), Some(Event { what: JobEvent::End(..), .. }))
                 && let Some(labels) = self.watcher.as_mut().and_then(Watcher::now)
             {
                 return labels_sent(&labels);
@@ -176,7 +176,7 @@ impl Reader {
             if let Some(event) = self.page.pop_front() {
                 self.after = event.seq;
                 let is_last = self.page.is_empty() && self.pulses.borrow().last_seq <= event.seq;
-                self.closing = is_last && matches!(event.what, What::End(..));
+                self.closing = is_last && matches!(event.what, JobEvent::End(..));
                 return self.sent(event);
             }
             // seen before reading, so that what happens while reading is noticed
@@ -208,11 +208,11 @@ impl Reader {
             |sent: Sent, state, attempt, worker| sent.event("state").json_data(StateEvent { state, attempt, worker });
         let sent = Sent::default().id(event.seq.to_string());
         let sent = match event.what {
-            What::Queued => entered(sent, State::Queued, None, None),
-            What::Started(attempt, worker) => entered(sent, State::Running, Some(attempt), Some(worker)),
-            What::Iteration(row) => Ok(sent.event("iteration").data(row)),
-            What::Round(row) => Ok(sent.event("round").data(row)),
-            What::End(state, error) => {
+            JobEvent::Queued => entered(sent, State::Queued, None, None),
+            JobEvent::Started(attempt, worker) => entered(sent, State::Running, Some(attempt), Some(worker)),
+            JobEvent::Iteration(row) => Ok(sent.event("iteration").data(row)),
+            JobEvent::Round(row) => Ok(sent.event("round").data(row)),
+            JobEvent::End(state, error) => {
                 let problem = error.map(|error| Problem::new(&error, urls::path(self.id)));
                 sent.event("end").json_data(EndEvent { state, problem })
             }

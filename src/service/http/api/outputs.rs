@@ -16,8 +16,8 @@ use crate::guard::problem::Answer;
 use crate::guard::query;
 use crate::http::conditional::Content;
 use crate::http::negotiate;
-use crate::http::results::Done;
-use crate::http::results::made::{self, Which};
+use crate::http::results::DoneJob;
+use crate::http::results::made::{self, WhichLabels};
 use crate::http::results::stored::{attachment, of_upload, stored};
 use crate::http::state::Found;
 use crate::store::Job;
@@ -54,7 +54,7 @@ pub(crate) struct LabelsQuery {
 )]
 pub(crate) async fn labels(Found { shared, job }: Found, uri: Uri, headers: HeaderMap) -> Answer {
     let LabelsQuery { clusters, iteration, format } = query::read(&uri)?;
-    let done = Done::of(shared, job)?;
+    let done = DoneJob::of(shared, job)?;
     let parameters = &done.job.spec.parameters;
     if let Some(iteration) = iteration.filter(|_| HIERARCHY.is_made(parameters)) {
         return Err(Error::conflict(format_args!(
@@ -71,20 +71,20 @@ pub(crate) async fn labels(Found { shared, job }: Found, uri: Uri, headers: Head
     }
     let form = negotiate::form(&headers, format.as_deref(), &LABELS)?;
     let which = match (clusters, iteration) {
-        (Some(clusters), _) => Which::Cut(clusters),
-        (None, Some(iteration)) => Which::After(iteration),
-        (None, None) => Which::Last,
+        (Some(clusters), _) => WhichLabels::Cut(clusters),
+        (None, Some(iteration)) => WhichLabels::After(iteration),
+        (None, None) => WhichLabels::Last,
     };
     let mut response = match (which, form.file) {
-        (Which::Last, file) if file == LABELS_NPY.file => stored(&done, file, 0, form.media_type)?,
-        (Which::Last, file) if file == LABELS_BIN.file => {
+        (WhichLabels::Last, file) if file == LABELS_NPY.file => stored(&done, file, 0, form.media_type)?,
+        (WhichLabels::Last, file) if file == LABELS_BIN.file => {
             // the raw numbers are what follows the header of the .npy file
             let bytes = done.summary.blobs.get(LABELS_NPY.file).map_or(0, |contents| contents.bytes);
             stored(&done, LABELS_NPY.file, bytes.saturating_sub(4 * done.summary.faces), form.media_type)?
         }
         _ => made::labels(&done, which, form).await?,
     };
-    if let (Which::Last, Some(digest)) = (which, &done.summary.labels_sha256) {
+    if let (WhichLabels::Last, Some(digest)) = (which, &done.summary.labels_sha256) {
         response.extensions_mut().insert(Content(digest.clone()));
     }
     let name = iteration.map_or_else(|| "labels".to_owned(), |iteration| format!("labels.iteration-{iteration}"));
@@ -129,7 +129,7 @@ pub(crate) async fn hierarchy(Found { shared, job }: Found, uri: Uri, headers: H
     let HierarchyQuery { min_clusters, max_clusters, clusters, format } = query::read(&uri)?;
     let limits = Limits { min_clusters, max_clusters, clusters };
     limits.check()?;
-    let done = Done::of(shared, job)?;
+    let done = DoneJob::of(shared, job)?;
     let form = negotiate::form(&headers, format.as_deref(), &HIERARCHY)?;
     if limits.are_given() && form.file != HIERARCHY_JSON.file {
         return Err(Error::parameter("clusters, min_clusters and max_clusters go with application/json only").into());
@@ -200,7 +200,7 @@ pub(crate) async fn derived(artifact: &'static Artifact, found: Found, uri: Uri,
         return Err(Error::conflict(format_args!("{} is made of {what}", form.file)).into());
     }
     let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);
-    let done = Done::of(shared, job)?;
+    let done = DoneJob::of(shared, job)?;
     done.check_clusters(clusters)?;
     let mut response = match stored(&done, form.file, 0, form.media_type) {
         Ok(response) if is_stored => response,
@@ -250,7 +250,7 @@ pub(crate) async fn output(artifact: &'static Artifact, found: Found, headers: H
         let message = format!("jobs with these parameters have no such output: {}", artifact.name);
         return Err(Error::not_found(message).into());
     }
-    let done = Done::of(shared, job)?;
+    let done = DoneJob::of(shared, job)?;
     if let [form] = artifact.forms {
         return Ok(stored(&done, form.file, 0, form.media_type)?);
     }
@@ -293,7 +293,7 @@ pub(crate) async fn upload(Found { shared, job }: Found, uri: Uri) -> Answer {
         }
     };
     let mut response = if job.has_image() {
-        stored(&Done::of(shared, job.clone())?, kept_mesh::IMAGE, 0, "application/octet-stream")?
+        stored(&DoneJob::of(shared, job.clone())?, kept_mesh::IMAGE, 0, "application/octet-stream")?
     } else if job.has_upload() {
         of_upload(&shared, &job, blob).await?
     } else {

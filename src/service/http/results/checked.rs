@@ -18,7 +18,7 @@ use sha2::{Digest, Sha256};
 use tesserae_mesh::error::{Error, Kind, Result};
 use tesserae_mesh::hierarchy::stored::Input;
 
-use super::Done;
+use super::DoneJob;
 use crate::blobs::Blob;
 use crate::files::job_blobs;
 use crate::ops::blocking::blocking;
@@ -30,18 +30,18 @@ pub(super) const HELD: usize = 1 << 18;
 /// A whole blob of a result, whose length is right.
 pub(super) struct Checked {
     blob: Blob,
-    done: Arc<Done>,
+    done: Arc<DoneJob>,
     name: &'static str,
 }
 
 /// What a blob of a result holds, without a look at it. [`Kind::NotFound`] if the job has none of this name.
-pub(super) fn expected<'d>(done: &'d Done, name: &str) -> Result<&'d Contents> {
+pub(super) fn expected<'d>(done: &'d DoneJob, name: &str) -> Result<&'d Contents> {
     let found = done.summary.blobs.get(name);
     found.ok_or_else(|| Error::not_found("the job has no such result"))
 }
 
 /// Opens a blob of a result, after it was compared if it is small. [`Kind::NotFound`] if the job has none of this name.
-pub(super) async fn open(done: &Arc<Done>, name: &'static str) -> Result<Checked> {
+pub(super) async fn open(done: &Arc<DoneJob>, name: &'static str) -> Result<Checked> {
     let checked = |blob| Checked { blob, done: Arc::clone(done), name };
     let opened = checked(found(done, name, None).await?);
     match opened.length() > HELD as u64 {
@@ -51,7 +51,7 @@ pub(super) async fn open(done: &Arc<Done>, name: &'static str) -> Result<Checked
 }
 
 /// Opens a blob of a result from one of its bytes on, after all of them were compared.
-pub(super) async fn whole(done: &Arc<Done>, name: &'static str, from: u64) -> Result<Blob> {
+pub(super) async fn whole(done: &Arc<DoneJob>, name: &'static str, from: u64) -> Result<Blob> {
     let opened = open(done, name).await?;
     if opened.length() > HELD as u64 {
         blocking(move || opened.read(|_| Ok(()))).await??;
@@ -59,7 +59,7 @@ pub(super) async fn whole(done: &Arc<Done>, name: &'static str, from: u64) -> Re
     part(done, name, GetRange::Offset(from)).await
 }
 
-pub(super) async fn part(done: &Arc<Done>, name: &'static str, range: GetRange) -> Result<Blob> {
+pub(super) async fn part(done: &Arc<DoneJob>, name: &'static str, range: GetRange) -> Result<Blob> {
     match expected(done, name)?.bytes > HELD as u64 {
         true => found(done, name, Some(range)).await,
         false => Blob::held(&open(done, name).await?.blob.bytes().await?, Some(range)),
@@ -67,7 +67,7 @@ pub(super) async fn part(done: &Arc<Done>, name: &'static str, range: GetRange) 
 }
 
 /// A blob of the right length, or a range of it. One that is not there although its job is, is damaged.
-async fn found(done: &Done, name: &str, range: Option<GetRange>) -> Result<Blob> {
+async fn found(done: &DoneJob, name: &str, range: Option<GetRange>) -> Result<Blob> {
     let (shared, expected) = (&done.shared, expected(done, name)?.bytes);
     let blob = match job_blobs::result(&shared.files, &shared.store, &done.job, name, range).await {
         Err(error) if error.kind == Kind::NotFound && shared.store.get(done.job.id).await?.is_some() => {
@@ -81,7 +81,7 @@ async fn found(done: &Done, name: &str, range: Option<GetRange>) -> Result<Blob>
     }
 }
 
-fn compare(done: &Done, name: &str, sha256: Sha256) -> Result<()> {
+fn compare(done: &DoneJob, name: &str, sha256: Sha256) -> Result<()> {
     let sha256: String = sha256.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
     match sha256 == expected(done, name)?.sha256 {
         true => Ok(()),

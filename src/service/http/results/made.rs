@@ -25,7 +25,7 @@ use tesserae_mesh::mesh::Format;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio_util::io::ReaderStream;
 
-use super::Done;
+use super::DoneJob;
 use super::checked::{self, Checked, HELD};
 use super::stored::with_length;
 use crate::files::kept_mesh;
@@ -35,7 +35,7 @@ use crate::work::pipeline::Needed;
 
 /// Which labels of a job.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Which {
+pub(crate) enum WhichLabels {
     /// Those that it made.
     Last,
     /// Those after this iteration of a flat clustering.
@@ -62,7 +62,7 @@ impl Loaded {
 }
 
 /// What labels belong to.
-enum Of {
+enum Source {
     Mesh(Checked, Format),
     Image(Bytes, PointsFormat),
 }
@@ -73,9 +73,9 @@ async fn turn(shared: &Shared) -> Option<OwnedSemaphorePermit> {
 }
 
 /// Labels in a form that is made of them, with headers that say what a cut is.
-pub(crate) async fn labels(done: &Arc<Done>, which: Which, form: &'static Form) -> Result<Response> {
+pub(crate) async fn labels(done: &Arc<DoneJob>, which: WhichLabels, form: &'static Form) -> Result<Response> {
     // few labels wait for no turn
-    let is_small = done.summary.faces <= 1 << 16 && !matches!(which, Which::Cut(_));
+    let is_small = done.summary.faces <= 1 << 16 && !matches!(which, WhichLabels::Cut(_));
     let turn = if is_small { None } else { turn(&done.shared).await };
     let load = load(done, which).await?;
     let shape = done.summary.shape();
@@ -90,7 +90,7 @@ pub(crate) async fn labels(done: &Arc<Done>, which: Which, form: &'static Form) 
 }
 
 /// The hierarchy in a form that is made of it.
-pub(crate) async fn hierarchy(done: &Arc<Done>, form: &'static Form, limits: Limits) -> Result<Response> {
+pub(crate) async fn hierarchy(done: &Arc<DoneJob>, form: &'static Form, limits: Limits) -> Result<Response> {
     let turn = turn(&done.shared).await;
     let blob = checked::open(done, HIERARCHY_TSR.file).await?;
     let (length, from, of) = (blob.length(), blob.into_hierarchy(), Arc::clone(done));
@@ -105,7 +105,7 @@ pub(crate) async fn hierarchy(done: &Arc<Done>, form: &'static Form, limits: Lim
 
 /// An output of a job whose mesh or image was kept, of its labels or of those at a number of clusters.
 pub(crate) async fn of_input(
-    done: &Arc<Done>,
+    done: &Arc<DoneJob>,
     clusters: Option<u64>,
     choices: Choices,
     form: &'static Form,
@@ -116,16 +116,16 @@ pub(crate) async fn of_input(
     // what is in memory meanwhile counts like the mesh or the image of a job
     let memory = done.shared.memory.read(kept.length()).await?;
     let (kept, memory) = match format {
-        InputFormat::Mesh(format) => (Of::Mesh(kept, format), memory.build(Needed::of_faces(faces, None)).await?),
+        InputFormat::Mesh(format) => (Source::Mesh(kept, format), memory.build(Needed::of_faces(faces, None)).await?),
         InputFormat::Points(format) => {
             let bytes = kept.bytes().await?;
             let size = of_image(done, &bytes, format).size().map_err(|refusal| refusal.error)?;
-            (Of::Image(bytes, format), memory.build(Needed::of_points(size, false)).await?)
+            (Source::Image(bytes, format), memory.build(Needed::of_points(size, false)).await?)
         }
     };
     // after the memory, which jobs may hold for long: other results need no more than a turn
     let turn = turn(&done.shared).await;
-    let load = load(done, clusters.map_or(Which::Last, Which::Cut)).await?;
+    let load = load(done, clusters.map_or(WhichLabels::Last, WhichLabels::Cut)).await?;
     let of = Arc::clone(done);
     let write = move |out: &mut dyn Write| {
         let _memory = memory;
@@ -133,11 +133,11 @@ pub(crate) async fn of_input(
         let labels = loaded.view();
         let content = Content { labels: Some(labels), choices, ..Content::default() };
         match kept {
-            Of::Mesh(mesh, format) => {
+            Source::Mesh(mesh, format) => {
                 let mesh = mesh.read(|mesh| kept_mesh::read(mesh, faces, format))?;
                 (form.encode)(&Content { mesh: Some(&mesh), ..content })?(out)
             }
-            Of::Image(bytes, format) => {
+            Source::Image(bytes, format) => {
                 let table = table_of_points(&of_image(&of, &bytes, format), labels.labels, labels.clusters);
                 let table = table.map_err(|refusal| refusal.error)?;
                 let compactness = Some(image::compactness(of.job.spec.parameters.compactness));
@@ -150,28 +150,28 @@ pub(crate) async fn of_input(
     encoded(&done.shared, turn, form.media_type, write).await
 }
 
-fn of_image<'a>(done: &'a Done, bytes: &'a [u8], format: PointsFormat) -> PointsRequest<'a> {
+fn of_image<'a>(done: &'a DoneJob, bytes: &'a [u8], format: PointsFormat) -> PointsRequest<'a> {
     let (limits, parameters) = (done.shared.settings.limits(), &done.job.spec.parameters);
     PointsRequest { bytes, format, limits, parameters, graph: None, seeds: None, weights: None, outputs: &[] }
 }
 
 /// Opens what labels are read from.
-async fn load(done: &Arc<Done>, which: Which) -> Result<Load> {
+async fn load(done: &Arc<DoneJob>, which: WhichLabels) -> Result<Load> {
     let (of, faces) = (Arc::clone(done), done.summary.faces);
     Ok(match which {
-        Which::Last => {
+        WhichLabels::Last => {
             let blob = checked::open(done, LABELS_NPY.file).await?;
             let head = blob.length().saturating_sub(4 * faces);
             Box::new(move || read(&of, LABELS_NPY.file, blob.read(|rows| numbers(rows, head, faces))?))
         }
-        Which::After(iteration) => {
+        WhichLabels::After(iteration) => {
             let kept = iterations(done).await?;
             let row = kept.iter().position(|&kept| kept == iteration).ok_or_else(|| none_of(&kept, iteration))?;
             let range = GetRange::Suffix(4 * faces * (kept.len() - row) as u64);
             let mut rows = checked::part(done, SNAPSHOTS_NPY.file, range).await?.into_reader();
             Box::new(move || read(&of, SNAPSHOTS_NPY.file, numbers(&mut rows, 0, faces)?))
         }
-        Which::Cut(clusters) => {
+        WhichLabels::Cut(clusters) => {
             let blob = checked::open(done, HIERARCHY_TSR.file).await?;
             let (length, from) = (blob.length(), blob.into_hierarchy());
             Box::new(move || {
@@ -183,7 +183,7 @@ async fn load(done: &Arc<Done>, which: Which) -> Result<Load> {
 }
 
 /// Labels that were read from a blob. Refuses those that are no clusters.
-fn read(done: &Done, blob: &str, labels: Vec<u32>) -> Result<Loaded> {
+fn read(done: &DoneJob, blob: &str, labels: Vec<u32>) -> Result<Loaded> {
     let clusters = done.summary.clusters;
     // a mask leaves points out
     let is_free = |label| label == FREE && done.job.spec.format.is_of_points();
@@ -203,7 +203,7 @@ fn numbers(rows: &mut impl Read, head: u64, faces: u64) -> Result<Vec<u32>> {
 }
 
 /// The iterations whose labels were kept: a row each.
-async fn iterations(done: &Arc<Done>) -> Result<Vec<u32>> {
+async fn iterations(done: &Arc<DoneJob>) -> Result<Vec<u32>> {
     let json = match checked::open(done, SNAPSHOTS_JSON.file).await {
         Ok(list) => list.bytes().await?,
         Err(error) if error.kind == Kind::NotFound => return Ok(Vec::new()),
@@ -227,7 +227,7 @@ fn none_of(kept: &[u32], iteration: u32) -> Error {
 }
 
 /// The error of a number of clusters that a stored hierarchy cannot be cut at, for clients.
-fn of_cut(done: &Done, error: Error) -> Error {
+fn of_cut(done: &DoneJob, error: Error) -> Error {
     match error.kind {
         // the number is sound, this hierarchy has no such state
         Kind::InvalidParameter => Error::conflict(error.message),
@@ -236,7 +236,7 @@ fn of_cut(done: &Done, error: Error) -> Error {
 }
 
 /// The error of a stored hierarchy that cannot be read: this service wrote it.
-fn of_stored(done: &Done, error: Error) -> Error {
+fn of_stored(done: &DoneJob, error: Error) -> Error {
     match error.kind {
         // what keeps it failed in the middle
         Kind::Io => Error::unavailable(error.message),

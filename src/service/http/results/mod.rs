@@ -14,13 +14,13 @@ use crate::http::state::Shared;
 use crate::store::{Job, State, Summary};
 
 /// A job that has succeeded.
-pub(crate) struct Done {
+pub(crate) struct DoneJob {
     pub shared: Arc<Shared>,
     pub job: Job,
     pub summary: Summary,
 }
 
-impl Done {
+impl DoneJob {
     /// An error says why there is nothing yet, or never will be.
     pub fn of(shared: Arc<Shared>, job: Job) -> Result<Arc<Self>> {
         let (kind, message) = match (job.state, job.summary.clone()) {

@@ -12,7 +12,7 @@ use object_store::GetRange;
 use parking_lot::Mutex;
 use tesserae_mesh::error::Result;
 
-use super::{Done, checked};
+use super::{DoneJob, checked};
 use crate::blobs::Blob;
 use crate::files::job_blobs;
 use crate::http::conditional::Opens;
@@ -20,7 +20,7 @@ use crate::http::state::Shared;
 use crate::store::Job;
 
 /// A blob of a result from one of its bytes on.
-pub(crate) fn stored(done: &Arc<Done>, name: &'static str, from: u64, media_type: &'static str) -> Result<Response> {
+pub(crate) fn stored(done: &Arc<DoneJob>, name: &'static str, from: u64, media_type: &'static str) -> Result<Response> {
     let length = checked::expected(done, name)?.bytes.saturating_sub(from);
     let done = Arc::clone(done);
     Ok(opened_when_needed(length, media_type, move |range| {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use tesserae_mesh::error::{Error, Kind};
 
-use super::super::{Change, Rules, State, What};
+use super::super::{Change, JobEvent, Rules, State};
 
 /// Pauses and [times alone](super::super::claim::alone) of a few crashes end within an [`HOUR`], and none within the
 /// time that a database takes for a history.
@@ -85,7 +85,7 @@ pub trait Stored {
     async fn crash(&mut self, worker: usize);
     async fn wait(&mut self, seconds: i64);
     /// Changes of the state of a job, numbered without gaps.
-    async fn events(&mut self, job: usize) -> Vec<What>;
+    async fn events(&mut self, job: usize) -> Vec<JobEvent>;
 }
 
 /// A job as its client and its worker know it.
@@ -257,17 +257,17 @@ impl<S: Stored> Play<'_, S> {
 }
 
 /// The state that the events of a job give.
-pub fn state(events: &[What]) -> State {
+pub fn state(events: &[JobEvent]) -> State {
     let (mut state, mut attempts) = (None, 0);
     for event in events {
         state = Some(match (state, event) {
-            (None | Some(State::Running | State::Failed), What::Queued) => State::Queued,
-            (Some(State::Queued), What::Started(attempt, _)) if *attempt == attempts + 1 => {
+            (None | Some(State::Running | State::Failed), JobEvent::Queued) => State::Queued,
+            (Some(State::Queued), JobEvent::Started(attempt, _)) if *attempt == attempts + 1 => {
                 attempts += 1;
                 State::Running
             }
-            (Some(State::Running), What::End(end, _)) => *end,
-            (Some(State::Queued), What::End(State::Cancelled, None)) => State::Cancelled,
+            (Some(State::Running), JobEvent::End(end, _)) => *end,
+            (Some(State::Queued), JobEvent::End(State::Cancelled, None)) => State::Cancelled,
             _ => panic!("{event:?} follows {state:?}: {events:?}"),
         });
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use super::super::{
-    Change, Claiming, Picks, Share, Shares, Standing, State, Suspect, Tenant, View, Waiting, What, claim, crashed,
+    Change, Claiming, JobEvent, Picks, Share, Shares, Standing, State, Suspect, Tenant, View, Waiting, claim, crashed,
 };
 use super::history::{New, RULES, Stored, TENANTS};
 
@@ -33,7 +33,7 @@ struct Row {
     waiting: Waiting,
     standing: Standing,
     worker: usize,
-    events: Vec<What>,
+    events: Vec<JobEvent>,
 }
 
 /// A store in memory.
@@ -92,7 +92,7 @@ impl Stored for Model {
     async fn create(&mut self, new: New) {
         let standing = Standing { is_small: new.is_small, ..Standing::default() };
         let waiting = Waiting { urgency: -i16::from(new.priority), number: self.rows.len() as i64 };
-        self.rows.push(Row { new, waiting, standing, worker: 0, events: vec![What::Queued] });
+        self.rows.push(Row { new, waiting, standing, worker: 0, events: vec![JobEvent::Queued] });
     }
 
     async fn claim(&mut self, worker: usize, limit: usize, newcomers: usize) -> Vec<(usize, u32)> {
@@ -137,7 +137,7 @@ impl Stored for Model {
         self.now = if seconds < 0 { self.now - moved } else { self.now + moved };
     }
 
-    async fn events(&mut self, job: usize) -> Vec<What> {
+    async fn events(&mut self, job: usize) -> Vec<JobEvent> {
         self.rows[job].events.clone()
     }
 }

@@ -69,7 +69,7 @@ pub(super) async fn many_at_once_lose_nothing(store: Arc<Store>) {
             while ended.load(Relaxed) < 50 && started.elapsed() < Duration::from_secs(120) {
                 arrivals.borrow_and_update();
                 while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
-                    let row = vec![What::Iteration("{}".to_owned())];
+                    let row = vec![JobEvent::Iteration("{}".to_owned())];
                     store.append(ticket, row, Progress::default()).await.expect("appended");
                     store.end(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
                     claimed.push(ticket.job);

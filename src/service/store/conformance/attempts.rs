@@ -8,7 +8,7 @@ pub(super) async fn a_released_job_runs_again_in_its_place(store: &Store) {
     let second = create(store).await.id;
     let mut arrivals = store.arrivals();
     let (ticket, _) = claim(store).await;
-    let row = vec![What::Iteration("{}".to_owned())];
+    let row = vec![JobEvent::Iteration("{}".to_owned())];
     store.append(ticket, row.clone(), Progress::default()).await.expect("appended");
     arrivals.borrow_and_update();
     assert_eq!(store.release(ticket, None).await, Ok(State::Queued));
@@ -29,7 +29,7 @@ pub(super) async fn a_released_job_runs_again_in_its_place(store: &Store) {
     arrivals.borrow_and_update();
     store.end(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
     assert!(arrivals.has_changed().expect("still there"), "an end may let another job of the tenant start");
-    let last = [What::Queued, What::Started(2, "test".to_owned()), What::End(State::Succeeded, None)];
+    let last = [JobEvent::Queued, JobEvent::Started(2, "test".to_owned()), JobEvent::End(State::Succeeded, None)];
     assert_eq!(whats(store, first).await[3..], last);
 }
 
@@ -88,7 +88,7 @@ pub(super) async fn a_crash_loses_nothing(store: &Store, after_crash: impl Async
     let ended = create(store).await.id;
     let (ticket, _) = claim(store).await;
     let progress = Progress { iterations: 7, energy: Some(0.1), ..Progress::default() };
-    let rows = (0..300).map(|row| What::Iteration(format!("{{\"iteration\":{row},\"name\":\"ü\\\"\"}}"))).collect();
+    let rows = (0..300).map(|row| JobEvent::Iteration(format!("{{\"iteration\":{row},\"name\":\"ü\\\"\"}}"))).collect();
     store.append(ticket, rows, progress).await.expect("appended");
     store.end(ticket, End::Failed(Error::new(Kind::InvalidMesh, "x"))).await.expect("finished");
     let keyed = add_new(store, with_key("a", "k", "digest")).await;
@@ -112,8 +112,8 @@ pub(super) async fn a_crash_loses_nothing(store: &Store, after_crash: impl Async
     assert_eq!(stale.expect_err("the claim is over").kind, Kind::Conflict);
     let (ticket, _) = claim(again).await;
     assert_eq!(ticket, Ticket { job: keyed.id, attempt: 2 });
-    let started = |attempt| What::Started(attempt, "test".to_owned());
-    let expected = [What::Queued, started(1), What::Queued, started(2)];
+    let started = |attempt| JobEvent::Started(attempt, "test".to_owned());
+    let expected = [JobEvent::Queued, started(1), JobEvent::Queued, started(2)];
     assert_eq!(whats(again, keyed.id).await, expected, "numbers go on");
     // the crash counts for the only job that had begun
     again.begin(ticket).await.expect("begun");

@@ -111,7 +111,7 @@ impl Stored for Workers {
         moved.await.expect("written");
     }
 
-    async fn events(&mut self, job: usize) -> Vec<What> {
+    async fn events(&mut self, job: usize) -> Vec<JobEvent> {
         whats(self.store(job), self.jobs[job].0).await
     }
 }

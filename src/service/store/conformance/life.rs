@@ -8,7 +8,7 @@ pub(super) async fn jobs_are_as_they_were_created_and_claimed_in_order_and_once(
     assert_eq!((first.id, first.state, &first.spec), (new.id, State::Queued, &new.spec));
     assert_eq!((first.queue_position, first.started_at, &first.worker), (Some(1), None, &None));
     assert_eq!(get(store, first.id).await, first);
-    assert_eq!(whats(store, first.id).await, [What::Queued]);
+    assert_eq!(whats(store, first.id).await, [JobEvent::Queued]);
     let second = create(store).await;
     assert_eq!(second.queue_position, Some(2));
     let (ticket, job) = claim(store).await;
@@ -54,7 +54,7 @@ pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &Store) {
     let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
     let before = *pulses.borrow_and_update();
     assert_eq!((before.last_seq, before.ended), (2, false));
-    let rows = |numbers: [u32; 2]| numbers.map(|row| What::Iteration(format!("{{\"iteration\":{row}}}"))).to_vec();
+    let rows = |numbers: [u32; 2]| numbers.map(|row| JobEvent::Iteration(format!("{{\"iteration\":{row}}}"))).to_vec();
     let progress =
         Progress { iterations: 3, phase: Some(Phase::Boundary), rounds: 2, clusters_left: Some(70), energy: Some(0.1) };
     store.append(ticket, rows([0, 1]), Progress::default()).await.expect("appended");
@@ -65,8 +65,8 @@ pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &Store) {
 
     let all = events(store, id, 0, 99).await;
     assert!(all.iter().map(|event| event.seq).eq(1..=6), "{all:?}");
-    assert_eq!(all[1].what, What::Started(1, "test".to_owned()));
-    assert_eq!(all[5].what, What::Iteration("{\"iteration\":3}".to_owned()));
+    assert_eq!(all[1].what, JobEvent::Started(1, "test".to_owned()));
+    assert_eq!(all[5].what, JobEvent::Iteration("{\"iteration\":3}".to_owned()));
     assert_eq!(events(store, id, 3, 2).await, all[3..5]);
     assert_eq!(events(store, id, 6, 9).await, []);
     assert_eq!(events(store, id, u64::MAX, usize::MAX).await, []);
@@ -86,7 +86,7 @@ pub(super) async fn every_end_is_told(store: &Store) {
         assert_eq!((job.state, &job.problem, job.summary), (state, &problem, summary));
         assert!(job.ended_at >= job.started_at && job.started_at >= Some(job.created_at));
         assert!(pulses.borrow().ended);
-        assert_eq!(events(store, id, 2, 9).await, [Event { seq: 3, what: What::End(state, problem) }]);
+        assert_eq!(events(store, id, 2, 9).await, [Event { seq: 3, what: JobEvent::End(state, problem) }]);
     }
 }
 
@@ -99,7 +99,7 @@ pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &Store) {
             store.end(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
         }
         let before = (get(store, id).await, events(store, id, 0, 99).await);
-        let row = vec![What::Iteration("{}".to_owned())];
+        let row = vec![JobEvent::Iteration("{}".to_owned())];
         let appended = store.append(stale, row, Progress::default()).await;
         for written in [appended, store.end(stale, End::Cancelled).await] {
             assert_eq!(written.expect_err("stale").kind, Kind::Conflict);
@@ -115,7 +115,7 @@ pub(super) async fn a_job_is_cancelled_at_once_while_it_waits_and_by_its_worker_
     assert_eq!(cancelled.state, State::Cancelled);
     assert_eq!(get(store, first).await, cancelled);
     assert_eq!(get(store, second).await.queue_position, Some(1));
-    assert_eq!(whats(store, first).await[1], What::End(State::Cancelled, None));
+    assert_eq!(whats(store, first).await[1], JobEvent::End(State::Cancelled, None));
     let (ticket, _) = claim(store).await;
     assert_eq!(ticket.job, second);
     let mut pulses = store.watch(second).await.expect("watchable").expect("a job");
@@ -165,7 +165,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     keeps(succeeded, &upload).await;
     let stale = Ticket { attempt: 1, ..ticket };
     let progress = Progress { iterations: 3, ..Progress::default() };
-    let rest = Some((vec![What::Iteration("{}".to_owned())], progress));
+    let rest = Some((vec![JobEvent::Iteration("{}".to_owned())], progress));
     let contents = Contents { bytes: 1 << 40, sha256: "ab".repeat(32) };
     let summary = Summary { is_small: true, blobs: BTreeMap::from([("labels.npy".to_owned(), contents)]), ..SUMMARY };
     let ending = Ending { end: End::Succeeded(summary.clone()), rest, result: result.to_vec() };
@@ -175,7 +175,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     keeps(succeeded, &result).await;
     let job = get(store, succeeded).await;
     assert_eq!((job.state, job.summary, job.progress), (State::Succeeded, Some(summary), progress));
-    let last = [What::Iteration("{}".to_owned()), What::End(State::Succeeded, None)];
+    let last = [JobEvent::Iteration("{}".to_owned()), JobEvent::End(State::Succeeded, None)];
     assert_eq!(whats(store, succeeded).await[4..], last);
     store.cancel(cancelled).await.expect("asked");
     keeps(cancelled, &[]).await;

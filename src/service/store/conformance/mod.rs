@@ -14,8 +14,8 @@ use tesserae_mesh::report::Phase;
 use super::terms::{Page, Statistics};
 use super::tests::{RULES, SUMMARY, new_job};
 use super::{
-    Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, ListQuery, NewJob, Notice, Progress,
-    Rules, SmallBlob, Spec, State, Store, Summary, Ticket, What,
+    Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobEvent, JobId, ListQuery, NewJob, Notice,
+    Progress, Rules, SmallBlob, Spec, State, Store, Summary, Ticket,
 };
 
 mod at_once;
@@ -134,7 +134,7 @@ fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
 }
 
 /// What all events of a job say, whose numbers are without gaps.
-async fn whats(store: &Store, id: JobId) -> Vec<What> {
+async fn whats(store: &Store, id: JobId) -> Vec<JobEvent> {
     let events = events(store, id, 0, usize::MAX).await;
     assert!(events.iter().map(|event| event.seq).eq(1..=events.len() as u64), "{events:?}");
     events.into_iter().map(|event| event.what).collect()

@@ -78,7 +78,7 @@ async fn services_share_jobs_changes_and_cancellations() {
     soon(asked.wait_for(|pulse| pulse.cancel_requested)).await.expect("told");
     let other_attempt = one.end(Ticket { attempt: 2, ..ticket }, End::Cancelled).await;
     assert_eq!(other_attempt.expect_err("other").kind, Kind::Conflict);
-    other.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await.expect("appended");
+    other.append(ticket, vec![JobEvent::Iteration("{}".into())], Default::default()).await.expect("appended");
     other.end(ticket, End::Cancelled).await.expect("finished");
     soon(pulses.wait_for(|pulse| pulse.ended)).await.expect("told");
     assert_eq!(events(&one, job, 0, 99).await.len(), 4);
@@ -105,7 +105,7 @@ async fn nothing_happens_to_running_jobs_because_a_service_starts() {
     assert_eq!(again.attempt, 2);
     for refused in [
         first.end(ticket, End::Succeeded(SUMMARY)).await,
-        first.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await,
+        first.append(ticket, vec![JobEvent::Iteration("{}".into())], Default::default()).await,
         first.release(ticket, None).await.map(drop),
         first.begin(ticket).await,
     ] {
@@ -134,7 +134,7 @@ async fn a_job_that_is_cancelled_during_its_claim_is_not_claimed() {
     let (cancelled, claimed) = tokio::join!(cancelled, claimed);
     cancelled.expect("cancelled");
     assert_eq!(jobs_of(&claimed.expect("claimable")), [second]);
-    assert_eq!(whats(&client, first).await, [What::Queued, What::End(State::Cancelled, None)]);
+    assert_eq!(whats(&client, first).await, [JobEvent::Queued, JobEvent::End(State::Cancelled, None)]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -158,7 +158,7 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     let Some((_server, _, [store])) = services().await else { return };
     create(&store).await;
     let ticket = claim(&store).await.0;
-    let rows = || vec![What::Iteration("1".into()), What::Iteration("2".into())];
+    let rows = || vec![JobEvent::Iteration("1".into()), JobEvent::Iteration("2".into())];
     store.append(ticket, rows(), Default::default()).await.expect("appended");
     // as if the answer had not come
     *store.held.lock().get_mut(&ticket).expect("held") -= 2;

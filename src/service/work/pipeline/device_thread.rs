@@ -58,7 +58,7 @@ pub(super) struct Task {
 }
 
 /// A mesh that the device is done with.
-struct Done {
+struct ClusteredMesh {
     prepared: Arc<Prepared>,
     clustered: Clustered,
     _slot: Slot,
@@ -66,10 +66,10 @@ struct Done {
 
 impl Task {
     /// All rows of the job are delivered, and after a failure its place is free, when this returns.
-    fn run(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
+    fn run(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<ClusteredMesh> {
         let span = self.span.clone();
         let clustered = span.in_scope(|| caught(|| work(&mut self)))?;
-        Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
+        Ok(ClusteredMesh { prepared: self.prepared, clustered, _slot: self.slot })
     }
 
     fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
@@ -80,7 +80,7 @@ impl Task {
     }
 }
 
-impl Done {
+impl ClusteredMesh {
     /// Makes results, and frees the mesh.
     fn finish(self, faults: &Faults) -> Result<Outcome> {
         faults.hit(FaultPoint::Finish).map_err(|error| Error::io("the results cannot be made", error))?;

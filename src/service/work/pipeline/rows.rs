@@ -10,10 +10,10 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::bounds::AGAIN;
-use crate::store::{Progress, Store, Ticket, What};
+use crate::store::{JobEvent, Progress, Store, Ticket};
 
 /// Rows that were not appended when the last one came, and the progress after them.
-pub(super) type Log = Mutex<Option<(Vec<What>, Progress)>>;
+pub(super) type Log = Mutex<Option<(Vec<JobEvent>, Progress)>>;
 
 pub(super) type OnRow = Box<dyn FnMut(Row) + Send>;
 
@@ -73,19 +73,19 @@ impl Inbox {
     }
 }
 
-fn event(row: Row, progress: &mut Progress) -> Result<What> {
+fn event(row: Row, progress: &mut Progress) -> Result<JobEvent> {
     match row {
         Row::Iteration(row) => {
             progress.iterations = row.iteration;
             progress.phase = Some(row.phase);
             progress.energy = row.energy;
-            serde_json::to_string(&row).map(What::Iteration)
+            serde_json::to_string(&row).map(JobEvent::Iteration)
         }
         Row::Round(row) => {
             progress.rounds = row.round;
             progress.clusters_left = Some(row.clusters);
             progress.energy = row.energy;
-            serde_json::to_string(&row).map(What::Round)
+            serde_json::to_string(&row).map(JobEvent::Round)
         }
     }
     .map_err(|error| Error::internal(format_args!("a report cannot be written as JSON: {error}")))

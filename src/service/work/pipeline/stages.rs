@@ -240,7 +240,7 @@ fn open(
     let outputs = &outputs[..];
     match spec.format {
         InputFormat::Mesh(format) => {
-            let resources = &Parts(spec.buffers.iter().cloned().zip(buffers.iter().cloned()).collect());
+            let resources = &MeshBuffers(spec.buffers.iter().cloned().zip(buffers.iter().cloned()).collect());
             let request = job::Request { bytes, format, resources, limits, parameters, seeds, weights, outputs };
             let build = |opened: job::Opened<'_>| {
                 admits(Needed::of_faces(opened.faces(), Some(&opened.spec().clustering)))?;
@@ -270,9 +270,9 @@ fn naming_part(Refusal { file, error }: Refusal) -> Error {
 }
 
 /// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.
-struct Parts(HashMap<String, Bytes>);
+struct MeshBuffers(HashMap<String, Bytes>);
 
-impl Resources for Parts {
+impl Resources for MeshBuffers {
     fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
         let content = self.0.get(uri).ok_or_else(|| {
             Error::mesh(format_args!(
@@ -345,7 +345,7 @@ mod tests {
     #[test]
     fn a_mesh_gets_at_the_parts_by_their_names_and_at_nothing_else() {
         let contents = [("a/b c.bin", "first"), ("../x", "second")];
-        let parts = Parts(contents.map(|(name, content)| (name.to_owned(), Bytes::from(content))).into());
+        let parts = MeshBuffers(contents.map(|(name, content)| (name.to_owned(), Bytes::from(content))).into());
         assert_eq!(parts.load("a/b c.bin", 5).as_deref(), Ok(&b"first"[..]));
         // a name is a name, whatever it looks like
         assert_eq!(parts.load("../x", 9).as_deref(), Ok(&b"second"[..]));

@@ -24,7 +24,7 @@ use tokio::sync::Semaphore;
 use tokio::task::block_in_place;
 
 use self::place::{DatabasePlace, closed, failure};
-use self::writer::{Worker, Writer};
+use self::writer::{Writer, WriterThread};
 use super::super::listeners::Listeners;
 use super::{Abort, Query, Row, Rows, Value, micros, time};
 use crate::ops::blocking::blocking;
@@ -47,7 +47,7 @@ impl Sqlite {
         let place = Arc::new(DatabasePlace::lock(path.to_owned(), is_temporary)?);
         let file = Arc::clone(&place);
         let (writing, reading) = blocking(move || opening::open(&file)).await??;
-        let worker = Worker { connection: Some(writing), place: Arc::clone(&place), listeners, faults };
+        let worker = WriterThread { connection: Some(writing), place: Arc::clone(&place), listeners, faults };
         let writer = worker.start().map_err(|error| opening::cannot_open(&place.path, &error))?;
         Ok(Self { writer, place, readers: Semaphore::new(READERS as usize), idle: Mutex::new(vec![reading]) })
     }

@@ -72,7 +72,7 @@ impl Writer {
     }
 }
 
-pub struct Worker {
+pub struct WriterThread {
     /// None after a failure, until the next command.
     pub connection: Option<Connection>,
     pub place: Arc<DatabasePlace>,
@@ -80,7 +80,7 @@ pub struct Worker {
     pub faults: Faults,
 }
 
-impl Worker {
+impl WriterThread {
     /// Starts the thread.
     pub fn start(self) -> io::Result<Writer> {
         let (commands, inbox) = mpsc::channel();
