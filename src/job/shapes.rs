@@ -273,7 +273,8 @@ impl Shaped {
             resolution: self.resolution(spec),
             options,
         };
-        let mut levels = Levels::new(self.surface.faces() as u64, self.target.unwrap_or_default());
+        let target = hierarchy::check(&self.surface.items, options)?;
+        let mut levels = Levels::new(self.surface.faces() as u64, target);
         let (mut iterations, mut number) = (Iterations::default(), 0);
         let on_row = RefCell::new(on_row);
         let mut on_step = |round: u32, step: Step| {
