@@ -1,31 +1,21 @@
-//! A start by merging groups of faces: for large meshes by normals, but not with quality `best`.
+//! Groups of faces, to merge them in place of single faces.
 //!
 //! # Definition
 //!
-//! 1. *Groups.* Every face chooses the neighbour that it would merge with at the lowest cost. Two that choose each
-//!    other form a group; other faces, in their order, join the group of their choice while it has fewer than
-//!    [`MOST_FACES`] faces, or stay alone. Groups are grouped as well, while there are [`FACES_A_CLUSTER`] of them a
-//!    cluster and [`LEAST_FACES`] in all, and while that leaves at most two thirds.
-//! 2. *Merges.* The last groups merge ([`super::merging`]).
-//! 3. *Improvement*, where it is wanted. Clusters of groups settle, and [move](Relocation::improved) as a whole. Then
-//!    labels go to the finer groups, where clusters [settle](settle::settled) again, and so on.
-//!
-//! The clustering goes on from there with the faces.
+//! Every face chooses the neighbour that it would merge with at the lowest cost. Two that choose each other form a group;
+//! other faces, in their order, join the group of their choice while it has fewer than [`MOST_FACES`] faces, or stay
+//! alone. Groups are grouped as well, while there are [`FACES_A_CLUSTER`] of them a cluster and [`LEAST_FACES`] in all,
+//! and while that leaves at most two thirds. The last groups merge ([`super::merging`]).
 //!
 //! # Why
 //!
 //! A merge of two faces costs as much as one of two clusters, and most merges are of few faces. Between groups there
-//! are a tenth as many, and of a face's neighbours, the cheapest lies across a sharp edge only if all do. Moves of
-//! whole clusters take a tenth of the time there, too. `docs/constants.md` has the figures.
+//! are a tenth as many, and of a face's neighbours, the cheapest lies across a sharp edge only if all do.
+//! `docs/constants.md` has the figures.
 
-use super::coarse::Start;
-use super::connected::settle;
 use super::merging::{self, Pairs};
-use super::numbers;
-use super::quality::Quality;
-use super::relocation::Relocation;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::device::{Cancel, Device, Ending};
+use crate::device::{Cancel, Device};
 use crate::energy::{End, Functional};
 use crate::error::Result;
 use crate::parallel;
@@ -49,39 +39,22 @@ const CHUNK: usize = 1 << 12;
 /// No group yet.
 const NONE: u32 = u32::MAX;
 
-impl Start {
-    /// From this many clusters that were merged from groups of faces. The numbers must be possible
-    /// ([`super::seeds::shares`]).
-    pub fn from_groups<E: Functional>(
-        graph: &DualGraph<E>,
-        clusters: u64,
-        pairs: Pairs,
-        improve: bool,
-        device: &mut dyn Device<E>,
-        cancel: &Cancel,
-    ) -> Result<Self> {
-        let levels = levels(graph, clusters as usize);
-        let coarsest = levels.last().map_or(graph, |level| &level.graph);
-        let mut labels = numbers::compact(&merging::merged(coarsest, clusters as usize, pairs, device, cancel)?);
-        let mut ending = Ending::Converged;
-        if improve {
-            let relocation = Relocation { graph: coarsest, quality: Quality::Default, pairs, cancel };
-            (labels, ending) = relocation.improved(labels)?;
-        }
-        let mut is_bounded = ending == Ending::WorkLimit;
-        for (at, level) in levels.iter().enumerate().rev() {
-            labels = level.refined(&labels);
-            if improve && at > 0 {
-                (labels, ending) = settle::settled(&levels[at - 1].graph, labels, cancel)?;
-                is_bounded |= ending == Ending::WorkLimit;
-            }
-        }
-        Ok(Self { is_bounded, ..Self::of(graph, labels, clusters as usize) })
-    }
+/// Labels with this many clusters, merged from groups of faces; their numbers have gaps.
+pub fn merged<E: Functional>(
+    graph: &DualGraph<E>,
+    clusters: usize,
+    pairs: Pairs,
+    device: &mut dyn Device<E>,
+    cancel: &Cancel,
+) -> Result<Vec<u32>> {
+    let levels = levels(graph, clusters);
+    let coarsest = levels.last().map_or(graph, |level| &level.graph);
+    let labels = merging::merged(coarsest, clusters, pairs, device, cancel)?;
+    Ok(levels.iter().rev().fold(labels, |labels, level| level.refined(&labels)))
 }
 
 /// Coarser and coarser graphs.
-fn levels<E: Functional>(graph: &DualGraph<E>, clusters: usize) -> Vec<Coarse<E>> {
+pub fn levels<E: Functional>(graph: &DualGraph<E>, clusters: usize) -> Vec<Coarse<E>> {
     let mut levels: Vec<Coarse<E>> = Vec::new();
     loop {
         let graph = levels.last().map_or(graph, |level| &level.graph);
@@ -150,11 +123,9 @@ fn choices<E: Functional>(graph: &DualGraph<E>) -> Vec<u32> {
 mod tests {
     use super::*;
     use crate::dev::sample::Sample;
-    use crate::device::cpu::CpuDevice;
     use crate::device::pieces::disconnected_clusters;
-    use crate::device::plain::PlainDevice;
     use crate::surface::Rows;
-    use crate::surface::tests::{assert_clusters_lie_in, of_sample};
+    use crate::surface::tests::of_sample;
 
     #[test]
     fn groups_are_small_connected_and_made_of_choices() {
@@ -190,20 +161,5 @@ mod tests {
         graph.components.truncate(1);
         graph.components[0].faces = faces as u32;
         assert!(levels(&graph, 1).is_empty());
-    }
-
-    #[test]
-    fn starts_have_all_clusters_in_one_piece_with_and_without_improvement_and_on_any_device() {
-        let surface = of_sample(Sample::Parts, 4000);
-        for (clusters, improve) in [(20, false), (20, true), (150, true), (900, true)] {
-            let start = |device: &mut dyn Device| {
-                Start::from_groups(&surface, clusters, Pairs::Eighth, improve, device, &Cancel::default())
-            };
-            let Start { labels, component_of_cluster, .. } = start(&mut CpuDevice::new()).expect("a start");
-            assert_eq!(start(&mut PlainDevice::default()).expect("a start").labels, labels);
-            assert_eq!(component_of_cluster.len(), clusters as usize);
-            assert_clusters_lie_in(&surface, &labels, &component_of_cluster);
-            assert_eq!(disconnected_clusters(&surface, clusters as usize, &labels), 0, "{clusters} {improve}");
-        }
     }
 }

@@ -6,7 +6,7 @@
 //! | refinement by exact gains, beyond the paper | [`refinement`] |
 //! | connected clusters | [`connected`] |
 //! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`], `rounds` |
-//! | where flat clusterings start | [`seeds`], [`coarse`], [`merging`], [`grouping`] |
+//! | where flat clusterings start | [`seeds`], [`coarse`], [`merging`], [`grouping`], `group_start` |
 //! | how much time to take for how low an energy | [`quality`] |
 //! | the order of merges | [`crate::device::dual_edge`] |
 //! | moves of whole clusters in a coarse start | [`teleport`] |
@@ -23,6 +23,7 @@ pub mod coarse;
 pub mod connected;
 pub mod fast;
 pub mod flat;
+mod group_start;
 pub mod grouping;
 pub mod hierarchy;
 mod hubs;

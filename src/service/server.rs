@@ -90,9 +90,9 @@ impl Server {
                 tracing::info!(swept, unknown, "{why}");
             }
         }
-        files.make_ballast().await;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
+        storage.look_at_room().await;
         let live = Arc::<Live>::default();
         let context = device_thread::Context {
             reopen: extras.reopen,

@@ -3,10 +3,11 @@
 //! # Definition
 //!
 //! *Starts.* Each makes [swaps](swap) until none pays. The first is what the phases end with. The others are
-//! [merged](super::merging) from single faces, and the phases of quality `fast`, once as they are (not where
-//! [`Moves`] are connected) and once [settled](mod@super::connected::settle) before the swaps. Each is [mixed](mix) in:
-//! every component comes from where it is cheaper. Where moves are free, what `fast` ends with is among them, so that
-//! no other quality ends above it.
+//! [merged](super::merging) from single faces (from [groups](super::grouping) of them where there are many and
+//! [`Moves`] are connected), and the phases of quality `fast`, once as they are (not where moves are connected) and
+//! once [settled](mod@super::connected::settle) before the swaps. Each is [mixed](mix) in: every component comes from
+//! where it is cheaper. Where moves are free, what `fast` ends with is among them, so that no other quality ends above
+//! it.
 //!
 //! *Improvement.* A round of [trials](trial) of merges and splits, judged after their surroundings have settled, and a
 //! [breath](mod@breathe), more clusters and then as many again, take turns: what one has made of its clusters, the
@@ -40,6 +41,7 @@ use self::offers::Offers;
 use self::resize::resize;
 use super::connected::Clusters;
 use super::connected::settle::settle;
+use super::grouping;
 use super::merging::{self, Pairs};
 use super::numbers;
 use super::quality::Quality;
@@ -113,7 +115,8 @@ impl<'a, E: Functional> Relocation<'a, E> {
         let clusters = run.best.clusters.count();
         let tries_more = self.tries_more(clusters, has_paid);
         if tries_more && has_paid {
-            let merged = merging::merged(self.graph, clusters, self.pairs, device, self.cancel)?;
+            let merge = if self.merges_groups() { grouping::merged } else { merging::merged };
+            let merged = merge(self.graph, clusters, self.pairs, device, self.cancel)?;
             run.mix_in_start(Phase::MergedStart, merged)?;
         }
         if tries_more && self.quality == Quality::Best {
@@ -180,6 +183,11 @@ impl<'a, E: Functional> Relocation<'a, E> {
         self.graph.moves == Moves::Free
             && !self.tries_more(clusters, false)
             && !swap::may_pay(self.graph, labels, clusters)
+    }
+
+    /// Whether the merged start is of groups of faces: it ends as low, in a fraction of the time.
+    fn merges_groups(&self) -> bool {
+        self.quality != Quality::Best && self.graph.moves == Moves::Connected && self.graph.faces() > SMALL
     }
 
     /// Whether trials and breaths are worth it.

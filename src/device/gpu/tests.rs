@@ -141,7 +141,7 @@ fn no_kernel_sees_two_buffers_of_one_memory_and_it_is_long_enough_for_both() {
 fn a_face_takes_no_more_memory_than_before() {
     assert_eq!(FACES_A_CLUSTER, Quality::Default.optimised_from());
     // a closed triangle mesh into clusters of 100 faces, and a hierarchy that is optimised from 4 faces a cluster on
-    for (is_merging, faces_a_cluster, most) in [(false, 100, 62), (true, 4, 117)] {
+    for (is_merging, faces_a_cluster, most) in [(false, 100, 58), (true, 4, 113)] {
         let faces = 10_000_000;
         let sizes = Sizes { face_groups: faces / 256, ..Sizes::of(3, faces, faces / faces_a_cluster) };
         let needed = needed(is_merging);

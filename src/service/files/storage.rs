@@ -65,7 +65,7 @@ impl Storage {
         self.works.send_if_modified(|before| std::mem::replace(before, works) != works);
     }
 
-    async fn look_at_room(&self) {
+    pub async fn look_at_room(&self) {
         self.files.make_ballast().await;
         if let Ok(bytes) = self.store.free_bytes().await
             && self.files.is_short_of(bytes)

@@ -110,7 +110,7 @@ fn complete(mut document: openapi::OpenApi) -> Result<String, Box<dyn StdError>>
             if !parameters.is_empty() {
                 operation["parameters"] = parameters.into();
             }
-            add_common_answers(path, &mut operation["responses"]);
+            add_common_answers(path, method, &mut operation["responses"]);
         }
     }
     document.paths = serde_json::from_value(paths)?;
@@ -183,21 +183,21 @@ fn add_formats(content: &mut Value) {
 }
 
 /// Adds what every path may answer, and what every result may.
-fn add_common_answers(path: &str, answers: &mut Value) {
+fn add_common_answers(path: &str, method: &str, answers: &mut Value) {
     let Some(answers) = answers.as_object_mut() else { return };
     let is_probe = ["/healthz", "/readyz"].contains(&path);
     let output = artifacts::ALL.iter().find(|artifact| artifact.is_served && path == urls::route(artifact));
     let is_result = output.is_some() || path.ends_with("/upload");
     for (status, applies) in [
-        // of the query string
         ("414", true),
+        ("421", true),
         ("422", true),
         ("429", !is_probe),
         ("503", path != "/healthz"),
         ("500", ["/v1/jobs", "/v1/workers", "/metrics", "/openapi.yaml"].iter().any(|start| path.starts_with(start))),
         ("404", path.contains("{id}")),
         ("401", !is_probe && !["/v1/version", "/openapi.yaml"].contains(&path)),
-        ("403", path == "/metrics" || path.starts_with("/v1/workers")),
+        ("403", path == "/metrics" || path.starts_with("/v1/workers") || method != "get"),
         ("408", path == "/v1/jobs"),
         ("406", output.is_some_and(|output| output.forms.len() > 1)),
         ("409", output.is_some()),
