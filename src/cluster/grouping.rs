@@ -2,10 +2,10 @@
 //!
 //! # Definition
 //!
-//! Every face chooses the neighbour that it would merge with at the lowest cost. Two that choose each other form a group;
-//! other faces, in their order, join the group of their choice while it has fewer than [`MOST_FACES`] faces, or stay
-//! alone. Groups are grouped as well, while there are [`FACES_A_CLUSTER`] of them a cluster and [`LEAST_FACES`] in all,
-//! and while that leaves at most two thirds. The last groups merge ([`super::merging`]).
+//! Every face chooses the neighbour that it would merge with at the lowest cost. Two that choose each other form a
+//! group; other faces, in their order, join the group of their choice while it has fewer than [`MOST_FACES`] faces, or
+//! stay alone. Groups are grouped as well, while there are [`FACES_A_CLUSTER`] of them a cluster and [`LEAST_FACES`] in
+//! all, and while that leaves at most two thirds. The last groups merge ([`super::merging`]).
 //!
 //! # Why
 //!
