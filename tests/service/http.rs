@@ -183,6 +183,7 @@ async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     // less than what is on the disk
     let limit = |settings: &mut Settings| settings.storage.min_free_bytes = disk.f_blocks * disk.f_frsize - (50 << 20);
     let service = Service::on(data, limit, device, None, Extras::default()).await;
+    assert_eq!(service.get("/readyz").send().await.expect("answered").status(), 503, "from the first answer on");
     let post = |bytes: usize| service.obj("clusters=5", vec![b' '; bytes]);
     // with their results, five times as many bytes
     let detail = refused(post(11 << 20), 413, "too-large").await;
