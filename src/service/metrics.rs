@@ -21,7 +21,7 @@ use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
 use crate::files::Files;
-use crate::ops::health::{Health, Part, Severity};
+use crate::ops::health::{Health, Part, Severity, why_not_ready};
 use crate::ops::proc_bytes;
 use crate::settings::Settings;
 use crate::store::{Job, State, Store};
@@ -157,7 +157,7 @@ impl Metrics {
         let unavailable = [("reason", Kind::Unavailable.slug())];
         families.attempts_failed.get_or_create(&unavailable).inner().store(of_store.attempts_failed, Ordering::Relaxed);
         families.poison.get_or_create(&unavailable).inner().store(of_store.given_up, Ordering::Relaxed);
-        families.ready.set(i64::from(health.why_not_ready().is_none()));
+        families.ready.set(i64::from(why_not_ready(&health.conditions()).is_none()));
         for part in Part::ALL {
             let now = health.severity(part);
             for (severity, name) in [(Severity::Degraded, "degraded"), (Severity::Failing, "failing")] {

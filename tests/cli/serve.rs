@@ -131,16 +131,16 @@ fn tokens_are_never_logged() {
         let bad = service.get_with("/v1/jobs", &format!("Authorization: Bearer {wrong}\r\n"));
         assert!(bad.starts_with("HTTP/1.0 401 "), "{bad}");
         service.get_with("/nothing", &format!("Authorization: Bearer {token}\r\nContent-Length: x\r\n"));
-        service.get_with(&format!("/v1/jobs/{token}?token={token}"), "");
+        service.get_with(&format!("/v1/jobs/{token}?token={token}"), &format!("X-Request-Id: {token}\r\n"));
         let (status, log) = service.end("-TERM");
         assert_eq!(status, Some(0));
         assert!(log.contains("/v1/jobs") && log.contains("acme"), "requests and tenants are logged: {log}");
         assert!(!log.contains(&token[22..]) && !log.contains(&wrong[22..]), "{log}");
-        // the fields of a line name the request; spans around it would name it again
+        // the span of the request names it, once
         let answers: Vec<&str> = log.lines().filter(|line| line.contains("tesserae::access")).collect();
         assert!(answers.iter().any(|line| line.contains("401")), "{log}");
         assert!(answers.iter().any(|line| line.contains(&token[5..21])), "the id of the token: {log}");
-        assert!(answers.iter().all(|line| !line.contains("spans")), "{answers:#?}");
+        assert!(answers.iter().all(|line| line.matches("method").count() == 1), "{answers:#?}");
     }
 }
 
@@ -265,8 +265,21 @@ fn lines_of_the_log_about_a_request_and_its_job_have_the_caller_s_trace() {
     let head = format!("Prefer: wait=60\r\ntraceparent: 00-{trace}-{parent}-01\r\n");
     let answer = service.post("clusters=5", &head, &folder.read("sphere.obj"));
     assert!(answer.starts_with("HTTP/1.0 200 "), "{answer}");
+    let id = answer.lines().find_map(|line| line.strip_prefix("x-request-id: ")).expect("an id").trim().to_owned();
+    let id_of = |head: &str| {
+        let answer = service.get_with("/v1/version", head);
+        let id = answer.lines().find_map(|line| line.strip_prefix("x-request-id: "));
+        id.unwrap_or_else(|| panic!("no id: {answer}")).trim().to_owned()
+    };
+    assert_eq!(id_of("X-Request-Id: of-a-proxy\r\n"), "of-a-proxy");
+    for other in ["", "ü", &"x".repeat(257), "tess_one_secret"] {
+        assert_eq!(id_of(&format!("X-Request-Id: {other}\r\n")).len(), 36, "a new one for {other:?}");
+    }
     let (status, log) = service.end("-TERM");
     assert_eq!(status, Some(0), "{log}");
+    for id in [&*id, "of-a-proxy"] {
+        assert!(log.lines().any(|line| line.contains("answered") && line.contains(id)), "{id}: {log}");
+    }
 
     let lines: Vec<serde_json::Value> = log.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     for message in ["answered", "succeeded"] {

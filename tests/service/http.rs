@@ -155,20 +155,26 @@ async fn requests_are_logged_with_the_address_behind_trusted_proxies() {
     until(async || log.lines("tesserae::access").iter().any(|line| line["fields"]["status"] == 204)).await;
 
     let lines = log.lines("tesserae::access");
+    // what is known of the answer, and the span of its request
+    let parts = |line: &Value| (line["fields"].clone(), line["spans"][0].clone());
     let of = |id: &str| {
-        let found = lines.iter().find(|line| line["fields"]["trace"] == *id.repeat(32));
-        found.unwrap_or_else(|| panic!("no {id}: {lines:#?}"))["fields"].clone()
+        let found = lines.iter().find(|line| line["spans"][0]["trace"] == *id.repeat(32));
+        parts(found.unwrap_or_else(|| panic!("no {id}: {lines:#?}")))
     };
-    let created = of("1");
-    assert_eq!((&created["client"], &created["status"]), (&"198.51.100.7".into(), &202.into()), "{created}");
-    assert_eq!((&created["location"], &created["tenant"]), (&path(&job).into(), &"local".into()), "{created}");
+    let (created, request) = of("1");
+    assert_eq!((&request["client"], &created["status"]), (&"198.51.100.7".into(), &202.into()), "{created} {request}");
+    assert_eq!(
+        (&created["location"], &request["tenant"]),
+        (&path(&job).into(), &"local".into()),
+        "{created} {request}"
+    );
     assert!(created["latency_ms"].as_f64().expect("a number") > 0.0, "{created}");
-    assert_eq!(of("2")["bytes"], length, "of the answer");
-    let deleted = lines.iter().find(|line| line["fields"]["status"] == 204).expect("a line");
-    assert_eq!((&deleted["fields"]["method"], &deleted["fields"]["path"]), (&"DELETE".into(), &path(&job).into()));
-    assert_eq!(deleted["fields"]["client"], "127.0.0.1");
-    assert!(lines.iter().all(|line| line["fields"]["path"] != "/healthz"), "probes have no line");
-    assert!(lines.iter().all(|line| line.get("span").is_none() && line.get("spans").is_none()), "{lines:#?}");
+    assert_eq!(of("2").0["bytes"], length, "of the answer");
+    let (_, request) = parts(lines.iter().find(|line| line["fields"]["status"] == 204).expect("a line"));
+    assert_eq!((&request["method"], &request["path"]), (&"DELETE".into(), &path(&job).into()));
+    assert_eq!(request["client"], "127.0.0.1");
+    assert!(lines.iter().all(|line| line["spans"][0]["path"] != "/healthz"), "probes have no line");
+    assert!(lines.iter().all(|line| line.get("span").is_none()), "a span is written once: {lines:#?}");
 }
 
 /// A client chooses how long its upload says it is.

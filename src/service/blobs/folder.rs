@@ -12,7 +12,7 @@ use object_store::path::Path as BlobPath;
 use tesserae_mesh::error::{Error, Result};
 use walkdir::WalkDir;
 
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::ops::private;
 
 /// The next segment of every path below a path.

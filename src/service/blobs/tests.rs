@@ -11,7 +11,7 @@ use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 #[cfg(feature = "s3")]
 use super::place::BlobPlace;
 use super::*;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 
 pub(crate) fn content(bytes: usize) -> Bytes {
     (0..bytes).map(|at| (at % 251) as u8).collect()

@@ -14,7 +14,7 @@ use super::disk::{self, BALLAST, Disk, LAST};
 use super::root::{CANNOT_REACH, Folder, RESULTS, Root, UPLOADS, cannot_make};
 use crate::blobs::Blobs;
 use crate::blobs::place::BlobPlace;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::private;
 use crate::store::JobId;

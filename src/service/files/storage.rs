@@ -13,7 +13,7 @@ use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use crate::files::Files;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::ops::health::{Health, Part};
 use crate::store::{SMALL_BLOBS, Store};
 
@@ -91,6 +91,7 @@ impl Storage {
 mod tests {
     use super::*;
     use crate::ops::faults::Faults;
+    use crate::ops::health::why_not_ready;
     use crate::store::tests::{RULES, new_job};
 
     #[tokio::test]
@@ -112,7 +113,7 @@ mod tests {
             storage.look_at_room().await;
         }
         assert!(path.metadata().expect("there").len() < 1 << 20);
-        assert!(health.why_not_ready().is_some(), "no small job is taken");
+        assert!(why_not_ready(&health.conditions()).is_some(), "no small job is taken");
         store.close().await;
     }
 }

@@ -30,7 +30,7 @@ pub(crate) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(crate) const ENCODINGS: &str = "gzip, zstd, identity";
 
-/// Longest path of a request that is logged or sent back, in bytes.
+/// Longest path or id of a request that is logged or sent back, in bytes.
 const MAX_PATH: usize = 256;
 
 /// What went wrong (RFC 9457).

@@ -26,7 +26,7 @@ use tesserae_mesh::parameters::{Algorithm, Parameters};
 
 use crate::guard::problem::{Answer, Failure};
 use crate::http::conditional::Content;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 
 /// What the page may load. Textures and downloads are `blob:`.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \

@@ -2,7 +2,7 @@
 
 use std::any::Any;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::body::HttpBody as _;
@@ -15,29 +15,39 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::csrf::CsrfLayer;
-use tracing::Instrument as _;
+use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
+use tower_http::trace::TraceLayer;
+use tracing::Span;
+use tracing::field::Empty;
 
-use crate::guard::access::Caller;
 use crate::guard::problem;
 use crate::guard::traffic::{self, heads, origin};
 use crate::http::state::Shared;
 use crate::http::{conditional, openapi, page};
 use crate::ops::trace::{Origin, TraceParent};
 
+const REQUEST_ID: &str = "x-request-id";
+const ACCESS: &str = "tesserae::access";
+
 /// All routes, and around them, from the outside in:
 ///
-/// 1. what every request and every answer has, counting and the access log;
-/// 2. compression, of all but event streams and answers below 1,024 bytes, and tags that differ with it;
-/// 3. problem documents, of all that is refused further in;
-/// 4. a net for panics;
-/// 5. heads that are not valid HTTP/1.1, query strings that are too long, and web pages that may not use a service
+/// 1. what every request and every answer has, and counting;
+/// 2. an id for the request (`x-request-id`), its span, and the access log;
+/// 3. compression, of all but event streams and answers below 1,024 bytes, and tags that differ with it;
+/// 4. problem documents, of all that is refused further in;
+/// 5. a net for panics;
+/// 6. heads that are not valid HTTP/1.1, query strings that are too long, and web pages that may not use a service
 ///    without tokens;
-/// 6. access and traffic limits;
-/// 7. the routes; around those of results, ETag and Range.
+/// 7. access and traffic limits;
+/// 8. the routes; around those of results, ETag and Range.
 pub(crate) fn router(shared: Arc<Shared>) -> Router {
     let (is_open, accepts_names) = (shared.settings.access.tokens.is_none(), shared.settings.access.insecure_no_auth);
+    let log = TraceLayer::new_for_http().make_span_with(span).on_response(log_answer);
     let layers = ServiceBuilder::new()
         .layer(from_fn_with_state(Arc::clone(&shared), every_request))
+        .layer(SetRequestIdLayer::x_request_id(MakeRequestUuid))
+        .layer(PropagateRequestIdLayer::x_request_id())
+        .layer(log.on_request(()).on_eos(()).on_failure(()))
         .layer(from_fn(conditional::distinguish_codings))
         .layer(
             CompressionLayer::new()
@@ -67,43 +77,46 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
     response
 }
 
-/// Gives a request its [`Origin`] and its span; counts its answer, logs it, and adds the headers that every answer has:
-/// browsers must not guess types, show answers as pages, or cache the data of a tenant. A route may set its own. The
-/// connection of a refused request with a body ends after the answer, since parts of the body may not have been read.
-///
-/// The access log, of the target `tesserae::access`, has a line a request without a span, whose fields the line holds
-/// itself. Probes and monitoring, which come every few seconds, have none. A line names a token by its id only.
+/// The span of a request; [`traffic::admit`] adds the tenant and the id of its token. Its level is error so that it is
+/// there at every level of the access log.
+fn span(request: &Request) -> Span {
+    let Some(Origin { client, trace }) = request.extensions().get() else { return Span::none() };
+    let (method, path, trace) = (request.method(), problem::cut_path(request.uri().path()), trace.trace());
+    let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok());
+    tracing::error_span!(target: ACCESS, "request", %method, path, %client, tenant = Empty, token = Empty, id, trace)
+}
+
+/// The access log: a line a request, in its span. Answered probes and monitoring, which come every few seconds, have none.
+fn log_answer(response: &Response, latency: Duration, _: &Span) {
+    if !["/healthz", "/readyz", "/metrics"].contains(&route(response)) {
+        let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok());
+        let (status, latency_ms) = (response.status().as_u16(), latency.as_micros() as f64 / 1000.0);
+        let (bytes, location) = (header(header::CONTENT_LENGTH), header(header::LOCATION));
+        tracing::info!(target: ACCESS, status, latency_ms, bytes, location, "answered");
+    }
+}
+
+fn route(response: &Response) -> &str {
+    response.extensions().get().map_or("none", MatchedPath::as_str)
+}
+
+/// Gives a request its [`Origin`], leaves it an id that is short, plain and no token, counts its answer, and adds the
+/// headers that every answer has: browsers must not guess types, show answers as pages, or cache the data of a tenant. A
+/// route may set its own. The connection of a refused request ends after the answer if it has a body, which may not have
+/// been read.
 async fn every_request(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let client = origin::client(&request, &shared.settings.traffic.trusted_proxies);
-    let origin = Origin { client, trace: TraceParent::of_request(request.headers()) };
-    request.extensions_mut().insert(origin.clone());
-    let (method, has_body) = (request.method().clone(), !request.body().is_end_stream());
-    let (path, trace) = (problem::cut_path(request.uri().path()).to_owned(), origin.trace.trace());
-    let span = tracing::info_span!("request", %method, path, trace, tenant = tracing::field::Empty);
-    let mut response = next.run(request).instrument(span).await;
-    let (status, elapsed) = (response.status().as_u16(), started.elapsed());
-    let route = response.extensions().get().map_or("none", MatchedPath::as_str);
-    shared.metrics.answered(&method, route, status, elapsed);
-    if !["/healthz", "/readyz", "/metrics"].contains(&path.as_str()) {
-        let tenant = response.extensions().get::<Caller>().map(|caller| &caller.0);
-        let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok());
-        tracing::info!(
-            target: "tesserae::access",
-            parent: None,
-            %method,
-            path,
-            status,
-            latency_ms = elapsed.as_micros() as f64 / 1000.0,
-            bytes = header(header::CONTENT_LENGTH),
-            location = header(header::LOCATION),
-            client = %origin.client,
-            tenant = tenant.map(|tenant| &tenant.name),
-            token = tenant.and_then(|tenant| tenant.token.as_ref()).map(|token| &token.id),
-            trace,
-            "answered"
-        );
+    let trace = TraceParent::of_request(request.headers());
+    request.extensions_mut().insert(Origin { client, trace });
+    let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
+    if id.is_empty() || problem::cut_path(id) != id {
+        request.headers_mut().remove(REQUEST_ID);
     }
+    let (method, has_body) = (request.method().clone(), !request.body().is_end_stream());
+    let mut response = next.run(request).await;
+    let status = response.status().as_u16();
+    shared.metrics.answered(&method, route(&response), status, started.elapsed());
     let headers = response.headers_mut();
     if has_body && status >= 400 {
         headers.insert(header::CONNECTION, HeaderValue::from_static("close"));

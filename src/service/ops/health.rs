@@ -106,10 +106,6 @@ impl Health {
         self.wrong.lock().get(&part).map(|condition| condition.severity)
     }
 
-    pub fn why_not_ready(&self) -> Option<String> {
-        why_not_ready(&self.conditions())
-    }
-
     fn set(&self, part: Part, severity: Severity, detail: String) {
         let condition = Condition { part, severity, detail };
         let mut wrong = self.wrong.lock();

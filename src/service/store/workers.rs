@@ -14,7 +14,7 @@ use super::job::JobId;
 use super::listeners::marked;
 use super::store::Store;
 use super::terms::Notice;
-use crate::ops::timestamp::rfc3339;
+use crate::ops::rfc3339;
 
 /// A process that works on jobs.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]

@@ -22,7 +22,7 @@ use tokio_util::sync::CancellationToken;
 use self::file::{Stamp, stamp};
 use self::tokens::{Quotas, Tenant, Tokens};
 use crate::guard::problem::Failure;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::ops::health::{Health, Part};
 use crate::settings::AccessSettings;
 use crate::store::LOCAL_TENANT;

@@ -87,22 +87,18 @@ pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
     }
     traffic.faults.pass(FaultPoint::Request);
     let (caller, held) = check(&traffic, &request)?;
-    if let Some(caller) = &caller {
-        tracing::Span::current().record("tenant", &caller.0.name);
-        request.extensions_mut().insert(caller.clone());
+    if let Some(caller) = caller {
+        let token = caller.0.token.as_ref().map(|token| &*token.id);
+        tracing::record_all!(tracing::Span::current(), tenant = caller.0.name, token);
+        request.extensions_mut().insert(caller);
     }
     // the closure owns what is held, which so ends with the body
-    let mut response = next.run(request).await.map(|body| {
+    Ok(next.run(request).await.map(|body| {
         Body::new(body.map_err(move |error| {
             let _held_with_the_body = &held;
             error
         }))
-    });
-    // for the access log, which is further out
-    if let Some(caller) = caller {
-        response.extensions_mut().insert(caller);
-    }
-    Ok(response)
+    }))
 }
 
 /// The caller of a request, and its permits: its client's, and of a stream one of all streams.

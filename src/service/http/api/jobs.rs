@@ -15,7 +15,7 @@ use crate::guard::access::Caller;
 use crate::guard::problem::{Answer, Problem, Problematic};
 use crate::guard::query;
 use crate::http::state::{App, Found, Shared};
-use crate::ops::timestamp::rfc3339;
+use crate::ops::rfc3339;
 use crate::store::{Deletion, Job, JobId, ListQuery, Progress, State, no_such_job, not_failed};
 use crate::work::urls::{self, Urls};
 

@@ -21,7 +21,7 @@ use tesserae_mesh::hierarchy::stored::Input;
 use super::DoneJob;
 use crate::blobs::Blob;
 use crate::files::job_blobs;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::store::Contents;
 
 /// Bytes up to which a blob, or an answer, is held in memory.

@@ -30,7 +30,7 @@ use super::checked::{self, Checked, HELD};
 use super::stored::with_length;
 use crate::files::kept_mesh;
 use crate::http::state::Shared;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::work::pipeline::Needed;
 
 /// Which labels of a job.

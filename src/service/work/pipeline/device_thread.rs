@@ -30,7 +30,7 @@ use super::rows::OnRow;
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::turns::Line;
 use crate::metrics::Metrics;
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::ops::faults::{FaultPoint, Faults};
 use crate::ops::health::{Health, Part, Severity};
 

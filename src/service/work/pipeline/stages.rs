@@ -26,7 +26,7 @@ use super::rows::Inbox;
 use super::run::{Attempt, Pipeline, Verdict, judge};
 use crate::blobs::Blob;
 use crate::files::{self, BlobWriter, job_blobs, kept_mesh, settle};
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::store::kept::Kept;
 use crate::store::{End, Ending, Spec, Summary, live};
 

@@ -27,7 +27,7 @@ use tokio_util::sync::CancellationToken;
 use self::target::Targets;
 use crate::guard::problem::Problem;
 use crate::metrics::Metrics;
-use crate::ops::timestamp::rfc3339;
+use crate::ops::rfc3339;
 use crate::settings::WebhookSettings;
 use crate::store::{JobId, Notice, Store};
 use crate::work::urls;

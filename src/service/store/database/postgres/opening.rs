@@ -6,7 +6,7 @@ use tokio_postgres::Client;
 
 use super::super::{Abort, MIGRATIONS, steps};
 use super::connections::{Connections, PATIENCE, failure};
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 
 /// What the tables need beside what SQLite knows: room for changes beside their rows, and bytes without compression,
 /// which for meshes and labels costs more time than it saves.

@@ -27,7 +27,7 @@ use self::place::{DatabasePlace, closed, failure};
 use self::writer::{Writer, WriterThread};
 use super::super::listeners::Listeners;
 use super::{Abort, Query, Row, Rows, Value, micros, time};
-use crate::ops::blocking::blocking;
+use crate::ops::blocking;
 use crate::ops::faults::Faults;
 
 /// Connections that read, at most.
