@@ -65,6 +65,16 @@ pub enum DeviceKind {
     Gpu,
 }
 
+impl DeviceKind {
+    /// As it is written in reports, metrics and commands.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+        }
+    }
+}
+
 /// Something that can cluster items by an energy.
 pub trait Device<E: Functional = Energy>: Send {
     /// What it is.

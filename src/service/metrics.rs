@@ -16,7 +16,7 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 use tesserae_mesh::device::MemoryMeter;
 use tesserae_mesh::error::{Error, Kind, Result};
-use tesserae_mesh::report::{DeviceInfo, DeviceKind, Report};
+use tesserae_mesh::report::{DeviceInfo, Report};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
@@ -41,11 +41,11 @@ impl Metrics {
         let process = Process::register(registry.sub_registry_with_prefix("process"));
         process.started.set(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64());
         families.build.get_or_create(&[("version", env!("CARGO_PKG_VERSION"))]).set(1);
-        let kind = match device.kind {
-            DeviceKind::Cpu => "cpu",
-            DeviceKind::Gpu => "gpu",
-        };
-        let labels = [("kind", kind.to_owned()), ("name", device.name.clone()), ("backend", device.backend.clone())];
+        let labels = [
+            ("kind", device.kind.name().to_owned()),
+            ("name", device.name.clone()),
+            ("backend", device.backend.clone()),
+        ];
         families.device.get_or_create(&labels).set(1);
         families.disk_reserve.set(i64::try_from(settings.storage.min_free_bytes).unwrap_or(i64::MAX));
         families.queue_limit.set(i64::try_from(settings.max_queued_jobs).unwrap_or(i64::MAX));

@@ -169,12 +169,56 @@ async fn requests_are_logged_with_the_address_behind_trusted_proxies() {
         "{created} {request}"
     );
     assert!(created["latency_ms"].as_f64().expect("a number") > 0.0, "{created}");
-    assert_eq!(of("2").0["bytes"], length, "of the answer");
+    assert_eq!(of("2").0["bytes"].to_string(), length, "of the answer");
     let (_, request) = parts(lines.iter().find(|line| line["fields"]["status"] == 204).expect("a line"));
     assert_eq!((&request["method"], &request["path"]), (&"DELETE".into(), &path(&job).into()));
     assert_eq!(request["client"], "127.0.0.1");
     assert!(lines.iter().all(|line| line["spans"][0]["path"] != "/healthz"), "probes have no line");
     assert!(lines.iter().all(|line| line.get("span").is_none()), "a span is written once: {lines:#?}");
+}
+
+#[tokio::test]
+async fn a_change_is_made_and_logged_to_its_end_when_its_client_hangs_up() {
+    let log = Log::default();
+    let lines = tracing_subscriber::fmt().json().with_current_span(false).with_writer(log.clone());
+    let _logging = tracing::subscriber::set_default(lines.with_max_level(tracing::Level::INFO).finish());
+    let service = Service::start().await;
+    let send = async |head: String, body: &[u8], milliseconds: u64| {
+        let mut stream = tokio::net::TcpStream::connect(service.address).await.expect("connected");
+        stream.write_all(head.as_bytes()).await.expect("sent");
+        // the service may refuse the rest
+        let _ = stream.write_all(body).await;
+        tokio::time::sleep(Duration::from_millis(milliseconds)).await;
+    };
+    let answered = |method: &str, status: u64| {
+        let mut lines = log.lines("tesserae::access");
+        lines.retain(|line| line["spans"][0]["method"] == method && line["fields"]["status"] == status);
+        lines
+    };
+    // larger than what the store keeps
+    let mesh = sphere(20_000);
+    for _ in 0..30 {
+        let head = format!(
+            "POST /v1/jobs?clusters=2&quality=fast HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n\
+             Content-Length: {}\r\n\r\n",
+            mesh.len()
+        );
+        send(head, &mesh, 0).await;
+    }
+    until(async || answered("POST", 202).len() + answered("POST", 400).len() == 30).await;
+    let paths: Vec<Value> = answered("POST", 202).into_iter().map(|line| line["fields"]["location"].clone()).collect();
+    for path in &paths {
+        service.ended(&serde_json::json!({ "urls": { "self": path } })).await;
+    }
+    service.keeps_no("uploads").await;
+    let jobs = async || json(service.get("/v1/jobs")).await["jobs"].as_array().map_or(0, Vec::len);
+    assert_eq!(jobs().await, paths.len());
+    // the first may not begin before their connections end
+    for (milliseconds, path) in (0..).zip(&paths) {
+        send(format!("DELETE {} HTTP/1.1\r\nHost: localhost\r\n\r\n", text(path)), b"", milliseconds).await;
+    }
+    until(async || jobs().await + answered("DELETE", 204).len() == paths.len()).await;
+    assert!(!answered("DELETE", 204).is_empty());
 }
 
 /// A client chooses how long its upload says it is.

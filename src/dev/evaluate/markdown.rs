@@ -9,7 +9,7 @@ use super::statements::Statement;
 use super::{FlatRow, TreeRow};
 use crate::dev::markdown::{line, processor, table_head};
 use crate::parameters::Algorithm;
-use crate::report::{DeviceInfo, DeviceKind};
+use crate::report::DeviceInfo;
 
 /// A face count that differs by more than this part from the paper's makes another mesh of it.
 const ANOTHER_MESH: f64 = 0.02;
@@ -63,7 +63,7 @@ fn introduction(
     );
     let _ = writeln!(out, "- machine: {}, {}, {}", processor(), std::env::consts::ARCH, std::env::consts::OS);
     for device in devices {
-        let _ = writeln!(out, "- {}: {}, {}, {}", kind(device), device.name, device.backend, device.driver);
+        let _ = writeln!(out, "- {}: {}, {}, {}", device.kind.name(), device.name, device.backend, device.driver);
     }
     if devices.len() == 1 {
         out.push_str("- no gpu took part: there is none here but software\n");
@@ -99,7 +99,7 @@ fn table_1(out: &mut String, devices: &[DeviceInfo], rows: &[FlatRow<'_>]) {
         if is_time {
             head.extend(["paper: ACVD, cpu", "paper: BB, gpu"].map(str::to_owned));
         }
-        head.extend(columns.iter().map(|&(flat, device)| format!("{}, {}", flat.name(), kind(&devices[device]))));
+        head.extend(columns.iter().map(|&(flat, device)| format!("{}, {}", flat.name(), devices[device].kind.name())));
         table_head(out, &head);
         for FlatRow { printed, runs } in rows {
             let mut cells = vec![format!("{}, {}", printed.model, printed.clusters)];
@@ -132,7 +132,7 @@ fn table_2(out: &mut String, devices: &[DeviceInfo], rows: &[TreeRow<'_>]) {
         }
         let name = |algorithm: Algorithm| algorithm.name().to_uppercase();
         head.extend(
-            columns.iter().map(|&(algorithm, device)| format!("{}, {}", name(algorithm), kind(&devices[device]))),
+            columns.iter().map(|&(algorithm, device)| format!("{}, {}", name(algorithm), devices[device].kind.name())),
         );
         table_head(out, &head);
         for TreeRow { printed, runs } in rows {
@@ -184,11 +184,4 @@ fn level_energy(timed: &Timed) -> String {
     let level = timed.report.levels.iter().rev().find(|level| level.clusters >= TREE_CLUSTERS);
     let found = level.and_then(|level| Some((level.clusters, level.energy?)));
     found.map_or_else(|| "none".to_owned(), |(clusters, energy)| format!("{energy:.5e} ({clusters})"))
-}
-
-fn kind(device: &DeviceInfo) -> &'static str {
-    match device.kind {
-        DeviceKind::Cpu => "cpu",
-        DeviceKind::Gpu => "gpu",
-    }
 }

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::sync::Arc;
 
 use axum::body::Bytes;
-use futures_util::future::try_join_all;
+use futures_util::future::join_all;
 use object_store::GetRange;
 use object_store::path::Path as BlobPath;
 use sha2::{Digest, Sha256};
@@ -216,7 +216,8 @@ pub(crate) async fn settle(blobs: Vec<BlobWriter>) -> Result<Vec<SmallBlob>> {
     if are_small(&blobs) {
         return blobs.into_iter().map(BlobWriter::into_small).collect();
     }
-    try_join_all(blobs.into_iter().map(BlobWriter::finish)).await?;
+    // all of them, also when one fails: what is still written would appear after the others are removed
+    join_all(blobs.into_iter().map(BlobWriter::finish)).await.into_iter().collect::<Result<()>>()?;
     Ok(Vec::new())
 }
 

@@ -88,6 +88,7 @@ pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Res
         ["gzip", "zstd"].iter().any(|known| name.eq_ignore_ascii_case(known))
     };
     let codings: Vec<&str> = accepted.filter(is_known).collect();
+    let is_head = request.method() == Method::HEAD && !codings.is_empty();
     match HeaderValue::try_from(codings.join(",")) {
         Ok(codings) if !codings.is_empty() => _ = request.headers_mut().insert(header::ACCEPT_ENCODING, codings),
         _ => _ = request.headers_mut().remove(header::ACCEPT_ENCODING),
@@ -100,6 +101,8 @@ pub(crate) async fn distinguish_codings(mut request: Request, next: Next) -> Res
     {
         headers.insert(header::ETAG, weak);
     }
+    // that of a GET, which may be compressed, is another
+    let _ = is_head.then(|| headers.remove(header::CONTENT_LENGTH));
     response
 }
 

@@ -4,9 +4,8 @@
 //! Its sources are in `web/`. `make bundle` makes seven files of them, and the feature `page` compiles these in; the
 //! mesh of the first visit is made here ([`KNOT`]). Without the feature, the paths are a 404 that says so.
 //!
-//! The page needs no token to be read, and holds no data. The content security policy admits what comes from here and
-//! nothing else: no inline script or style, no `eval`, no other host, no frame. Files have an `ETag` and are validated
-//! before each use, so that a new release is a new page.
+//! The page needs no token and holds no data. The content security policy admits what comes from here only: no inline
+//! script or style, no `eval`, no frame. Files have an `ETag` and are validated before each use.
 
 use std::sync::LazyLock;
 

@@ -10,6 +10,7 @@ use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
+use tokio_util::sync::CancellationToken;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
@@ -80,18 +81,19 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
 /// The span of a request; [`traffic::admit`] adds the tenant and the id of its token. Its level is error so that it is
 /// there at every level of the access log.
 fn span(request: &Request) -> Span {
-    let Some(Origin { client, trace }) = request.extensions().get() else { return Span::none() };
+    let Some(Origin { client, trace, .. }) = request.extensions().get() else { return Span::none() };
     let (method, path, trace) = (request.method(), problem::cut_path(request.uri().path()), trace.trace());
     let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok());
     tracing::error_span!(target: ACCESS, "request", %method, path, %client, tenant = Empty, token = Empty, id, trace)
 }
 
-/// The access log: a line a request, in its span. Answered probes and monitoring, which come every few seconds, have none.
+/// The access log: a line a request, in its span. Answered probes and `/metrics`, read every few seconds, have none.
 fn log_answer(response: &Response, latency: Duration, _: &Span) {
     if !["/healthz", "/readyz", "/metrics"].contains(&route(response)) {
         let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok());
         let (status, latency_ms) = (response.status().as_u16(), latency.as_micros() as f64 / 1000.0);
-        let (bytes, location) = (header(header::CONTENT_LENGTH), header(header::LOCATION));
+        let bytes = header(header::CONTENT_LENGTH).and_then(|bytes| bytes.parse::<u64>().ok());
+        let location = header(header::LOCATION);
         tracing::info!(target: ACCESS, status, latency_ms, bytes, location, "answered");
     }
 }
@@ -101,20 +103,27 @@ fn route(response: &Response) -> &str {
 }
 
 /// Gives a request its [`Origin`], leaves it an id that is short, plain and no token, counts its answer, and adds the
-/// headers that every answer has: browsers must not guess types, show answers as pages, or cache the data of a tenant. A
-/// route may set its own. The connection of a refused request ends after the answer if it has a body, which may not have
-/// been read.
+/// headers that every answer has: browsers must not guess types, show answers as pages, or cache data of tenants. A
+/// route may set its own. The connection of a refused request with a body, of which parts may be unread, ends then.
 async fn every_request(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let client = origin::client(&request, &shared.settings.traffic.trusted_proxies);
     let trace = TraceParent::of_request(request.headers());
-    request.extensions_mut().insert(Origin { client, trace });
+    let gone = CancellationToken::new();
+    request.extensions_mut().insert(Origin { client, trace, gone: gone.clone() });
+    let _gone = gone.drop_guard();
     let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
-    if id.is_empty() || problem::cut_path(id) != id {
+    if id.is_empty() || id.contains('\t') || problem::cut_path(id) != id {
         request.headers_mut().remove(REQUEST_ID);
     }
     let (method, has_body) = (request.method().clone(), !request.body().is_end_stream());
-    let mut response = next.run(request).await;
+    // a change is made and logged to its end, also when the client hangs up
+    let mut response = match method.is_safe() {
+        true => next.run(request).await,
+        false => {
+            tokio::spawn(next.run(request)).await.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
+        }
+    };
     let status = response.status().as_u16();
     shared.metrics.answered(&method, route(&response), status, started.elapsed());
     let headers = response.headers_mut();

@@ -4,13 +4,16 @@ use std::fmt;
 use std::net::IpAddr;
 
 use axum::http::HeaderMap;
+use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 /// Where a request comes from, for everything that is logged about it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub(crate) struct Origin {
     pub client: IpAddr,
     pub trace: TraceParent,
+    /// Cancelled when the client has its answer or has hung up.
+    pub gone: CancellationToken,
 }
 
 /// A `traceparent` header.

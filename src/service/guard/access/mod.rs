@@ -20,7 +20,7 @@ use tokio::time::sleep;
 use tokio_util::sync::CancellationToken;
 
 use self::file::{Stamp, stamp};
-use self::tokens::{Quotas, Tenant, Tokens};
+use self::tokens::{Tenant, Tokens};
 use crate::guard::problem::Failure;
 use crate::ops::blocking;
 use crate::ops::health::{Health, Part};
@@ -70,18 +70,16 @@ impl Access {
         Ok(Self { file, tokens: watch::Sender::new(Arc::new(tokens)) })
     }
 
-    /// The caller of a request with these headers to `path`; an error where access is denied.
+    /// The caller of a request with these headers to `path`, whose span gets it; an error where access is denied.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Option<Caller>> {
-        if self.file.is_none() {
-            let (name, quotas) = (LOCAL_TENANT.to_owned(), Quotas::default());
-            return Ok(Some(Caller(Arc::new(Tenant { name, quotas, metrics: true, token: None }))));
-        }
-        if OPEN.split(' ').any(|open| open == path) {
-            return Ok(None);
-        }
-        let tenant = self.tokens.borrow().tenant(bearer(headers)?).ok_or_else(|| {
-            Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
-        })?;
+        let unknown = || Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back");
+        let tenant = match self.file {
+            None => Arc::new(Tenant { name: LOCAL_TENANT.to_owned(), metrics: true, ..Tenant::default() }),
+            Some(_) if OPEN.split(' ').any(|open| open == path) => return Ok(None),
+            Some(_) => self.tokens.borrow().tenant(bearer(headers)?).ok_or_else(unknown)?,
+        };
+        let token = tenant.token.as_ref().map(|token| &*token.id);
+        tracing::record_all!(tracing::Span::current(), tenant = tenant.name, token);
         if OF_ALL_TENANTS.contains(&path) && !tenant.metrics {
             let message = format_args!(
                 "{path} tells about all tenants; the operator makes a token that may read it with `tesserae token new \

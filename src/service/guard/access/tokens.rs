@@ -175,7 +175,7 @@ pub(crate) struct Tokens {
 }
 
 /// A tenant, as one of its tokens lets it in.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Tenant {
     pub name: String,
     pub quotas: Quotas,

@@ -88,8 +88,6 @@ pub(crate) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
     traffic.faults.pass(FaultPoint::Request);
     let (caller, held) = check(&traffic, &request)?;
     if let Some(caller) = caller {
-        let token = caller.0.token.as_ref().map(|token| &*token.id);
-        tracing::record_all!(tracing::Span::current(), tenant = caller.0.name, token);
         request.extensions_mut().insert(caller);
     }
     // the closure owns what is held, which so ends with the body

@@ -1,14 +1,13 @@
 //! A new job from an upload.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Request, State as Extract};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
-use tesserae_mesh::error::{Error, Result};
+use tesserae_mesh::error::Result;
 use tesserae_mesh::job::InputFormat;
-use tracing::Instrument as _;
+use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
 use super::jobs::{JobView, answer};
@@ -107,10 +106,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let tenant = &caller.0;
     let most_waiting = shared.most_waiting(tenant);
     let key = idempotency::key(request.headers())?;
-    let is_known = match &key {
-        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
-        None => false,
-    };
+    let is_known = matches!(&key, Some(key) if shared.store.knows_key(&tenant.name, key).await?);
     let patience = shared.settings.traffic.constants.body_timeout;
     let rules = Rules { limit: shared.settings.max_upload_bytes, patience };
     if !is_known {
@@ -121,20 +117,17 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
         shared.files.check_room(bytes, 0)?;
     }
     let wait = wait(request.headers());
-    let parent = request.extensions().get::<Origin>().map(|origin| origin.trace.to_string());
+    let origin = request.extensions().get::<Origin>().cloned();
     let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
-    upload.spec.trace_parent = parent;
+    upload.spec.trace_parent = origin.as_ref().map(|origin| origin.trace.to_string());
     if let Some(webhook) = &upload.spec.webhook {
         shared.webhooks.check(webhook)?;
     }
-    // On a task of its own, so that a client that hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), upload, key, most_waiting).in_current_span())
-        .await
-        .map_err(|error| Error::internal(format_args!("the job was not accepted: {error}")))??;
+    let job = accept(&shared, upload, key, most_waiting).await?;
     let location = urls::path(job.id);
-    let job = match wait {
-        Some(wait) => wait_for_end(&shared, job, wait).await,
-        None => job,
+    let job = match (wait, origin) {
+        (Some(wait), Some(origin)) => wait_for_end(&shared, job, wait, &origin.gone).await,
+        _ => job,
     };
     let located = [(header::LOCATION, location.clone())];
     if !job.state.is_ended() {
@@ -148,7 +141,7 @@ pub(crate) async fn create(Extract(shared): App, caller: Caller, request: Reques
 }
 
 /// Makes a job of an upload, or finds the one that was made of it before.
-async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>, most_waiting: Option<u64>) -> Result<Job> {
+async fn accept(shared: &Shared, upload: Upload, key: Option<String>, most_waiting: Option<u64>) -> Result<Job> {
     let Upload { mut folder, mut spec, digests, .. } = upload;
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests));
     let id = folder.id;
@@ -172,12 +165,13 @@ async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>, most_w
 }
 
 /// The job after it ended, or after a while; as it was accepted when the store cannot be read now.
-async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
+async fn wait_for_end(shared: &Shared, job: Job, wait: Duration, gone: &CancellationToken) -> Job {
     let Ok(Some(mut pulses)) = shared.store.watch(job.id).await else { return job };
     tokio::select! {
         _ = pulses.wait_for(|pulse| pulse.ended) => {}
         () = tokio::time::sleep(wait) => {}
         () = shared.stop.cancelled() => {}
+        () = gone.cancelled() => {}
     }
     shared.store.get(job.id).await.ok().flatten().unwrap_or(job)
 }

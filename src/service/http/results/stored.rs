@@ -9,7 +9,6 @@ use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use futures_util::future::BoxFuture;
 use object_store::GetRange;
-use parking_lot::Mutex;
 use tesserae_mesh::error::Result;
 
 use super::{DoneJob, checked};
@@ -38,17 +37,12 @@ pub(crate) fn stored(done: &Arc<DoneJob>, name: &'static str, from: u64, media_t
 
 /// A blob of an upload.
 pub(crate) async fn of_upload(shared: &Arc<Shared>, job: &Job, name: String) -> Result<Response> {
-    let whole = job_blobs::upload(&shared.files, &shared.store, job, &name, None).await?;
-    let length = whole.length();
-    let of = Arc::new((Arc::clone(shared), job.clone(), name, Mutex::new(Some(whole))));
+    let length = job_blobs::upload(&shared.files, &shared.store, job, &name, None).await?.length();
+    let of = Arc::new((Arc::clone(shared), job.clone(), name));
     Ok(opened_when_needed(length, "application/octet-stream", move |range| {
         let of = Arc::clone(&of);
         async move {
-            let (shared, job, name, whole) = &*of;
-            let opened = whole.lock().take().filter(|_| range.is_none());
-            if let Some(whole) = opened {
-                return Ok(whole);
-            }
+            let (shared, job, name) = &*of;
             job_blobs::upload(&shared.files, &shared.store, job, name, range.map(GetRange::Bounded)).await
         }
     }))

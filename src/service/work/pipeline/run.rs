@@ -82,7 +82,8 @@ impl Pipeline {
         while let Some(claimed) = this.next(&mut arrivals, &stop).await {
             for (slot, ticket, job) in claimed {
                 let parent = job.spec.trace_parent.as_deref().and_then(TraceParent::parse);
-                let span = tracing::info_span!(
+                // its level is error so that every line about the job names it
+                let span = tracing::error_span!(
                     "job",
                     id = %job.id,
                     attempt = ticket.attempt,
