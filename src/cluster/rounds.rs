@@ -229,7 +229,7 @@ impl<'a, E: Functional> Rounds<'a, E> {
                 (relocated, energy) = (Some(labels), Some(after));
             }
             self.builder.moves(&moves);
-            self.hubs.moved(items, &moves);
+            self.hubs.moved(items, &moves, is_sequential && !is_level);
             if let Some(labels) = &relocated {
                 self.builder.component_of_cluster = items.component_of_cluster(labels, items.faces());
             }

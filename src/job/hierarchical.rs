@@ -51,8 +51,8 @@ pub(super) fn run<E: Functional>(
     let Hierarchy { tree, labels, bounded_at, upload } = hierarchy;
     let warning = |clusters: u64| {
         format!(
-            "merged many pairs at a time from a bound on work on: faces have very many neighbours; clusters then: \
-            {clusters}"
+            "merged many pairs at a time from a bound on work on: faces have very many neighbours, or move very often; \
+             clusters then: {clusters}"
         )
     };
     Ok(Clustered {

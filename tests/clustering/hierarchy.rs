@@ -168,12 +168,12 @@ fn parallel_rounds_merge_the_pairs_that_chose_each_other() {
 fn around_a_hub_rounds_are_few() {
     let triangles = 3000;
     let surface = Surface::build(&star(triangles)).expect("a surface");
-    for (options, bounded_at) in [(pml(), None), (hr(), Some(1602)), (Options { optimise: true, ..hr() }, Some(1684))] {
+    for (options, bounded_at) in [(pml(), None), (hr(), Some(1602)), (Options { optimise: true, ..hr() }, Some(2616))] {
         let (device, cancel) = (&mut CpuDevice::new(), Cancel::default());
         let run = hierarchical(&surface, &options, device, &cancel, &mut |_| {}, &mut |_| {}).expect("no cancellation");
         let rounds = &run.tree.rounds;
         assert!(rounds.len() < 1399 + 32, "{options:?}: {} rounds", rounds.len());
-        // 1,399 merges of one pair count 3,000 neighbours each, more than 2²²; optimised ones a sixteenth more
+        // 1,399 merges of one pair count 3,000 neighbours each, more than 2²²; after 385, 2·3,001·11 faces have moved
         assert_eq!(run.bounded_at, bounded_at, "{options:?}");
         assert_eq!(rounds.last().map(|round| (round.clusters, round.merges_end)), Some((1, triangles)));
     }
