@@ -159,6 +159,14 @@ impl Checked {
         if weighed > 0 {
             warnings.push(format!("faces without area, which weigh as little as a face can: {weighed}"));
         }
+        if 2 * counts.tiny_faces > mesh.faces.len() as u64 {
+            warnings.push(format!(
+                "faces smaller than the squares of the lattice, {:e} wide, that places are rounded to: {}; they look \
+                 alike, so cut off outliers, such as a vertex that is far away",
+                libm::ldexp(1.0, -surface.frame().exponent),
+                counts.tiny_faces
+            ));
+        }
         if counts.loose_faces > 0 {
             warnings.push(format!(
                 "faces without area that share no edge with the others, which take no cluster and have the label of \

@@ -15,6 +15,8 @@ pub struct Counts {
     pub degenerate_faces: u64,
     /// Faces without area, degenerate ones included.
     pub zero_area_faces: u64,
+    /// Faces with less area than a square of the lattice, but some.
+    pub tiny_faces: u64,
     /// Faces without area that shared edges connect with no face that has area; they take no cluster.
     pub loose_faces: u64,
     /// Extra copies of faces with the same set of corner positions.

@@ -181,6 +181,7 @@ impl Surface {
         drop((internal, links));
         let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
         counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
+        counts.tiny_faces = gathered.tiny_faces;
         let density_unit = density.map(|density| density.unit);
         let surface = Self::of(gathered, &runs, rows, upload_face, counts, frame, density_unit);
         Ok(Self { items: Items { loose, has_features: !features.is_empty(), ..surface.items }, features, ..surface })
@@ -222,6 +223,7 @@ struct Gathered {
     points: Vec<[i32; 3]>,
     moment_inside_faces: Option<f64>,
     zero_area_faces: u64,
+    tiny_faces: u64,
 }
 
 impl Gathered {
@@ -234,22 +236,23 @@ impl Gathered {
         let mut geometry: Vec<FaceGeometry> =
             rayon::iter::repeat_n(FaceGeometry::default(), upload_face.len()).with_min_len(PIECE).collect();
         let mut points = vec![[0; 3]; upload_face.len()];
-        let sums: Vec<(f64, u64)> = geometry
+        let sums: Vec<(f64, u64, u64)> = geometry
             .par_chunks_mut(PIECE)
             .zip(points.par_chunks_mut(PIECE))
             .zip(upload_face.par_chunks(PIECE))
             .map(|((geometry, points), faces)| {
-                let (mut inside, mut without_area) = (0.0, 0);
+                let (mut inside, mut without_area, mut tiny) = (0.0, 0, 0);
                 frame.each_face(mesh, faces, |at, mut of_face, inside_face| {
                     inside += inside_face;
                     without_area += u64::from(of_face.area <= 0.0);
+                    tiny += u64::from(of_face.area > 0.0 && of_face.area < 1.0);
                     if let Some(density) = density(faces[at] as usize) {
                         of_face.area *= density;
                     }
                     points[at] = lattice::round_centroid(of_face.centroid);
                     geometry[at] = of_face;
                 });
-                (inside, without_area)
+                (inside, without_area, tiny)
             })
             .collect();
         Self {
@@ -257,6 +260,7 @@ impl Gathered {
             points,
             moment_inside_faces: Some(sums.iter().map(|sum| sum.0).sum()),
             zero_area_faces: sums.iter().map(|sum| sum.1).sum(),
+            tiny_faces: sums.iter().map(|sum| sum.2).sum(),
         }
     }
 }

@@ -84,7 +84,7 @@ impl OfPoints {
         let gather = || {
             let geometry: Vec<FaceGeometry> = upload_face.iter().map(|&item| geometry[item as usize]).collect();
             let points = geometry.iter().map(|item| lattice::round_centroid(item.centroid)).collect();
-            Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0 }
+            Gathered { geometry, points, moment_inside_faces: None, zero_area_faces: 0, tiny_faces: 0 }
         };
         let of_items = || edges(triangles).chain(bridges.iter().copied());
         let internal = || of_items().map(|(a, b)| (internal[a as usize], internal[b as usize]));

@@ -119,6 +119,15 @@ fn degenerate_and_duplicate_faces_are_counted() {
 }
 
 #[test]
+fn faces_smaller_than_a_square_of_the_lattice_are_counted() {
+    for (far, tiny) in [(2.0, 0), (1e9, 3)] {
+        let positions = [&SQUARE[..], &[[far, 0.5, 1.0]]].concat();
+        let surface = Surface::build(&mesh(&positions, &[&[0, 1, 2], &[0, 2, 3], &[0, 1, 4]])).expect("a surface");
+        assert_eq!((surface.counts.tiny_faces, surface.counts.zero_area_faces), (tiny, 0), "{far}");
+    }
+}
+
+#[test]
 fn copies_in_a_crowded_edge_are_found_though_nothing_links_them() {
     // between the two copies of face 0 lies another face on each of their edges
     let mut positions = SQUARE[..3].to_vec();
