@@ -43,7 +43,6 @@ const FILES: [(&str, &str, &[u8]); 7] = [
     ("/licences.txt", "text/plain; charset=utf-8", include_bytes!(concat!(env!("PAGE_BUNDLE"), "/licences.txt"))),
 ];
 
-/// None: the page was not compiled in.
 #[cfg(not(feature = "page"))]
 const FILES: [(&str, &str, &[u8]); 0] = [];
 

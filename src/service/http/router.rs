@@ -78,7 +78,7 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
     response
 }
 
-/// The span of a request; [`traffic::admit`] adds the tenant and the id of its token. Its level is error so that it is
+/// The span of a request; `Access::caller` adds the tenant and the id of its token. Its level is error so that it is
 /// there at every level of the access log.
 fn span(request: &Request) -> Span {
     let Some(Origin { client, trace, .. }) = request.extensions().get() else { return Span::none() };
