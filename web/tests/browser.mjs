@@ -131,6 +131,15 @@ export class Browser {
   }
 }
 
+/** A picture of a page or an element, taken again where Chromium refuses one, as it sometimes does its first. */
+export async function screenshot(target, options) {
+  return await until("Chromium takes a picture", () =>
+    target.screenshot(options).catch((error) => {
+      if (!error.message.includes("Unable to capture screenshot")) throw error;
+    }),
+  );
+}
+
 /** Runs in a page: the knot is not there, whose pictures take more than a second of processors. */
 function withoutKnot() {
   const { fetch } = window;
@@ -159,7 +168,7 @@ export function noteFirstFrame(view) {
  */
 export async function look(page, selector, from = 0, to = 1) {
   await until("the picture is settled", async () => !(await page.$(`${selector} canvas[data-settled=false]`)));
-  const png = (await page.locator(selector).screenshot()).toString("base64");
+  const png = (await screenshot(page.locator(selector))).toString("base64");
   const read = async ([text, from, to]) => {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));

@@ -5,7 +5,7 @@ import { execFileSync } from "node:child_process";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { parseArgs } from "node:util";
-import { Browser, noteFirstFrame } from "./browser.mjs";
+import { Browser, noteFirstFrame, screenshot } from "./browser.mjs";
 import { Service, until } from "./service.mjs";
 
 const PATIENCE_MS = 600_000;
@@ -68,7 +68,7 @@ for (let run = 0; run < Number(values.runs); run++) {
   const after = await spent();
   const took = Object.keys(after).map((name) => `${name} ${(after[name] - before[name]).toFixed(2)} s`);
   console.log(`first frame after ${Math.round(there - began)} ms; processor time: ${took.join(", ")}`);
-  if (values.picture && run === 0) await page.screenshot({ path: values.picture });
+  if (values.picture && run === 0) await screenshot(page, { path: values.picture });
   await page.close();
 }
 for (const complaint of browser.complaints) console.error(complaint);

@@ -4,7 +4,7 @@ import { execFileSync } from "node:child_process";
 import { mkdirSync, readFileSync } from "node:fs";
 import { basename, join } from "node:path";
 import { parseArgs } from "node:util";
-import { Browser } from "./browser.mjs";
+import { Browser, screenshot } from "./browser.mjs";
 import { Service, until } from "./service.mjs";
 
 const SIZES = [
@@ -61,7 +61,7 @@ async function take(name, address, reach) {
       await page.emulateMedia({ colorScheme });
       // until the picture rests
       await page.waitForTimeout(1200);
-      await page.screenshot({ path: join(folder, `${name}-${width}-${colorScheme}.png`) });
+      await screenshot(page, { path: join(folder, `${name}-${width}-${colorScheme}.png`) });
     }
     await page.close();
   }

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { existsSync, readFileSync } from "node:fs";
 import { join } from "node:path";
-import { look } from "./browser.mjs";
+import { look, screenshot } from "./browser.mjs";
 import { until } from "./service.mjs";
 import {
   accessible,
@@ -29,7 +29,7 @@ export const results = {
         { viewport: { width: 1280, height: 720 }, knot: true },
         async (page) => {
           await page.goto("about:blank");
-          await page.screenshot();
+          await screenshot(page);
         },
         path,
       );

@@ -5,6 +5,7 @@ import { mkdirSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { join } from "node:path";
 import { parseArgs } from "node:util";
+import { screenshot } from "./browser.mjs";
 import { Service, until } from "./service.mjs";
 
 export const { positionals, values } = parseArgs({
@@ -35,7 +36,7 @@ export async function picture(page, name) {
   if (!values.pictures) return;
   mkdirSync(values.pictures, { recursive: true });
   const small = name.endsWith(".jpg") ? { quality: 60 } : {};
-  await page.screenshot({ path: join(values.pictures, name), ...small });
+  await screenshot(page, { path: join(values.pictures, name), ...small });
 }
 
 /** Opens the page of a service that has no other jobs, whose small pictures would be made meanwhile. */

@@ -2,7 +2,7 @@
 // work takes one core of two at most meanwhile.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { noteFirstFrame } from "./browser.mjs";
+import { noteFirstFrame, screenshot } from "./browser.mjs";
 import { until } from "./service.mjs";
 import { alone, drawn, sample, submit, succeeded } from "./steps.mjs";
 import { allowed } from "./yardstick.mjs";
@@ -68,7 +68,7 @@ export const times = {
         await page.addInitScript(noteFirstFrame, "#knot");
         // the window is there before
         await page.goto("about:blank");
-        await page.screenshot();
+        await screenshot(page);
         spent = await browser.spent();
       });
       const there = await until("the first picture is there", () => page.evaluate(() => window.firstFrame));
