@@ -185,13 +185,10 @@ impl Display for Target {
 }
 
 impl Target {
-    /// Fails where [`write`](Self::write) would fail for want of a folder, a permission or an open stream: before the
-    /// work, not after it. Opens nothing that could block.
+    /// Fails where [`write`](Self::write) would fail for want of a folder or a permission: before the work, not after
+    /// it. Opens nothing that could block.
     pub fn check(&self) -> Result<(), Failure> {
         match self {
-            Target::Stdout if stdout_was_closed() => {
-                Err(Failure::about(self)(Error::new(Kind::Io, "cannot write: it is closed")))
-            }
             Target::Stdout => Ok(()),
             Target::File(path) => check_file(path).map_err(|error| self.cannot_write(error)),
         }
@@ -233,31 +230,6 @@ pub fn path_parser<T: Clone + Send + Sync + 'static>(
     parse: impl Fn(PathBuf) -> std::result::Result<T, String> + Clone + Send + Sync + 'static,
 ) -> impl TypedValueParser<Value = T> {
     PathBufValueParser::new().try_map(parse)
-}
-
-/// Whether the process was started without standard output.
-///
-/// The standard library then opens the null device for reading and writing in its place, and reports nothing. A caller
-/// that discards the output usually opens that device for writing only; one that opened it for both gets an error, but
-/// only where standard output is to hold a result.
-#[cfg(unix)]
-fn stdout_was_closed() -> bool {
-    use std::os::fd::AsFd;
-    use std::os::unix::fs::MetadataExt;
-    let is_null = || {
-        let stdout = File::from(io::stdout().as_fd().try_clone_to_owned().ok()?).metadata().ok()?;
-        let null = fs::metadata("/dev/null").ok()?;
-        Some(stdout.rdev() == null.rdev() && stdout.file_type() == null.file_type())
-    };
-    let is_for_both = rustix::fs::fcntl_getfl(io::stdout())
-        .is_ok_and(|flags| flags & rustix::fs::OFlags::ACCMODE == rustix::fs::OFlags::RDWR);
-    is_for_both && is_null() == Some(true)
-}
-
-/// Whether the process was started without standard output.
-#[cfg(not(unix))]
-fn stdout_was_closed() -> bool {
-    false
 }
 
 /// How a file is written.

@@ -183,9 +183,8 @@ fn say(line: &str) {
     let _ = writeln!(io::stderr(), "{}", line.replace(['\n', '\r'], " "));
 }
 
-/// Writes what a command is run for to standard output, which must be open.
+/// Writes what a command is run for to standard output.
 fn print(content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Failure> {
-    Target::Stdout.check()?;
     Target::Stdout.write(content)
 }
 
