@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
+use axum::Router;
 use tesserae_mesh::device::Device;
 use tesserae_mesh::error::{Error, Result};
 use tokio::net::{TcpListener, TcpSocket};
@@ -19,9 +20,10 @@ use crate::files::retention::Retention;
 use crate::files::storage::Storage;
 use crate::guard::access::Access;
 use crate::guard::traffic::{Traffic, connections};
-use crate::http::router::router;
+use crate::http::router::{router, routes};
 use crate::http::state::{DeviceDescription, Shared};
 use crate::metrics::Metrics;
+use crate::ops::blocking;
 use crate::ops::faults::Faults;
 use crate::ops::health::{Health, Part};
 use crate::settings::{Settings, Switch};
@@ -52,6 +54,7 @@ pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
     shared: Arc<Shared>,
+    router: Router,
     pipeline: Pipeline,
     end_drain_delay: Arc<Notify>,
 }
@@ -77,13 +80,14 @@ impl Server {
         let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let access = Arc::new(Access::open(&settings.access).await?);
-        let (files, mut store) = open_places(&settings, &extras.faults).await?;
+        let (routes, places) = tokio::join!(blocking(routes), open_places(&settings, &extras.faults));
+        let (routes, (files, mut store)) = (routes?, places?);
         let metrics = Arc::new(Metrics::new(&description.info, &settings));
         let observer = Arc::clone(&metrics);
         store.observe(move |operation, elapsed, failed| observer.stored(operation, elapsed, failed));
         let store = Arc::new(store);
-        // a place that is shared is swept by the one service that cleans up
-        if !files.is_shared() {
+        // a place that is shared is swept by the one service that cleans up, and a temporary one is empty
+        if store.is_durable() && !files.is_shared() {
             let (swept, unknown) = (files.sweep(store.as_ref(), None).await?, files.unknown.load(Ordering::Relaxed));
             if swept + unknown as usize > 0 {
                 let why = "files that belong to no job were removed; those of jobs that the store does not know stay";
@@ -137,7 +141,9 @@ impl Server {
             metrics,
             settings,
         });
-        Ok(Self { listener, address, shared, pipeline, end_drain_delay: extras.end_drain_delay.unwrap_or_default() })
+        let router = router(Arc::clone(&shared), routes);
+        let end_drain_delay = extras.end_drain_delay.unwrap_or_default();
+        Ok(Self { listener, address, shared, router, pipeline, end_drain_delay })
     }
 
     /// The address it listens on.
@@ -150,7 +156,7 @@ impl Server {
     /// are sent: a few seconds after the grace period at most. Work on a mesh that is not done when this returns stays
     /// behind on a blocking thread: leave the runtime with `shutdown_background` rather than waiting for it.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
-        let Self { listener, address, shared, pipeline, end_drain_delay } = self;
+        let Self { listener, address, shared, router, pipeline, end_drain_delay } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
@@ -165,7 +171,7 @@ impl Server {
         tasks.spawn(retention.run(stop.clone()));
         let (traffic, metrics) = (shared.settings.traffic.clone(), Arc::clone(&shared.metrics));
         let _close = close.clone().drop_guard();
-        let mut serving = connections::serve(listener, router(Arc::clone(&shared)), traffic, metrics, close.clone())
+        let mut serving = connections::serve(listener, router, traffic, metrics, close.clone())
             .map_err(|error| Error::io("connections cannot be accepted", error))?;
         tasks.spawn(Arc::clone(&shared.metrics).watch_lag(close.clone()));
         let (followed, until) = (Arc::clone(&shared), stop.clone());

@@ -7,7 +7,7 @@
 //! The page needs no token and holds no data. The content security policy admits what comes from here only: no inline
 //! script or style, no `eval`, no frame. Files have an `ETag` and are validated before each use.
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use axum::body::Bytes;
 use axum::http::header;
@@ -57,9 +57,9 @@ pub(crate) fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     }
     let knot = Router::new().route("/knot.glb", get(|| knot(0))).route("/knot.tsr", get(|| knot(1)));
     FILES.into_iter().fold(knot, |routes, (path, media_type, bytes)| {
-        // the same in every answer of this process, so it is made once
-        let content = digest(bytes);
-        routes.route(path, get(async move || serve(media_type, bytes, content)))
+        // the same in every answer of this process, so it is made once, and not before it is needed
+        let content = Arc::new(LazyLock::new(|| digest(bytes)));
+        routes.route(path, get(async move || serve(media_type, bytes, Content::clone(&content))))
     })
 }
 

@@ -30,7 +30,7 @@ use crate::ops::trace::{Origin, TraceParent};
 const REQUEST_ID: &str = "x-request-id";
 const ACCESS: &str = "tesserae::access";
 
-/// All routes, and around them, from the outside in:
+/// The routes, and around them, from the outside in:
 ///
 /// 1. what every request and every answer has, and counting;
 /// 2. an id for the request (`x-request-id`), its span, and the access log;
@@ -41,7 +41,7 @@ const ACCESS: &str = "tesserae::access";
 ///    without tokens;
 /// 7. access and traffic limits;
 /// 8. the routes; around those of results, ETag and Range.
-pub(crate) fn router(shared: Arc<Shared>) -> Router {
+pub(crate) fn router(shared: Arc<Shared>, routes: Router<Arc<Shared>>) -> Router {
     let (is_open, accepts_names) = (shared.settings.access.tokens.is_none(), shared.settings.access.insecure_no_auth);
     let log = TraceLayer::new_for_http().make_span_with(span).on_response(log_answer);
     let layers = ServiceBuilder::new()
@@ -63,10 +63,14 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
-    let page = page::routes().layer(from_fn(conditional::results));
-    let routes = openapi::routes().split_for_parts().0.merge(page).layer(from_fn(remember_route)).with_state(shared);
     // Around the router rather than around each route, where the answers that the router makes itself pass through.
-    Router::new().fallback_service(routes).layer(layers)
+    Router::new().fallback_service(routes.with_state(shared)).layer(layers)
+}
+
+/// All routes, which takes a millisecond, as their descriptions are made with them.
+pub(crate) fn routes() -> Router<Arc<Shared>> {
+    let page = page::routes().layer(from_fn(conditional::results));
+    openapi::routes().split_for_parts().0.merge(page).layer(from_fn(remember_route))
 }
 
 /// Passes the route to the layers around the router, which count answers and do not see it.

@@ -48,11 +48,14 @@ pub(crate) struct Store {
 
 impl Store {
     /// Opens the store in the file at `path`, or makes it. No other process may have it open. A temporary file is one
-    /// that the process outlasts.
+    /// that the process outlasts. Blocks, for ten seconds at most.
     pub async fn open(path: &Path, is_temporary: bool, rules: Rules, faults: Faults) -> Result<Self> {
         let listeners = Arc::<Listeners>::default();
-        let file = Sqlite::open(path, is_temporary, Arc::clone(&listeners), faults).await?;
+        let file = Sqlite::open(path, is_temporary, Arc::clone(&listeners), faults)?;
         let store = Self::with(Database::Sqlite(file), listeners, rules).await?;
+        if is_temporary {
+            return Ok(store);
+        }
         // one process has the file: running jobs are those of a process that ended
         match store.recover().await {
             Ok(0) => {}

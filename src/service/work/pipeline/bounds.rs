@@ -19,10 +19,13 @@ pub(super) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
         .unwrap_or_else(|_| Err(Error::internal("the job ran into a defect of the service; its log says more")))
 }
 
-/// A pool of `threads` threads; of as many as there are processors for 0.
-pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) -> Result<ThreadPool> {
+/// A pool of `threads` threads; of as many as there are processors for 0. Where they cannot be started, the job that
+/// needs them is tried again.
+pub(super) fn pool(threads: usize, name: &'static str) -> Result<ThreadPool> {
+    let name = move |index| format!("{name}-{index}");
     let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build();
-    pool.map_err(|error| Error::new(Kind::Io, format_args!("threads of the device cannot be started: {error}")))
+    let failed = |error| Error::new(Kind::DeviceLost, format_args!("threads cannot be started: {error}"));
+    pool.map_err(failed)
 }
 
 /// What `work` comes to, unless that takes longer than `limit`.

@@ -127,10 +127,10 @@ impl DeviceThread {
         let takes_small = context.cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let takes_several = device.info().kind == DeviceKind::Cpu && device.another().is_some();
-        let beside = takes_several.then(SmallMeshes::beside).transpose()?;
+        let beside = takes_several.then(SmallMeshes::beside);
         let like = Mutex::new(device.another().or_else(cpu));
-        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &context)?)?);
-        Ok(Self { context, like, thread, line: Line::default(), small: SmallMeshes::start()?, beside })
+        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &context))?);
+        Ok(Self { context, like, thread, line: Line::default(), small: SmallMeshes::new(), beside })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
@@ -201,7 +201,7 @@ impl DeviceThread {
             () = self.lifeless(&life) => {
                 tracing::error!(?timeout, "the device shows no sign of life; its thread is abandoned");
                 self.context.lost("it showed no sign of life");
-                let thread = Thread::start(Devices::new(None, &self.context)?)?;
+                let thread = Thread::start(Devices::new(None, &self.context))?;
                 *self.thread.lock() = thread;
                 let why = format_args!("the device showed no sign of life for {timeout:?}");
                 Err(Error::new(Kind::DeviceLost, why))
@@ -248,6 +248,7 @@ struct Devices {
     /// For what the device cannot do.
     cpu: Option<CpuDevice>,
     /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, which would delay it.
+    /// Started with the first mesh.
     workers: Option<Arc<ThreadPool>>,
     next_attempt: Option<Instant>,
     /// Counts signs of life of this thread only: not of small meshes beside it, nor of an abandoned thread.
@@ -255,13 +256,10 @@ struct Devices {
 }
 
 impl Devices {
-    fn new(device: Option<Box<dyn Device>>, context: &Arc<Context>) -> Result<Self> {
+    fn new(device: Option<Box<dyn Device>>, context: &Arc<Context>) -> Self {
         let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
         let cpu = (context.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
-        let is_cpu = device.as_ref().is_some_and(|device| device.info().kind == DeviceKind::Cpu);
-        let workers = (is_cpu || cpu.is_some()).then(|| pool(0, |index| format!("cluster-{index}")).map(Arc::new));
-        let workers = workers.transpose()?;
-        Ok(Self { context: Arc::clone(context), device, cpu, workers, next_attempt: None, life: Arc::default() })
+        Self { context: Arc::clone(context), device, cpu, workers: None, next_attempt: None, life: Arc::default() }
     }
 
     fn run(&mut self, task: &mut Task) -> Result<Clustered> {
@@ -270,6 +268,10 @@ impl Devices {
         let is_few = self.context.cpu_below_faces.is_some_and(|faces| items < faces);
         let suits_cpu = task.prepared.wants_cpu() || task.is_retry || is_few;
         let metrics = Arc::clone(&self.context.metrics);
+        let is_cpu = self.device.as_ref().is_some_and(|device| device.info().kind == DeviceKind::Cpu);
+        if self.workers.is_none() && (is_cpu || self.cpu.is_some()) {
+            self.workers = Some(Arc::new(pool(0, "cluster")?));
+        }
         let workers = self.workers.clone();
         let mut run = |device: &mut dyn Device| match &workers {
             Some(workers) if device.info().kind == DeviceKind::Cpu => {

@@ -8,10 +8,10 @@ use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rayon::ThreadPool;
 use tesserae_mesh::error::{Error, Result};
-use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
-use tokio::sync::{Mutex, oneshot};
+use tokio::sync::{Semaphore, oneshot};
 
 use super::bounds::{caught, pool, within};
 
@@ -21,32 +21,31 @@ pub(super) const SMALL_FACES: usize = 8192;
 /// Bytes of the largest files that are taken for a small mesh before its faces are known.
 pub(super) const SMALL_BYTES: u64 = 1 << 20;
 
-/// Pools of threads that work on a mesh each.
+/// Pools of threads that work on a mesh each. A pool starts when no other is idle.
 #[derive(Debug)]
 pub(crate) struct SmallMeshes {
-    /// Those without work.
-    idle: Mutex<UnboundedReceiver<Arc<ThreadPool>>>,
-    back: UnboundedSender<Arc<ThreadPool>>,
+    name: &'static str,
+    /// Threads of a pool; 0 for as many as there are processors.
+    threads: usize,
+    /// One for each pool that may work.
+    places: Arc<Semaphore>,
+    idle: Arc<Mutex<Vec<Arc<ThreadPool>>>>,
 }
 
 impl SmallMeshes {
     /// As many threads as there are processors, but two at least, so that no mesh waits for the reading of another.
-    pub fn start() -> Result<Self> {
+    pub fn new() -> Self {
         Self::pools(available_parallelism().map_or(2, |count| count.get().max(2)), 1, "small")
     }
 
     /// As many threads as there are processors for one short mesh at a time, beside a long one that the device is at.
     /// Both share the processors: the short one takes at most about twice its time, and delays the other by that.
-    pub fn beside() -> Result<Self> {
+    pub fn beside() -> Self {
         Self::pools(1, 0, "beside")
     }
 
-    fn pools(count: usize, threads: usize, name: &'static str) -> Result<Self> {
-        let (back, idle) = unbounded_channel();
-        for index in 0..count {
-            let _ = back.send(Arc::new(pool(threads, move |thread| format!("{name}-{index}-{thread}"))?));
-        }
-        Ok(Self { idle: Mutex::new(idle), back })
+    fn pools(count: usize, threads: usize, name: &'static str) -> Self {
+        Self { name, threads, places: Arc::new(Semaphore::new(count)), idle: Arc::default() }
     }
 
     /// Runs `work` once a thread is free, for `limit` at the most; `work` goes on after that. A panic becomes an error.
@@ -56,12 +55,16 @@ impl SmallMeshes {
         work: impl FnOnce() -> Result<T> + Send + 'static,
     ) -> Result<T> {
         let gone = || Error::internal("the threads for small meshes are gone");
-        let pool = self.idle.lock().await.recv().await.ok_or_else(gone)?;
-        let (back, (reply, outcome)) = (self.back.clone(), oneshot::channel());
+        let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| gone())?;
+        let idle = Arc::clone(&self.idle);
+        let last = idle.lock().pop();
+        let pool = last.map_or_else(|| pool(self.threads, self.name).map(Arc::new), Ok)?;
+        let (reply, outcome) = oneshot::channel();
         Arc::clone(&pool).spawn(move || {
             let outcome = caught(work);
-            // a receiver may be gone
-            let _ = back.send(pool);
+            idle.lock().push(pool);
+            drop(place);
+            // the receiver may be gone
             let _ = reply.send(outcome);
         });
         within(limit, async { outcome.await.map_err(|_| gone())? }).await
@@ -74,8 +77,8 @@ mod tests {
 
     #[tokio::test]
     async fn meshes_run_at_once_on_a_thread_each_and_a_panic_leaves_them_to_others() {
-        let small = SmallMeshes::start().expect("threads");
-        let count = small.idle.lock().await.len();
+        let small = SmallMeshes::new();
+        let count = small.places.available_permits();
         let together = Arc::new(std::sync::Barrier::new(count));
         for _ in 0..3 {
             let all = (0..count).map(async |_| {
@@ -96,6 +99,6 @@ mod tests {
                 assert_eq!(failed.kind, tesserae_mesh::Kind::Internal);
             }
         }
-        assert_eq!(small.idle.lock().await.len(), count);
+        assert_eq!((small.places.available_permits(), small.idle.lock().len()), (count, count));
     }
 }

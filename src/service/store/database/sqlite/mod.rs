@@ -27,7 +27,6 @@ use self::place::{DatabasePlace, closed, failure};
 use self::writer::{Writer, WriterThread};
 use super::super::listeners::Listeners;
 use super::{Abort, Query, Row, Rows, Value, micros, time};
-use crate::ops::blocking;
 use crate::ops::faults::Faults;
 
 /// Connections that read, at most.
@@ -42,11 +41,10 @@ pub struct Sqlite {
 }
 
 impl Sqlite {
-    /// Opens the file at `path`, or makes it.
-    pub async fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
+    /// Opens the file at `path`, or makes it. Blocks.
+    pub fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
         let place = Arc::new(DatabasePlace::lock(path.to_owned(), is_temporary)?);
-        let file = Arc::clone(&place);
-        let (writing, reading) = blocking(move || opening::open(&file)).await??;
+        let (writing, reading) = opening::open(&place)?;
         let worker = WriterThread { connection: Some(writing), place: Arc::clone(&place), listeners, faults };
         let writer = worker.start().map_err(|error| opening::cannot_open(&place.path, &error))?;
         Ok(Self { writer, place, readers: Semaphore::new(READERS as usize), idle: Mutex::new(vec![reading]) })

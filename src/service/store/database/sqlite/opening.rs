@@ -26,7 +26,9 @@ pub fn open(place: &DatabasePlace) -> Result<(Connection, Connection)> {
         error => cannot_open(&place.path, &message(&error)),
     };
     let mut connection = place.writing().map_err(failed)?;
-    check(&mut connection).map_err(failed)?;
+    if !place.is_temporary {
+        check(&mut connection).map_err(failed)?;
+    }
     let migrated = migrate(&connection, &MIGRATIONS).map_err(failed)?;
     migrated.map_err(|refusal| cannot_open(&place.path, &refusal))?;
     Ok((connection, place.reading().map_err(failed)?))

@@ -81,7 +81,6 @@ pub struct WriterThread {
 }
 
 impl WriterThread {
-    /// Starts the thread.
     pub fn start(self) -> io::Result<Writer> {
         let (commands, inbox) = mpsc::channel();
         let closed = CancellationToken::new();
