@@ -64,8 +64,7 @@ pub(super) async fn remove(root: &Path, below: &BlobPath) -> Result<u64> {
 
 /// The whole files below a path, relative to the root.
 pub(crate) fn whole_files(root: &Path, below: &BlobPath) -> Vec<PathBuf> {
-    let folder = root.join(below.as_ref());
-    entries_below(&folder)
+    entries_below(&root.join(below.as_ref()))
         .filter(is_whole)
         .filter_map(|(path, _)| path.strip_prefix(root).map(Path::to_owned).ok())
         .collect()

@@ -68,8 +68,7 @@ impl BlobPlace {
         match self {
             Self::Folder(path) => {
                 let opened = private::make_folder(path).and_then(|()| Blobs::in_folder(path, true));
-                let cannot = |error| Error::io(format_args!("the folder cannot be used (--blobs): {self}"), error);
-                opened.map_err(cannot)
+                opened.map_err(|error| Error::io(format_args!("the folder cannot be used (--blobs): {self}"), error))
             }
             #[cfg(feature = "s3")]
             Self::Bucket { name, prefix } => super::bucket::open(name, prefix).map(Blobs::stored),

@@ -123,8 +123,7 @@ impl BlobWriter {
     /// What is held, if it may be written.
     fn take_buffer(&mut self) -> Result<Bytes> {
         if self.is_upload() {
-            let room = self.files.check_room(self.buffer.len() as u64, self.written);
-            room.map_err(|error| self.files.noted(error))?;
+            self.files.check_room(self.buffer.len() as u64, self.written).map_err(|error| self.files.noted(error))?;
         }
         self.files.hit(FaultPoint::WriteBlob, "a file cannot be stored")?;
         let bytes = self.buffer.len() as u64;
@@ -252,8 +251,7 @@ impl Files {
 
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
         self.hit(FaultPoint::ReadBlob, "a file cannot be read")?;
-        let found = self.blobs.get(&folder.path().join(name), range).await;
-        match found {
+        match self.blobs.get(&folder.path().join(name), range).await {
             // that a blob is not there means nothing while the folder is not there
             Err(error) if error.kind == Kind::NotFound => Err(self.check_place().await.err().unwrap_or(error)),
             found => found.map_err(|error| self.noted(error)),

@@ -127,8 +127,7 @@ impl Disk {
                 Err(Errno::OPNOTSUPP | Errno::NOSYS) => io::copy(&mut io::repeat(0).take(size), &mut file).map(drop),
                 taken => taken.map_err(io::Error::from),
             };
-            let made = private::options().open(&path).and_then(take);
-            made.inspect_err(|_| _ = std::fs::remove_file(&path))?;
+            private::options().open(&path).and_then(take).inspect_err(|_| _ = std::fs::remove_file(&path))?;
         }
         Ok(())
     }

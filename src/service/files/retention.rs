@@ -106,8 +106,7 @@ impl Retention {
             let old = self.store.ended_before(before, AT_ONCE).await?;
             // at once: they share a transaction, as many jobs may end as begin
             let outcomes = join_all(old.iter().map(async |id| {
-                let outcome = job_blobs::delete(&self.files, self.store.as_ref(), *id).await?;
-                if outcome == Deletion::Deleted {
+                if job_blobs::delete(&self.files, self.store.as_ref(), *id).await? == Deletion::Deleted {
                     tracing::info!(job = %id, "forgotten");
                 }
                 Result::Ok(())

@@ -141,26 +141,24 @@ pub(crate) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
 /// The error for a response that the router or a layer made by itself.
 fn refused_by_framework(response: &Response, method: &Method, path: &str) -> Error {
     let shown = cut_path(path);
-    let (kind, message) = match response.status() {
+    match response.status() {
         // an id that is no text: what cannot be written cannot be there
-        StatusCode::BAD_REQUEST if percent_decode_str(path).decode_utf8().is_err() => {
-            let message = "there is nothing at this path, which is not UTF-8 once its percent signs are decoded";
-            (Kind::NotFound, format!("{message}: {shown}"))
-        }
+        StatusCode::BAD_REQUEST if percent_decode_str(path).decode_utf8().is_err() => Error::not_found(format_args!(
+            "there is nothing at this path, which is not UTF-8 once its percent signs are decoded: {shown}"
+        )),
         StatusCode::NOT_FOUND => {
-            (Kind::NotFound, format!("there is nothing at this path; /openapi.yaml lists what there is: {shown}"))
+            Error::not_found(format_args!("there is nothing at this path; /openapi.yaml lists what there is: {shown}"))
         }
         StatusCode::METHOD_NOT_ALLOWED => {
             let allowed = response.headers().get(header::ALLOW);
             let allowed = allowed.and_then(|value| value.to_str().ok()).unwrap_or("no method");
-            (Kind::MethodNotAllowed, format!("this resource answers {allowed}, not {method}"))
+            Error::new(Kind::MethodNotAllowed, format_args!("this resource answers {allowed}, not {method}"))
         }
         status if status.is_server_error() => {
-            (Kind::Internal, "the service ran into a defect while it answered; its log says more".to_owned())
+            Error::internal("the service ran into a defect while it answered; its log says more")
         }
-        status => (Kind::BadRequest, format!("the request cannot be read: {status}")),
-    };
-    Error::new(kind, message)
+        status => Error::new(Kind::BadRequest, format_args!("the request cannot be read: {status}")),
+    }
 }
 
 fn status(kind: Kind) -> StatusCode {

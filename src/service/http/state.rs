@@ -70,8 +70,7 @@ impl Shared {
     /// The job of this id, if it is the caller's. Handlers have no other way from an id to a job.
     pub async fn job(&self, caller: &Caller, id: &str) -> Result<Job> {
         let id: JobId = id.parse()?;
-        let job = self.store.get(id).await?.filter(|job| job.spec.tenant == caller.0.name);
-        job.ok_or_else(|| no_such_job(id))
+        self.store.get(id).await?.filter(|job| job.spec.tenant == caller.0.name).ok_or_else(|| no_such_job(id))
     }
 
     /// Jobs of a tenant that may wait; none without tokens, where the limit of the whole queue is enough.

@@ -232,8 +232,7 @@ async fn next<R: AsyncBufRead + Unpin>(mut decoder: Decoder<R>) -> io::Result<Op
 
 /// The error of a compressed body: one of this crate from further in, or what is wrong with the compression.
 fn unreadable(error: io::Error) -> Error {
-    let ours = error.get_ref().and_then(|cause| cause.downcast_ref::<Error>()).cloned();
-    ours.unwrap_or_else(|| {
+    error.get_ref().and_then(|cause| cause.downcast_ref::<Error>()).cloned().unwrap_or_else(|| {
         Error::new(Kind::BadRequest, format_args!("the body is not as its Content-Encoding says: {error}"))
     })
 }

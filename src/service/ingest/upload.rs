@@ -122,7 +122,6 @@ pub(crate) fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
-/// What came so far.
 struct Received {
     folder: Incoming,
     with_digests: bool,

@@ -23,8 +23,7 @@ pub(crate) struct TraceParent(String);
 impl TraceParent {
     /// The caller's; a new one where the header is absent or not valid.
     pub fn of_request(headers: &HeaderMap) -> Self {
-        let given = headers.get("traceparent").and_then(|value| Self::parse(value.to_str().ok()?));
-        given.unwrap_or_else(|| {
+        headers.get("traceparent").and_then(|value| Self::parse(value.to_str().ok()?)).unwrap_or_else(|| {
             let (trace, span) = (Uuid::new_v4().simple(), Uuid::new_v4().as_u64_pair().1);
             Self(format!("00-{trace}-{span:016x}-01"))
         })

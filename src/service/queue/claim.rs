@@ -165,7 +165,6 @@ impl Fair<'_> {
         }
     }
 
-    /// The tenant that is next.
     fn next(&self, is_for_newcomer: bool) -> Option<usize> {
         let candidates = self.view.tenants.iter().enumerate().filter_map(|(index, tenant)| {
             let is_entitled = self.is_below_limit(tenant) && (!is_for_newcomer || tenant.running == 0);
@@ -185,8 +184,7 @@ impl Fair<'_> {
         self.view.clock = tenant.next.max(self.view.clock);
         tenant.running += 1;
         tenant.next = self.view.clock + 1.0 / weight;
-        let turn = Turn { tenant: tenant.name.clone(), served: self.view.clock, next: tenant.next };
-        self.turns.insert(index, turn);
+        self.turns.insert(index, Turn { tenant: tenant.name.clone(), served: self.view.clock, next: tenant.next });
     }
 }
 

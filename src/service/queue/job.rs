@@ -162,8 +162,7 @@ impl Standing {
             Change::LeaseOver => self.given_back(Some(lease_is_over()), rules, now),
             Change::Crashed { counts } => {
                 let suspicion = self.suspicion.saturating_add(self.has_begun.into());
-                let fault = counts.then(lease_is_over);
-                Self { suspicion, ..self }.given_back(fault, rules, now + rules.crash_pause)
+                Self { suspicion, ..self }.given_back(counts.then(lease_is_over), rules, now + rules.crash_pause)
             }
             Change::Cancel if self.state.is_ended() => (self, None),
             Change::Cancel if self.state == State::Queued => {
@@ -224,14 +223,12 @@ pub(crate) fn crashed(jobs: &[Standing]) -> Vec<Change> {
 }
 
 fn given_up(attempts: u32, last: &Error) -> Error {
-    Error::new(
-        Kind::Poison,
-        format_args!(
-            "the job was given up after {attempts} attempt{}, of which the last failed: {last}; its upload is kept \
-             until the job is deleted: to run it again, POST to its path followed by /retry",
-            if attempts == 1 { "" } else { "s" }
-        ),
-    )
+    let message = format_args!(
+        "the job was given up after {attempts} attempt{}, of which the last failed: {last}; its upload is kept until \
+         the job is deleted: to run it again, POST to its path followed by /retry",
+        if attempts == 1 { "" } else { "s" }
+    );
+    Error::new(Kind::Poison, message)
 }
 
 fn lease_is_over() -> Error {

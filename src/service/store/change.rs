@@ -173,7 +173,6 @@ impl Transaction<'_> {
         self.keep(live.number, result)
     }
 
-    /// Keeps small blobs of a job.
     pub fn keep(&mut self, job: i64, blobs: &[SmallBlob]) -> Result<(), Abort> {
         for SmallBlob { name, bytes } in blobs {
             let sql = "INSERT INTO blobs (job, name, bytes) VALUES ($1, $2, $3)";

@@ -131,8 +131,7 @@ fn claim(
         VALUES ($1, $2, $3, $4, $4, $5, $6) ON CONFLICT (id) DO UPDATE SET name = excluded.name, \
         seen_at = excluded.seen_at, lease = excluded.lease, alive_until = CASE \
             WHEN workers.alive_until < excluded.alive_until THEN excluded.alive_until ELSE workers.alive_until END";
-    let version = env!("CARGO_PKG_VERSION");
-    change.rows.write(sql, values![change.me, &**worker, version, now, *lease, now + *lease])?;
+    change.rows.write(sql, values![change.me, &**worker, env!("CARGO_PKG_VERSION"), now, *lease, now + *lease])?;
     Ok((taken, wait))
 }
 

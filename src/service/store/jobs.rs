@@ -223,8 +223,7 @@ fn create(change: &mut Transaction<'_>, new: &NewJob) -> Result<Created, Abort> 
             return Ok(Created::New(job));
         }
         let known = known(change.rows, &spec.tenant, idempotency)?.map(Created::Known);
-        let gone = || Error::unavailable("the job was deleted in this moment; try again").into();
-        return known.ok_or_else(gone);
+        return known.ok_or_else(|| Error::unavailable("the job was deleted in this moment; try again").into());
     };
     let job = Job { queue_position: Some(place), ..job(&row)? };
     let number = row.get("number")?;

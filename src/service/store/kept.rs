@@ -46,8 +46,7 @@ impl Kept {
         for artifact in made_of_input() {
             let named = artifact.forms.iter().find(|form| self.has(form));
             if let (Some(form), Some(what)) = (named, format.lacks(artifact)) {
-                let why = format_args!("{} is made of {what}: leave it out of outputs", form.file);
-                return Err(Error::parameter(why));
+                return Err(Error::parameter(format_args!("{} is made of {what}: leave it out of outputs", form.file)));
             }
         }
         Ok(())

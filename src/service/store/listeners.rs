@@ -94,8 +94,7 @@ impl Pulses {
 
     #[cfg(feature = "postgres")]
     pub fn waited_for(&self) -> Vec<JobId> {
-        let jobs = self.0.lock();
-        jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
+        self.0.lock().iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
     }
 }
 

@@ -11,7 +11,6 @@ use super::store::Store;
 use super::terms::{ListQuery, Page};
 use crate::queue::State;
 
-/// A page of the jobs of a tenant.
 macro_rules! page {
     ($filter:literal) => {
         jobs!("WHERE (created_at, id) < ($1, $2) AND tenant = $4 " $filter "ORDER BY created_at DESC, id DESC LIMIT $3")

@@ -178,8 +178,7 @@ pub(crate) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answ
     if !(1..=1000).contains(&limit) {
         return Err(Error::parameter(format_args!("limit must be 1 to 1000, not {limit}")).into());
     }
-    let query = ListQuery { tenant: caller.0.name.clone(), state, cursor, limit };
-    let page = shared.store.list(&query).await?;
+    let page = shared.store.list(&ListQuery { tenant: caller.0.name.clone(), state, cursor, limit }).await?;
     let jobs = page.jobs.into_iter().map(|job| JobView::new(&shared, job)).collect();
     Ok(Json(JobList { jobs, next: page.next }))
 }
@@ -216,8 +215,7 @@ pub(crate) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<
             Deletion::Live => {}
         }
     }
-    let cancelled = job_blobs::cancel(&shared.files, &shared.store, id).await?;
-    let job = cancelled.ok_or_else(|| no_such_job(id))?;
+    let job = job_blobs::cancel(&shared.files, &shared.store, id).await?.ok_or_else(|| no_such_job(id))?;
     // it waited: no worker ends it
     if job.state == State::Cancelled && !job.spec.is_small {
         shared.files.remove_upload(id).await;

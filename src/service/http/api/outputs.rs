@@ -244,8 +244,7 @@ fn not_made(job: &Job, form: &Form) -> Error {
 }
 
 /// An output whose route has no query.
-pub(crate) async fn output(artifact: &'static Artifact, found: Found, headers: HeaderMap) -> Answer {
-    let Found { shared, job } = found;
+pub(crate) async fn output(artifact: &'static Artifact, Found { shared, job }: Found, headers: HeaderMap) -> Answer {
     if !artifact.is_made(&job.spec.parameters) {
         let message = format!("jobs with these parameters have no such output: {}", artifact.name);
         return Err(Error::not_found(message).into());

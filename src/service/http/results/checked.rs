@@ -36,8 +36,7 @@ pub(super) struct Checked {
 
 /// What a blob of a result holds, without a look at it. [`Kind::NotFound`] if the job has none of this name.
 pub(super) fn expected<'d>(done: &'d DoneJob, name: &str) -> Result<&'d Contents> {
-    let found = done.summary.blobs.get(name);
-    found.ok_or_else(|| Error::not_found("the job has no such result"))
+    done.summary.blobs.get(name).ok_or_else(|| Error::not_found("the job has no such result"))
 }
 
 /// Opens a blob of a result, after it was compared if it is small. [`Kind::NotFound`] if the job has none of this name.

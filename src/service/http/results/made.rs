@@ -33,7 +33,6 @@ use crate::http::state::Shared;
 use crate::ops::blocking;
 use crate::work::pipeline::Needed;
 
-/// Which labels of a job.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum WhichLabels {
     /// Those that it made.
@@ -216,14 +215,13 @@ async fn iterations(done: &Arc<DoneJob>) -> Result<Vec<u32>> {
 /// The error for an iteration that is not among those that were kept.
 fn none_of(kept: &[u32], iteration: u32) -> Error {
     let list: Vec<String> = kept.iter().take(100).map(u32::to_string).collect();
-    let message = match list.is_empty() {
+    Error::not_found(match list.is_empty() {
         true => format!(
             "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none of \
              {iteration}"
         ),
         false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
-    };
-    Error::not_found(message)
+    })
 }
 
 /// The error of a number of clusters that a stored hierarchy cannot be cut at, for clients.

@@ -23,22 +23,18 @@ pub(crate) struct DoneJob {
 impl DoneJob {
     /// An error says why there is nothing yet, or never will be.
     pub fn of(shared: Arc<Shared>, job: Job) -> Result<Arc<Self>> {
-        let (kind, message) = match (job.state, job.summary.clone()) {
+        Err(match (job.state, job.summary.clone()) {
             (State::Succeeded, Some(summary)) => return Ok(Arc::new(Self { shared, job, summary })),
             (State::Failed, _) => {
                 let why = job.problem.map_or_else(String::new, |problem| problem.message);
-                (Kind::Conflict, format!("the job failed and has no result: {why}"))
+                Error::conflict(format_args!("the job failed and has no result: {why}"))
             }
-            (State::Cancelled, _) => (Kind::Cancelled, "the job was cancelled and has no result".to_owned()),
-            (State::Queued | State::Running | State::Succeeded, _) => {
-                let state = job.state.name();
-                (
-                    Kind::Conflict,
-                    format!("the job has no result yet; follow its events, or ask again later: it is {state}"),
-                )
-            }
-        };
-        Err(Error::new(kind, message))
+            (State::Cancelled, _) => Error::new(Kind::Cancelled, "the job was cancelled and has no result"),
+            (State::Queued | State::Running | State::Succeeded, _) => Error::conflict(format_args!(
+                "the job has no result yet; follow its events, or ask again later: it is {}",
+                job.state.name()
+            )),
+        })
     }
 
     /// Refuses a number of clusters for a flat job, and none for a whole hierarchy.

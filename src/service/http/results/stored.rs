@@ -35,7 +35,6 @@ pub(crate) fn stored(done: &Arc<DoneJob>, name: &'static str, from: u64, media_t
     }))
 }
 
-/// A blob of an upload.
 pub(crate) async fn of_upload(shared: &Arc<Shared>, job: &Job, name: String) -> Result<Response> {
     let length = job_blobs::upload(&shared.files, &shared.store, job, &name, None).await?.length();
     let of = Arc::new((Arc::clone(shared), job.clone(), name));

@@ -2,6 +2,7 @@
 //! name), `seeds`, `weights` and `graph`, in any order.
 
 use std::error::Error as StdError;
+use std::iter;
 
 use axum::body::{Body, Bytes};
 use axum::extract::multipart::{Field, Multipart, MultipartError};
@@ -141,12 +142,8 @@ fn file_name(field: &Field<'_>) -> Option<String> {
 
 /// The error of a form that cannot be read on: what [`Content`] refused, or what is wrong with the form.
 fn unreadable(error: MultipartError) -> Error {
-    let mut source: Option<&(dyn StdError + 'static)> = Some(&error);
-    while let Some(cause) = source {
-        if let Some(ours) = cause.downcast_ref::<Error>() {
-            return ours.clone();
-        }
-        source = cause.source();
-    }
-    Error::new(Kind::BadRequest, format_args!("the form cannot be read: {}", error.body_text()))
+    let first: &(dyn StdError + 'static) = &error;
+    let ours = iter::successors(Some(first), |&cause| cause.source()).find_map(|cause| cause.downcast_ref::<Error>());
+    let refused = || Error::new(Kind::BadRequest, format_args!("the form cannot be read: {}", error.body_text()));
+    ours.cloned().unwrap_or_else(refused)
 }

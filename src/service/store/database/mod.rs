@@ -217,13 +217,11 @@ impl<T: FromValue> FromValue for Option<T> {
 pub fn steps<'m>(found: i64, migrations: &'m [&'m str]) -> Result<&'m [&'m str]> {
     usize::try_from(found).ok().and_then(|found| migrations.get(found..)).ok_or_else(|| {
         let known = migrations.len();
-        Error::new(
-            Kind::Io,
-            format_args!(
-                "the tables of the store of jobs are of version {found}, and this version of tesserae knows them up to \
-                 {known}: start the version that wrote them, or a later one"
-            ),
-        )
+        let message = format_args!(
+            "the tables of the store of jobs are of version {found}, and this version of tesserae knows them up to \
+             {known}: start the version that wrote them, or a later one"
+        );
+        Error::new(Kind::Io, message)
     })
 }
 

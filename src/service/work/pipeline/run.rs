@@ -46,7 +46,6 @@ pub(crate) struct Pipeline {
     pub live: Arc<Live>,
 }
 
-/// An attempt at a job.
 pub(super) struct Attempt {
     pub pipeline: Arc<Pipeline>,
     pub ticket: Ticket,
@@ -236,8 +235,7 @@ impl Attempt {
                 ending.rest = self.log.lock().clone();
                 // the end of a job makes room later, and takes some first
                 let makes_room = state != State::Succeeded;
-                let stored = self.until_stored(makes_room, || store.end(*ticket, ending.clone()));
-                stored.await.map(|()| state)
+                self.until_stored(makes_room, || store.end(*ticket, ending.clone())).await.map(|()| state)
             }
             Verdict::Released(fault) => {
                 match &fault {
@@ -247,8 +245,7 @@ impl Attempt {
                     }
                     None => tracing::info!(milliseconds, "broken off; it waits again"),
                 }
-                let stored = self.until_stored(false, || store.release(*ticket, fault.clone()));
-                let outcome = stored.await;
+                let outcome = self.until_stored(false, || store.release(*ticket, fault.clone())).await;
                 if let (Ok(State::Failed), Some(error)) = (&outcome, &fault) {
                     metrics.families.poison.get_or_create(&[("reason", error.kind.slug())]).inc();
                 }

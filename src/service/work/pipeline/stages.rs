@@ -322,7 +322,6 @@ fn write(
         let encoding = (form.encode)(&outcome.content())?;
         blobs.push(blob(form.file).fill(encoding)?);
     }
-    let contents = blobs.iter().map(BlobWriter::contents).collect();
     let report = &outcome.report;
     let summary = Summary {
         faces: report.input.items(),
@@ -333,7 +332,7 @@ fn write(
         },
         labels_sha256: report.labels_sha256.clone(),
         is_small: false,
-        blobs: contents,
+        blobs: blobs.iter().map(BlobWriter::contents).collect(),
     };
     Ok((summary, blobs))
 }

@@ -61,8 +61,7 @@ fn away(why: &dyn fmt::Display) -> Error {
 /// The error of a database that is opened, for the operator.
 pub fn cannot_reach(error: Error) -> Error {
     match error.kind {
-        Kind::Unavailable => Error::new(
-            error.kind,
+        Kind::Unavailable => Error::unavailable(
             "the database that --store names cannot be reached, or takes no connections; --log debug says why",
         ),
         _ => error,
