@@ -250,7 +250,7 @@ mod tests {
         create(false).await;
         let (whole, lost) = (create(true).await, create(true).await);
         put(from.path().join(&whole).join(files::SEEDS), "[0, 1]");
-        put(from.path().join(OWNER), &store.name);
+        put(from.path().join(OWNER), &store.name().await.expect("a name"));
         let backup = back_up(from.path(), &to.path().join("new")).expect("made");
         assert_eq!(backup, Backup { jobs: 2, files: 1, left_out: 1 }, "without the job whose seeds went: {lost}");
         assert!(to.path().join("new").join(&whole).join(files::SEEDS).is_file());

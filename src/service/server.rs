@@ -227,7 +227,7 @@ async fn open_places(settings: &Settings, faults: &Faults) -> Result<(Arc<Files>
             files.check_unused_store().await?;
         }
         if store.is_durable() {
-            files.take_place(&store.name, store.newest().await?.is_some()).await?;
+            files.take_place(&store.name().await?, store.newest().await?.is_some()).await?;
         }
         Ok(())
     };

@@ -89,8 +89,9 @@ CREATE TABLE tenants (
 -- One row, about the store itself.
 CREATE TABLE identity (
     id           INTEGER PRIMARY KEY,
-    name         TEXT NOT NULL, -- by which its files are known
+    name         TEXT NOT NULL, -- by which its files are known; empty until they are
     cleaner      TEXT,          -- the service that cleans up and delivers webhooks for all
     cleans_until INTEGER,       -- until when
     probed_at    INTEGER        -- written to see whether anything can be
 ) STRICT;
+INSERT INTO identity (id, name) VALUES (1, '');

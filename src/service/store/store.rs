@@ -37,8 +37,6 @@ pub(crate) struct Store {
     /// This process among the workers: new at every start.
     pub(super) me: Uuid,
     pub(super) listeners: Arc<Listeners>,
-    /// By which its files are known.
-    pub name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other process appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
     /// Whether the last claim took no job.
@@ -52,7 +50,7 @@ impl Store {
     pub async fn open(path: &Path, is_temporary: bool, rules: Rules, faults: Faults) -> Result<Self> {
         let listeners = Arc::<Listeners>::default();
         let file = Sqlite::open(path, is_temporary, Arc::clone(&listeners), faults)?;
-        let store = Self::with(Database::Sqlite(file), listeners, rules).await?;
+        let store = Self::with(Database::Sqlite(file), listeners, rules);
         if is_temporary {
             return Ok(store);
         }
@@ -74,28 +72,29 @@ impl Store {
     pub async fn shared(url: &StoreUrl, most: usize, rules: Rules) -> Result<Self> {
         let listeners = Arc::<Listeners>::default();
         let database = Postgres::open(url, most, Arc::clone(&listeners)).await?;
-        Self::with(Database::Postgres(database), listeners, rules).await
+        Ok(Self::with(Database::Postgres(database), listeners, rules))
     }
 
-    async fn with(database: Database, listeners: Arc<Listeners>, rules: Rules) -> Result<Self> {
-        let mut store = Self {
+    fn with(database: Database, listeners: Arc<Listeners>, rules: Rules) -> Self {
+        Self {
             database,
             rules,
             me: Uuid::new_v4(),
             listeners,
-            name: String::new(),
             held: Mutex::default(),
             is_idle: AtomicBool::new(false),
             observer: None,
-        };
+        }
+    }
+
+    /// By which its files are known; made by the first call.
+    pub async fn name(&self) -> Result<String> {
         let name = Uuid::new_v4().to_string();
-        let named = store.change("open", move |change| {
-            let sql = "INSERT INTO identity (id, name) VALUES (1, $1) ON CONFLICT (id) DO NOTHING";
-            change.rows.write(sql, values![&*name])?;
-            Ok(change.rows.one("SELECT name FROM identity WHERE id = 1", Vec::new())?.get("name")?)
-        });
-        store.name = named.await?;
-        Ok(store)
+        self.change("open", move |change| {
+            change.rows.write("UPDATE identity SET name = $1 WHERE name = ''", values![&*name])?;
+            Ok(change.rows.one("SELECT name FROM identity", Vec::new())?.get("name")?)
+        })
+        .await
     }
 
     /// Lets an observer see every operation from now on.
