@@ -165,17 +165,24 @@ fn status(kind: Kind) -> StatusCode {
     StatusCode::from_u16(kind.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
 }
 
-/// The beginning of a path, at most up to a token that a client wrote into it.
+/// The beginning of a path, at most up to a token that a client wrote into it, with percent signs or without.
 pub(crate) fn cut_path(path: &str) -> &str {
     let path = &path[..path.floor_char_boundary(MAX_PATH)];
-    path.split(TOKEN_PREFIX).next().unwrap_or(path)
+    match percent_decode_str(path).decode_utf8_lossy().contains(TOKEN_PREFIX) {
+        true => path.split(TOKEN_PREFIX).flat_map(|part| part.split('%')).next().unwrap_or_default(),
+        false => path,
+    }
 }
 
 #[cfg(test)]
 #[test]
 fn a_path_is_cut_between_characters_and_before_a_token() {
     assert_eq!(cut_path("/v1/jobs"), "/v1/jobs");
-    assert_eq!(cut_path("/v1/tess_one_secret/jobs"), "/v1/");
+    assert_eq!(cut_path("/v1/%20/jobs"), "/v1/%20/jobs");
+    for token in ["tess_one_secret", "%74ess_one_secret", "t%65ss%5fone", "%20tess_one"] {
+        let (end, path) = (token.find('%').unwrap_or_default(), format!("/v1/{token}/jobs"));
+        assert_eq!(cut_path(&path), &path[..4 + end]);
+    }
     let long = format!("/{}", "ü".repeat(500));
     assert!(cut_path(&long).len() == MAX_PATH - 1 && long.starts_with(cut_path(&long)));
 }
