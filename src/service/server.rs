@@ -80,6 +80,7 @@ impl Server {
         let listener = listen(settings.listen).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let access = Arc::new(Access::open(&settings.access).await?);
+        // routes are made on another thread, while this one opens the store
         let (routes, places) = tokio::join!(blocking(routes), open_places(&settings, &extras.faults));
         let (routes, (files, mut store)) = (routes?, places?);
         let metrics = Arc::new(Metrics::new(&description.info, &settings));

@@ -163,6 +163,11 @@ fn standard_output_may_be_closed_or_the_null_device() {
             shell(&folder, &format!("\"$0\" {command} {discarded}")).expect_success();
         }
     }
+    for discarded in [">&-", ">/dev/null"] {
+        let done = shell(&folder, &format!("\"$0\" token new acme --tokens tokens.json {discarded}"));
+        done.expect_failure(&["a token is shown once"]);
+    }
+    assert!(!folder.path("tokens.json").exists());
 }
 
 #[test]

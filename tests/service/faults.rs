@@ -206,7 +206,7 @@ async fn with_losses(losses: usize, or_cpu: bool, still: Option<Gate>) -> (Servi
     let data = Arc::new(tempfile::tempdir().expect("a folder"));
     let service = Service::on(
         data,
-        |settings| settings.work.device_timeout = Duration::from_secs(1),
+        |settings| settings.work.device_timeout = Duration::from_secs(5),
         device,
         or_cpu.then_some(0),
         extras,

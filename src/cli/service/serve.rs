@@ -1,7 +1,8 @@
 //! `tesserae serve`: the HTTP service in this process.
 
+use std::cell::LazyCell;
 use std::collections::BTreeSet;
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 
 use clap::CommandFactory as _;
 use tesserae_mesh::dev::bench;
@@ -118,7 +119,7 @@ fn open(device: &DeviceArguments) -> Result<Box<dyn Device>> {
 /// Warns of environment variables that look like settings and are none: a typing error would otherwise change nothing
 /// without a word.
 fn warn_of_unknown_variables() {
-    let known = LazyLock::new(known_variables);
+    let known = LazyCell::new(known_variables);
     for (name, _) in std::env::vars_os() {
         let name = name.to_string_lossy().into_owned();
         if name.starts_with(PREFIX) && !known.contains(&name) {

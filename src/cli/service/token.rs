@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use tesserae_mesh::error::{Error, wrong_json};
+use tesserae_mesh::error::{Error, Kind, wrong_json};
 use tesserae_service::{Quotas, TokenFile};
 
+use crate::files::stdout_discards;
 use crate::{Failure, print, print_line};
 
 /// Arguments of `tesserae token`.
@@ -87,6 +88,10 @@ fn quotas(text: &str) -> Result<Quotas, String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.command {
         Command::New { tenant, metrics, place } => {
+            if stdout_discards() {
+                let why = "a token is shown once, and standard output is closed or the null device";
+                return Err(Error::new(Kind::Io, why).into());
+            }
             // printed before the file is written: a token that was never shown is never valid
             TokenFile::try_change(&place.tokens, |file| {
                 let token = file.add(tenant)?;

@@ -204,6 +204,7 @@ impl Blob {
         }
     }
 
+    /// The bytes as the body of an answer.
     pub fn into_body(self) -> Body {
         let length = self.length();
         match self {

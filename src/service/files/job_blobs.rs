@@ -49,6 +49,7 @@ pub async fn delete(files: &Files, store: &Store, id: JobId) -> Result<Deletion>
     outcome
 }
 
+/// Cancels a job, as [`Store::cancel`] does.
 pub async fn cancel(files: &Files, store: &Store, id: JobId) -> Result<Option<Job>> {
     let mut outcome = store.cancel(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {

@@ -177,8 +177,7 @@ pub(crate) fn cut_path(path: &str) -> &str {
 #[cfg(test)]
 #[test]
 fn a_path_is_cut_between_characters_and_before_a_token() {
-    assert_eq!(cut_path("/v1/jobs"), "/v1/jobs");
-    assert_eq!(cut_path("/v1/%20/jobs"), "/v1/%20/jobs");
+    assert_eq!(cut_path("/v1/jobs%20"), "/v1/jobs%20");
     for token in ["tess_one_secret", "%74ess_one_secret", "t%65ss%5fone", "%20tess_one"] {
         let (end, path) = (token.find('%').unwrap_or_default(), format!("/v1/{token}/jobs"));
         assert_eq!(cut_path(&path), &path[..4 + end]);

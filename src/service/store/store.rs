@@ -46,7 +46,7 @@ pub(crate) struct Store {
 
 impl Store {
     /// Opens the store in the file at `path`, or makes it. No other process may have it open. A temporary file is one
-    /// that the process outlasts. Blocks, for ten seconds at most.
+    /// that the process outlasts.
     pub async fn open(path: &Path, is_temporary: bool, rules: Rules, faults: Faults) -> Result<Self> {
         let listeners = Arc::<Listeners>::default();
         let file = Sqlite::open(path, is_temporary, Arc::clone(&listeners), faults)?;

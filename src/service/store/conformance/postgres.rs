@@ -10,7 +10,7 @@ use parking_lot::Mutex;
 use tempfile::TempDir;
 
 use super::super::StoreUrl;
-use super::super::database::values;
+use super::super::database::{MIGRATIONS, postgres, values};
 use super::*;
 use crate::queue::Change;
 
@@ -220,13 +220,16 @@ async fn one_service_cleans_up_and_delivers_webhooks() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn tables_of_another_version_are_refused() {
+async fn a_migration_is_run_once_and_its_version_is_kept() {
+    const LATER: [&str; 2] = [MIGRATIONS[0], "ALTER TABLE jobs ADD COLUMN later TEXT"];
     let Some((_server, url, [store])) = services().await else { return };
-    open(&url, RULES).await.close().await;
-    let sql = "UPDATE schema_version SET version = 99";
-    store.change("test", move |change| change.rows.write(sql, Vec::new())).await.expect("written");
-    let error = Store::shared(&url, 2, RULES).await.err().expect("another version");
-    assert!(error.message.contains("version 99"), "{error}");
+    for _ in 0..2 {
+        postgres::migrate(&url, &LATER).await.expect("older");
+    }
+    let found = store.read("test", |rows| rows.query("SELECT later FROM jobs", Vec::new())).await;
+    assert!(found.expect("there is such a column").is_empty());
+    let error = Store::shared(&url, 2, RULES).await.err().expect("a later version");
+    assert!(error.message.contains("version 2"), "{error}");
 }
 
 /// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.

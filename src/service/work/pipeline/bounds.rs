@@ -19,13 +19,12 @@ pub(super) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
         .unwrap_or_else(|_| Err(Error::internal("the job ran into a defect of the service; its log says more")))
 }
 
-/// A pool of `threads` threads; of as many as there are processors for 0. Where they cannot be started, the job that
-/// needs them is tried again.
-pub(super) fn pool(threads: usize, name: &'static str) -> Result<ThreadPool> {
+/// A pool of `threads` threads; of as many as there are processors for 0. None where they cannot be started: then the
+/// pool in which meshes are read does the work.
+pub(super) fn pool(threads: usize, name: &'static str) -> Option<Arc<ThreadPool>> {
     let name = move |index| format!("{name}-{index}");
     let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build();
-    let failed = |error| Error::new(Kind::DeviceLost, format_args!("threads cannot be started: {error}"));
-    pool.map_err(failed)
+    pool.inspect_err(|error| tracing::warn!(%error, "threads for jobs cannot be started")).ok().map(Arc::new)
 }
 
 /// What `work` comes to, unless that takes longer than `limit`.

@@ -270,7 +270,7 @@ impl Devices {
         let metrics = Arc::clone(&self.context.metrics);
         let is_cpu = self.device.as_ref().is_some_and(|device| device.info().kind == DeviceKind::Cpu);
         if self.workers.is_none() && (is_cpu || self.cpu.is_some()) {
-            self.workers = Some(Arc::new(pool(0, "cluster")?));
+            self.workers = pool(0, "cluster");
         }
         let workers = self.workers.clone();
         let mut run = |device: &mut dyn Device| match &workers {

@@ -58,15 +58,20 @@ impl SmallMeshes {
         let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| gone())?;
         let idle = Arc::clone(&self.idle);
         let last = idle.lock().pop();
-        let pool = last.map_or_else(|| pool(self.threads, self.name).map(Arc::new), Ok)?;
+        let pool = last.or_else(|| pool(self.threads, self.name));
         let (reply, outcome) = oneshot::channel();
-        Arc::clone(&pool).spawn(move || {
+        let of_work = pool.clone();
+        let work = move || {
             let outcome = caught(work);
-            idle.lock().push(pool);
+            idle.lock().extend(of_work);
             drop(place);
             // the receiver may be gone
             let _ = reply.send(outcome);
-        });
+        };
+        match pool {
+            Some(pool) => pool.spawn(work),
+            None => rayon::spawn(work),
+        }
         within(limit, async { outcome.await.map_err(|_| gone())? }).await
     }
 }

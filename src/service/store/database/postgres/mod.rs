@@ -31,7 +31,7 @@ use self::session::Session;
 use super::super::job::JobId;
 use super::super::listeners::{Effects, Listeners};
 use super::super::terms::Pulse;
-use super::{Abort, Rows, StoreUrl, values};
+use super::{Abort, MIGRATIONS, Rows, StoreUrl, values};
 use crate::ops::blocking;
 
 /// A database with the tables of the store.
@@ -41,11 +41,17 @@ pub struct Postgres {
     looking: AbortOnDropHandle<()>,
 }
 
+/// Brings the tables to the version of other migrations.
+#[cfg(test)]
+pub async fn migrate(url: &StoreUrl, migrations: &'static [&'static str]) -> Result<()> {
+    opening::open(Connections::new(address::parse(url)?, 1)?, migrations).await
+}
+
 impl Postgres {
     /// Opens the database with at most so many connections, and makes its tables if need be.
     pub async fn open(url: &StoreUrl, most: usize, listeners: Arc<Listeners>) -> Result<Self> {
         let connections = Connections::new(address::parse(url)?, most)?;
-        opening::open(connections.clone()).await.map_err(cannot_reach)?;
+        opening::open(connections.clone(), &MIGRATIONS).await.map_err(cannot_reach)?;
         let looking = AbortOnDropHandle::new(tokio::spawn(look(connections.clone(), Arc::clone(&listeners))));
         Ok(Self { connections, listeners, looking })
     }

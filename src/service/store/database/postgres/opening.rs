@@ -4,7 +4,7 @@ use tesserae_mesh::error::{Error, Kind, Result};
 use tokio::time::Instant;
 use tokio_postgres::Client;
 
-use super::super::{Abort, MIGRATIONS, steps};
+use super::super::{Abort, steps};
 use super::connections::{Connections, PATIENCE, failure};
 use crate::ops::blocking;
 
@@ -15,17 +15,19 @@ const STORAGE: &str = "\
     ALTER TABLE workers SET (fillfactor = 50); ALTER TABLE tenants SET (fillfactor = 50); \
     ALTER TABLE blobs ALTER COLUMN bytes SET STORAGE EXTERNAL";
 
-pub async fn open(connections: Connections) -> Result<()> {
+pub async fn open(connections: Connections, migrations: &'static [&'static str]) -> Result<()> {
     let deadline = Instant::now() + PATIENCE;
     let migrated = blocking(move || {
         let mut connection = connections.get(deadline)?;
-        connection.wait(deadline, async |client, _| migrate(client).await).ok_or_else(|| connections.too_late())?
+        connection
+            .wait(deadline, async |client, _| migrate(client, migrations).await)
+            .ok_or_else(|| connections.too_late())?
     });
     migrated.await?.map_err(Abort::into_error)
 }
 
 /// One service migrates at a time, under an advisory lock.
-async fn migrate(client: &mut Client) -> Result<(), Abort> {
+async fn migrate(client: &mut Client, migrations: &[&str]) -> Result<(), Abort> {
     let transaction = client.transaction().await.map_err(failure)?;
     let run = async |sql: &str| transaction.batch_execute(sql).await.map_err(failure);
     let number = async |sql: &str| {
@@ -44,7 +46,7 @@ async fn migrate(client: &mut Client) -> Result<(), Abort> {
     }
     run("CREATE TABLE IF NOT EXISTS schema_version (version bigint NOT NULL)").await?;
     let found = number("SELECT coalesce(max(version), 0) FROM schema_version").await?;
-    let steps = steps(found, &MIGRATIONS)?;
+    let steps = steps(found, migrations)?;
     if steps.is_empty() {
         return transaction.rollback().await.map_err(failure);
     }
@@ -54,7 +56,7 @@ async fn migrate(client: &mut Client) -> Result<(), Abort> {
     if found == 0 {
         run(STORAGE).await?;
     }
-    let version = MIGRATIONS.len();
+    let version = migrations.len();
     run(&format!("DELETE FROM schema_version; INSERT INTO schema_version VALUES ({version})")).await?;
     transaction.commit().await.map_err(failure)
 }

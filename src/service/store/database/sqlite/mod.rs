@@ -41,19 +41,19 @@ pub struct Sqlite {
 }
 
 impl Sqlite {
-    /// Opens the file at `path`, or makes it. Blocks.
+    /// Opens the file at `path`, or makes it, on this thread.
     pub fn open(path: &Path, is_temporary: bool, listeners: Arc<Listeners>, faults: Faults) -> Result<Self> {
         let place = Arc::new(DatabasePlace::lock(path.to_owned(), is_temporary)?);
-        let (writing, reading) = opening::open(&place)?;
+        let (writing, reading) = here(|| opening::open(&place))?;
         let worker = WriterThread { connection: Some(writing), place: Arc::clone(&place), listeners, faults };
         let writer = worker.start().map_err(|error| opening::cannot_open(&place.path, &error))?;
         Ok(Self { writer, place, readers: Semaphore::new(READERS as usize), idle: Mutex::new(vec![reading]) })
     }
 
-    /// Reads rows on this thread. Where that takes long, the other tasks of this thread continue on another one.
+    /// Reads rows on this thread.
     pub async fn read<T>(&self, work: impl FnOnce(&mut dyn Rows) -> Result<T, Abort>) -> Result<T> {
         let _reader = self.readers.acquire().await.map_err(|_| closed())?;
-        let read = || {
+        here(|| {
             let idle = self.idle.lock().pop();
             let mut connection = idle.map_or_else(|| self.place.reading().map_err(failure), Ok)?;
             let outcome = work(&mut connection);
@@ -62,11 +62,7 @@ impl Sqlite {
                 self.idle.lock().push(connection);
             }
             outcome.map_err(|abort| self.place.note(abort.into_error()))
-        };
-        match Handle::current().runtime_flavor() {
-            RuntimeFlavor::CurrentThread => read(),
-            _ => block_in_place(read),
-        }
+        })
     }
 
     /// Finishes the operations under way and closes the file.
@@ -77,6 +73,14 @@ impl Sqlite {
         self.readers.close();
         self.writer.close().await;
         self.place.release();
+    }
+}
+
+/// Runs `work` on this thread. Where that takes long, the other tasks of this thread continue on another one.
+fn here<T>(work: impl FnOnce() -> T) -> T {
+    match Handle::current().runtime_flavor() {
+        RuntimeFlavor::CurrentThread => work(),
+        _ => block_in_place(work),
     }
 }
 

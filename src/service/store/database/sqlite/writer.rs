@@ -81,6 +81,7 @@ pub struct WriterThread {
 }
 
 impl WriterThread {
+    /// Starts the thread.
     pub fn start(self) -> io::Result<Writer> {
         let (commands, inbox) = mpsc::channel();
         let closed = CancellationToken::new();
