@@ -225,16 +225,6 @@ impl Target {
 /// Bytes that are written at a time.
 const BUFFER: usize = 1 << 16;
 
-/// Whether what is written to standard output is gone: it is the null device, which the standard library also opens in
-/// place of a closed one.
-pub fn stdout_discards() -> bool {
-    #[cfg(unix)]
-    if let (Ok(stdout), Ok(null)) = (rustix::fs::fstat(io::stdout()), rustix::fs::stat("/dev/null")) {
-        return stdout.st_rdev == null.st_rdev;
-    }
-    false
-}
-
 /// Takes a flag's value as a path, of any bytes, and makes of it what `parse` does.
 pub fn path_parser<T: Clone + Send + Sync + 'static>(
     parse: impl Fn(PathBuf) -> std::result::Result<T, String> + Clone + Send + Sync + 'static,

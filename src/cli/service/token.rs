@@ -1,11 +1,11 @@
 //! `tesserae token`: who may use the service.
 
+use std::io;
 use std::path::PathBuf;
 
 use tesserae_mesh::error::{Error, Kind, wrong_json};
 use tesserae_service::{Quotas, TokenFile};
 
-use crate::files::stdout_discards;
 use crate::{Failure, print, print_line};
 
 /// Arguments of `tesserae token`.
@@ -121,5 +121,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             })?;
             print_line(&format!("{tenant}: {id} is no longer a token"))
         }
+    }
+}
+
+/// Whether what is written to standard output is gone: it is the null device, which the standard library also opens in
+/// place of a closed one.
+fn stdout_discards() -> bool {
+    match (rustix::fs::fstat(io::stdout()), rustix::fs::stat("/dev/null")) {
+        (Ok(stdout), Ok(null)) => stdout.st_rdev == null.st_rdev,
+        _ => false,
     }
 }
