@@ -31,7 +31,7 @@
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
 //! meshes are read and results written on blocking threads, clustering has a thread of its own, and `block_in_place` is
-//! around the store's short reads. No path is made of a name that a client gave.
+//! around the store's opening and short reads. No path is made of a name that a client gave.
 
 #[cfg(not(unix))]
 compile_error!("the service runs on Unix; elsewhere, build the command without it");
