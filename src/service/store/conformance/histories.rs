@@ -26,16 +26,11 @@ async fn are_as_in<S: Stored>(altered: Altered, mut empty: impl AsyncFnMut() -> 
     true
 }
 
-/// Workers, each with its store, and the jobs in the order of their creation with the last claim of each.
+/// Workers in the order of their ids, each with its store, and the jobs in the order of their creation with the last
+/// claim of each.
 struct Workers {
     stores: Vec<Store>,
     jobs: Vec<(JobId, usize, u32)>,
-}
-
-impl Workers {
-    fn store(&self, job: usize) -> &Store {
-        &self.stores[self.jobs[job].1]
-    }
 }
 
 impl Stored for Workers {
@@ -61,7 +56,8 @@ impl Stored for Workers {
     }
 
     async fn change(&mut self, job: usize, change: Change) -> bool {
-        let ((id, _, attempt), store) = (self.jobs[job], self.store(job));
+        let (id, worker, attempt) = self.jobs[job];
+        let store = &self.stores[worker];
         let ticket = |attempt| Ticket { job: id, attempt };
         match change {
             Change::Begin(attempt) => store.begin(ticket(attempt)).await.is_ok(),
@@ -112,7 +108,8 @@ impl Stored for Workers {
     }
 
     async fn events(&mut self, job: usize) -> Vec<JobEvent> {
-        whats(self.store(job), self.jobs[job].0).await
+        let (id, worker, _) = self.jobs[job];
+        whats(&self.stores[worker], id).await
     }
 }
 

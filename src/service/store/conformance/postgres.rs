@@ -14,9 +14,11 @@ use super::super::database::{MIGRATIONS, postgres, values};
 use super::*;
 use crate::queue::Change;
 
-/// Services on a database.
+/// Services on a database, in the order of their ids, which decides between workers that are equally busy.
 pub async fn open_all(url: &StoreUrl, count: usize, rules: Rules) -> Vec<Store> {
-    try_join_all((0..count).map(|_| Store::shared(url, 12, rules))).await.expect("they open")
+    let mut stores = try_join_all((0..count).map(|_| Store::shared(url, 12, rules))).await.expect("they open");
+    stores.sort_unstable_by_key(|store| store.me);
+    stores
 }
 
 async fn open(url: &StoreUrl, rules: Rules) -> Store {
