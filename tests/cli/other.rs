@@ -73,6 +73,17 @@ fn help_and_version_succeed_and_every_command_has_examples_or_flags() {
     folder.run(&[]).expect_usage_error(&["Usage: tesserae <COMMAND>"]);
 }
 
+/// Unless a builder has flags of its own for C++: `.cargo/config.toml`.
+#[test]
+#[cfg(target_os = "linux")]
+fn the_program_does_not_load_the_library_of_cpp() {
+    let program = std::fs::read(env!("CARGO_BIN_EXE_tesserae")).expect("the program");
+    // names of libraries come first in the file
+    let loads = |library: &[u8]| program[..1 << 20].windows(library.len()).any(|part| part == library);
+    assert!(loads(b"libc.so"));
+    assert!(!loads(b"libstdc++.so") || std::env::var("CXXFLAGS").is_ok_and(|flags| flags != "-fno-exceptions"));
+}
+
 #[test]
 fn ply_and_stl_are_clustered_by_name_by_content_and_by_flag() {
     let folder = Folder::new();
