@@ -8,6 +8,7 @@ use super::neighbours::Neighbours;
 use super::order;
 use super::{Graph, PointSet, knn};
 use crate::error::{Error, Result};
+use crate::parallel;
 use crate::power::factors;
 use crate::surface::lattice;
 use crate::surface::order::{by_component, inverse};
@@ -19,6 +20,9 @@ const LEAST_DEVIATION: u32 = 1 << 10;
 /// Squares of neighbours that a graph may have, for each item and each neighbour: a grid of a million items may have a
 /// hub of 50,000, and 1,024 items may all be neighbours.
 const MOST_OF_A_HUB: u64 = 1024;
+
+/// Pairs that a thread takes at least.
+const PIECE: usize = 1 << 12;
 
 /// Axes that a warning names.
 const NAMED_AXES: usize = 8;
@@ -80,6 +84,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
             (Neighbours::Rows(knn(&points, set.dimensions, *nearest)?), order::along_curve(&points, &spreads))
         }
     };
+    let alike = alike(set, members, &points, &sorted);
     let mut components = neighbours.components(points.len());
     let components_found = components.count as u64;
     let weights = Weights::of(set, members);
@@ -98,8 +103,17 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     check_hubs(&neighbours.offsets, |at| members.item(member_of[at]))?;
     let relative = |at: usize| weights.relative(member_of[at]);
     let (of_items, components, finest) = lattice::weigh(relative, &runs);
+    let mut warnings = Vec::from_iter(coarse_axes(&frame, &spreads, points.len()));
+    if 2 * alike > points.len() {
+        warnings.push(format!(
+            "items that differ, but have the same place on the lattice, whose unit is {:e}: {alike}; cut off outliers, \
+             such as a number that stands for a missing one",
+            libm::ldexp(1.0, -frame.exponent)
+        ));
+    }
+    warnings.extend(lattice::lost_weights(&of_items, "items").filter(|_| set.weights.is_some()));
     Ok(Laid {
-        warnings: warnings(&frame, &spreads, points.len()),
+        warnings,
         points: member_of.iter().map(|&member| points[member as usize]).collect(),
         weights: of_items,
         edges: neighbours.items.len() as u64 / 2,
@@ -158,20 +172,32 @@ impl<'a> Weights<'a> {
     }
 }
 
+/// Members that have the place of the member before them along the curve, though they differ in the source.
+fn alike<const D: usize>(set: &PointSet, members: &Members, points: &[[i32; D]], sorted: &[u32]) -> usize {
+    let is_alike = |&[a, b]: &[u32; 2]| {
+        let [c, d] = [a, b].map(|member| members.item(member) as usize);
+        points[a as usize] == points[b as usize] && (0..set.dimensions).any(|axis| set.at(c, axis) != set.at(d, axis))
+    };
+    let pairs = sorted.len().saturating_sub(1);
+    let counts =
+        parallel::ranges(pairs, PIECE, &|range| range.filter(|&at| is_alike(&[sorted[at], sorted[at + 1]])).count());
+    counts.into_iter().sum()
+}
+
 /// Names axes that have little resolution left beside a longer one or outliers.
-fn warnings(frame: &Frame, spreads: &[u128], points: usize) -> Vec<String> {
+fn coarse_axes(frame: &Frame, spreads: &[u128], points: usize) -> Option<String> {
     let least = u128::from(LEAST_DEVIATION).pow(2) * (points as u128).pow(2);
     let coarse: Vec<usize> = (0..spreads.len()).filter(|&axis| frame.varying[axis] && spreads[axis] < least).collect();
     if coarse.is_empty() {
-        return Vec::new();
+        return None;
     }
     let named: Vec<String> = coarse.iter().take(NAMED_AXES).map(usize::to_string).collect();
     let others = coarse.len() - named.len();
     let others = if others > 0 { format!(" and {others} more") } else { String::new() };
-    vec![format!(
+    Some(format!(
         "columns {}{others} have a standard deviation below {LEAST_DEVIATION} lattice units of {:e}, which the widest \
          column sets: scale the columns to like ranges, or cut off outliers",
         named.join(", "),
         libm::ldexp(1.0, -frame.exponent)
-    )]
+    ))
 }

