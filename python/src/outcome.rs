@@ -77,6 +77,11 @@ impl Outcome {
         self.labels.as_deref().map(|labels| PyArray1::from_slice(py, labels))
     }
 
+    /// What was unusual, in words.
+    fn warnings(&self) -> Vec<String> {
+        self.report.warnings.clone()
+    }
+
     /// The report as JSON.
     fn report(&self, py: Python<'_>) -> PyResult<String> {
         let not_json = |error| Error::internal(format_args!("the report cannot be written: {error}"));

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tesserae_mesh._clustering import Clustering as Clustering
     from tesserae_mesh._clustering import Remesh as Remesh
     from tesserae_mesh._clustering import outputs as outputs
+    from tesserae_mesh._errors import ClusteringWarning as ClusteringWarning
     from tesserae_mesh._errors import Error as Error
     from tesserae_mesh._hierarchy import Cut as Cut
     from tesserae_mesh._hierarchy import Hierarchy as Hierarchy
@@ -41,6 +42,7 @@ _MODULES = {
     "AsyncClient": "client",
     "Client": "client",
     "Clustering": "_clustering",
+    "ClusteringWarning": "_errors",
     "Cut": "_hierarchy",
     "Error": "_errors",
     "Hierarchy": "_hierarchy",
@@ -59,6 +61,7 @@ __all__ = [
     "AsyncClient",
     "Client",
     "Clustering",
+    "ClusteringWarning",
     "Cut",
     "Error",
     "Hierarchy",

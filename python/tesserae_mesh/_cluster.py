@@ -10,7 +10,7 @@ import numpy as np
 from tesserae_mesh import _native
 from tesserae_mesh._arguments import as_json, as_npy
 from tesserae_mesh._clustering import Clustering
-from tesserae_mesh._errors import Error, count, count_if_given
+from tesserae_mesh._errors import Error, count, count_if_given, warn
 from tesserae_mesh._mesh import Mesh
 from tesserae_mesh._progress import Rows
 
@@ -243,12 +243,15 @@ def cluster(
     )
     if file is not None:
         with Rows(progress) as rows:
-            return Clustering(_native.cluster_file(str(file), format, job, rows.function), None)
+            outcome = _native.cluster_file(str(file), format, job, rows.function)
+        warn(outcome.warnings())
+        return Clustering(outcome, None)
     if format is not None:
         raise Error("invalid-parameter", f"format goes with the name of a file, not with arrays: {format}")
     mesh = Mesh.of(points) if faces is None else Mesh(points, faces)  # type: ignore[arg-type]
     with Rows(progress) as rows:
         outcome = _native.cluster(mesh.points, mesh.connectivity, mesh.offsets, job, rows.function)
+    warn(outcome.warnings())
     return Clustering(outcome, mesh)
 
 

@@ -1,9 +1,10 @@
-"""The exceptions of the package."""
+"""The exceptions and warnings of the package."""
 
 from __future__ import annotations
 
 import operator
 import os
+import warnings
 from typing import Optional, SupportsIndex, Union, cast
 
 
@@ -55,6 +56,16 @@ class FileError(Error, OSError):
 
     def __reduce__(self) -> tuple[type[FileError], tuple[object, ...]]:
         return type(self), (self.message, self.errno, self.filename)
+
+
+class ClusteringWarning(UserWarning):
+    """Something unusual in what was clustered, and what to do: an entry of ``report["warnings"]``."""
+
+
+def warn(messages: list[str]) -> None:
+    """Warn of each, where the caller of the caller stands."""
+    for message in messages:
+        warnings.warn(message, ClusteringWarning, stacklevel=3)
 
 
 def file_error(what: str, path: Union[str, os.PathLike[str]], cause: Exception) -> FileError:

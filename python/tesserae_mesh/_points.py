@@ -11,7 +11,7 @@ import numpy as np
 from tesserae_mesh import _native
 from tesserae_mesh._arguments import as_json, as_npy
 from tesserae_mesh._clustering import Clustering
-from tesserae_mesh._errors import Error, count
+from tesserae_mesh._errors import Error, count, warn
 from tesserae_mesh._items import Items
 from tesserae_mesh._progress import Rows
 
@@ -106,6 +106,7 @@ def cluster_points(
     job = _job(k, seeds, device, adapter, parameters, graph=name)
     with Rows(progress) as rows:
         outcome = _native.cluster_points(coordinates, of_items, items.mask, edges, job, rows.function)
+    warn(outcome.warnings())
     return Clustering(outcome, None, items=items)
 
 
@@ -172,6 +173,7 @@ def superpixels(
     labels = outcome.labels()
     if labels is None:
         raise Error("conflict", "a whole hierarchy has labels at every number of clusters: give n")
+    warn(outcome.warnings())
     return labels.view(np.int32).reshape(pixels.shape[:2])
 
 

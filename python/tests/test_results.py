@@ -201,6 +201,18 @@ def test_what_is_refused_says_so_with_its_kind(wrong: dict[str, Any], kind: str)
     assert "\n" not in str(caught.value) and "(from 0)" not in str(caught.value)
 
 
+def test_what_is_unusual_is_a_warning_at_the_call() -> None:
+    points = np.vstack([TRIANGLE, TRIANGLE])
+    with pytest.warns(tesserae_mesh.ClusteringWarning, match="degenerate faces") as caught:
+        clustering = tesserae_mesh.cluster(points, [[0, 1, 2], [3, 3, 4]], 1)
+    assert {str(warning.message) for warning in caught} == set(clustering.report["warnings"])
+    assert caught[0].filename == __file__
+    table = np.arange(50.0)[:, None]
+    table[3] = 1e13
+    with pytest.warns(tesserae_mesh.ClusteringWarning, match="cut off outliers"):
+        tesserae_mesh.cluster_points(table, 2, graph=20)
+
+
 def test_errors_survive_pickling() -> None:
     error = pickle.loads(pickle.dumps(tesserae_mesh.Error("conflict", "there is no x")))
     assert (error.kind, str(error)) == ("conflict", "there is no x")
