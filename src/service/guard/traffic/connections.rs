@@ -44,16 +44,14 @@ pub(crate) fn serve(
     close: CancellationToken,
 ) -> io::Result<oneshot::Receiver<()>> {
     let listener = listener.into_std()?;
-    let runtime = Builder::new_current_thread().enable_all().build()?;
     let (ended, has_ended) = oneshot::channel();
     let serving = Arc::new(Serving { router, settings, metrics, close, requests: Handle::current() });
     thread::Builder::new().name("accept".to_owned()).spawn(move || {
-        runtime.block_on(async {
-            match TcpListener::from_std(listener) {
-                Ok(listener) => accept(listener, serving).await,
-                Err(error) => tracing::error!(%error, "connections cannot be accepted"),
-            }
-        });
+        // made here: where the thread does not start, it would be dropped within another runtime, which panics
+        let runtime = Builder::new_current_thread().enable_all().build();
+        if let Err(error) = runtime.and_then(|runtime| runtime.block_on(accept(listener, serving))) {
+            tracing::error!(%error, "connections cannot be accepted");
+        }
         let _ = ended.send(());
     })?;
     Ok(has_ended)
@@ -68,7 +66,8 @@ struct Serving {
     requests: Handle,
 }
 
-async fn accept(listener: TcpListener, serving: Arc<Serving>) {
+async fn accept(listener: std::net::TcpListener, serving: Arc<Serving>) -> io::Result<()> {
+    let listener = TcpListener::from_std(listener)?;
     let Serving { settings, metrics, close, .. } = &*serving;
     let tasks = TaskTracker::new();
     let places = Arc::new(Semaphore::new(settings.constants.connections as usize));
@@ -125,6 +124,7 @@ async fn accept(listener: TcpListener, serving: Arc<Serving>) {
     }
     tasks.close();
     tasks.wait().await;
+    Ok(())
 }
 
 /// Whether a connection begins with a probe, whose first bytes come together.
