@@ -2,11 +2,10 @@
 // the files of this page, or a mesh as the service kept it.
 
 import * as address from "./address";
-import { type Job, isHierarchical, nameOf, output, request } from "./api";
+import { type Job, firstCut, isHierarchical, nameOf, output, request } from "./api";
 import { announce, make, report } from "./dom";
 import { WORDS, kindOf } from "./kinds";
 import { send } from "./send";
-import { firstCut } from "./shown";
 import { keptOf, settings } from "./take";
 import { uploaded } from "./uploaded";
 

@@ -2,7 +2,6 @@
 
 import { notice } from "./dom";
 import { kindOf } from "./kinds";
-import type { Shape } from "./shapes";
 import * as storage from "./storage";
 
 export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled";
@@ -40,6 +39,14 @@ interface PointsInput {
   shape: number[];
   edges: number;
   graph: string;
+}
+
+/** A row of the report's `shapes`: the member that the type names has its parameters. Lengths are in units of the file. */
+export interface Shape {
+  type: string;
+  residual: { rms: number; max: number };
+  torus?: { major_radius: number; minor_radius: number } | null;
+  [type: string]: unknown;
 }
 
 export interface Report {
@@ -109,6 +116,17 @@ export const now = (): number => Date.now() + ahead;
 export const isLive = (job: Job): boolean => job.state === "queued" || job.state === "running";
 export const isHierarchical = (algorithm: string): boolean => ["pml", "ml", "hr"].includes(algorithm);
 export const nameOf = (job: Job): string => job.mesh.file_name ?? `${kindOf(job)}.${job.mesh.format}`;
+
+/** Clusters that a hierarchy is shown at first. */
+const FIRST_CUT = 100;
+
+/** The number of clusters that a job is shown at first; null where it has one number. */
+export function firstCut({ parameters, result }: Job): number | null {
+  if (!isHierarchical(parameters.algorithm)) return null;
+  const { clusters: least = 1, faces: most = 1 } = result ?? {};
+  const asked = parameters.clusters ?? (parameters["levels"] as number[] | null)?.reduce((a, b) => Math.min(a, b));
+  return Math.min(Math.max(least, asked ?? Math.min(FIRST_CUT, Math.floor(most / 4))), most);
+}
 
 /** Waits; an abort ends it with an error. */
 export const pause = (ms: number, signal?: AbortSignal | null): Promise<void> =>

@@ -2,7 +2,8 @@
 
 import * as address from "./address";
 import { type Scaled, ofNumbers } from "./palette";
-import { type Shape, ofTypes } from "./shapes";
+import type { Shape } from "./api";
+import { ofTypes } from "./shapes";
 import type { ClusterRow, Coloured } from "./shown";
 
 /** Null for hues, and undefined where the labels or the choice of colours changed while rows were fetched. */

@@ -2,10 +2,9 @@
 // fetched when it rests.
 
 import * as address from "./address";
-import { type Job, isHierarchical } from "./api";
+import { type Job, firstCut, isHierarchical } from "./api";
 import { WORDS, kindOf } from "./kinds";
 import { Level } from "./level";
-import { firstCut } from "./shown";
 
 /** Time without a move of the slider after which numbers are fetched, in milliseconds. */
 const REST = 80;

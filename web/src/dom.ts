@@ -65,6 +65,12 @@ export function size(bytes: number): string {
 
 export const option = (value: string, text: string): HTMLOptionElement => make("option", { value }, text);
 
+export function swatch(colour: string): HTMLElement {
+  const element = make("span", { class: "swatch" });
+  element.style.background = colour;
+  return element;
+}
+
 /** A duration in seconds, or in milliseconds below a tenth. */
 export const duration = (ms: number): string => (ms < 100 ? `${digits(ms, 2)} ms` : `${digits(ms / 1000, 2)} s`);
 

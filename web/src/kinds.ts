@@ -1,15 +1,12 @@
 // What a job clusters: a mesh, an image, or other points with neighbours. The page makes jobs of the first two; others
 // come from elsewhere.
 
-import type { Job } from "./api";
-
 export type Kind = "mesh" | "image" | "points";
 
 export const isMesh = (name: string): boolean => /\.(obj|glb|gltf|ply|stl|off)$/i.test(name);
 export const isImage = (name: string): boolean => /\.(png|jpe?g)$/i.test(name);
 
-export function kindOf(job: Job): Kind {
-  const { format } = job.mesh;
+export function kindOf({ mesh: { format } }: { mesh: { format: string } }): Kind {
   if (format === "png" || format === "jpeg") return "image";
   return format === "npy" || format === "npz" ? "points" : "mesh";
 }

@@ -1,7 +1,7 @@
 // The picture of a result: the mesh once it is there, the labels of one or two jobs on it, the cluster under the pointer.
 
 import * as address from "./address";
-import { type Job, output, request } from "./api";
+import { type Job, type Shape, output, request } from "./api";
 import type { Place, Triangles } from "./drawable";
 import { count, digits, make, save } from "./dom";
 import { stem } from "./downloads";
@@ -9,7 +9,7 @@ import type { Scene } from "./load";
 import type { Parting } from "./panes";
 import { part } from "./part";
 import type { Selection } from "./selection";
-import { type Shape, angleOf, titleOf } from "./shapes";
+import { angleOf, titleOf } from "./shapes";
 import { Coloured, type Rows } from "./shown";
 import { keepThumbnail } from "./thumbnails";
 import type { Tools } from "./tools";

@@ -1,11 +1,10 @@
 // What a job on points gave that come from elsewhere: numbers and files. There is nothing to draw of them.
 
-import { type Job, type Report, json, output } from "./api";
+import { type Job, type Report, firstCut, json, output } from "./api";
 import { make } from "./dom";
 import { downloads } from "./downloads";
 import { Facts } from "./facts";
 import type { Places } from "./places";
-import { firstCut } from "./shown";
 import { take } from "./take";
 import { brief } from "./words";
 

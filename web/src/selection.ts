@@ -1,6 +1,6 @@
 // The selected cluster: a card at the pointer, and its numbers in the inspector.
 
-import { count, digits, make } from "./dom";
+import { count, digits, make, swatch } from "./dom";
 import type { ClusterRow } from "./shown";
 import type { Clusters } from "./table";
 
@@ -82,10 +82,4 @@ export function factsOf(
   const centre = Array.from(centres.slice(3 * cluster, 3 * cluster + 3), (x) => digits(x, 3)).join(", ");
   if (hasMesh) facts.push(["Centre", centre]);
   return facts;
-}
-
-export function swatch(colour: string): HTMLElement {
-  const element = make("span", { class: "swatch" });
-  element.style.background = colour;
-  return element;
 }

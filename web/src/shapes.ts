@@ -1,16 +1,8 @@
 // The shapes of clusters, of jobs with an energy of shapes: what is said of them, and a colour a type.
 
-import type { Job } from "./api";
+import type { Job, Shape } from "./api";
 import { count, digits } from "./dom";
 import { HUES, NO_CLUSTER, css } from "./palette";
-
-/** A row of the report's `shapes`: the member that the type names has its parameters. Lengths are in units of the file. */
-export interface Shape {
-  type: string;
-  residual: { rms: number; max: number };
-  torus?: { major_radius: number; minor_radius: number } | null;
-  [type: string]: unknown;
-}
 
 /** Each type with its hue. */
 const TYPES: Record<string, (typeof HUES)[number] | undefined> = {

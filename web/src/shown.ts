@@ -12,17 +12,6 @@ import { energyOf } from "./words";
 /** Faces up to which cuts are made here. */
 const MOST_FACES = 600_000;
 
-/** Clusters that a hierarchy is shown at first. */
-const FIRST_CUT = 100;
-
-/** The number of clusters that a job is shown at first; null where it has one number. */
-export function firstCut({ parameters, result }: Job): number | null {
-  if (!isHierarchical(parameters.algorithm)) return null;
-  const { clusters: least = 1, faces: most = 1 } = result ?? {};
-  const asked = parameters.clusters ?? (parameters["levels"] as number[] | null)?.reduce((a, b) => Math.min(a, b));
-  return Math.min(Math.max(least, asked ?? Math.min(FIRST_CUT, Math.floor(most / 4))), most);
-}
-
 /** What the service's table has of a cluster. */
 export interface ClusterRow {
   perimeter: number | null;

@@ -1,7 +1,6 @@
 // The clusters as a table: what the 3D view shows, for readers of screens and keyboards. A page of rows at a time.
 
-import { count, digits, make } from "./dom";
-import { swatch } from "./selection";
+import { count, digits, make, swatch } from "./dom";
 import type { Triangles } from "./drawable";
 
 /** Rows on a page. */

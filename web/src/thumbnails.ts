@@ -2,12 +2,12 @@
 // made while the page has nothing else to do: of meshes in a view that is not seen, of images from their mean colours.
 
 import * as address from "./address";
-import { type Job, labels, length, output, request } from "./api";
+import { type Job, firstCut, labels, length, output, request } from "./api";
 import { make } from "./dom";
 import { kindOf } from "./kinds";
 import { scene } from "./load";
 import { pixelsOf } from "./photo";
-import { Coloured, firstCut } from "./shown";
+import { Coloured } from "./shown";
 import * as storage from "./storage";
 
 const SIDE = 88;

@@ -1,12 +1,11 @@
 // The tools over the view: what colours stand for, which way is up, edges of the remesh, a picture.
 
 import * as address from "./address";
-import type { Job } from "./api";
-import { digits, make, option } from "./dom";
+import type { Job, Shape } from "./api";
+import { digits, make, option, swatch } from "./dom";
 import { scale, css } from "./palette";
 import type { Up } from "./ground";
-import { swatch } from "./selection";
-import { type Shape, angleOf, hasShapes, legend } from "./shapes";
+import { angleOf, hasShapes, legend } from "./shapes";
 import { energyOf } from "./words";
 
 const NAMES = { area: "Size", roundness: "Roundness", energy: "Energy", shape: "Shape" };
