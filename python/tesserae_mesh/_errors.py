@@ -59,13 +59,20 @@ class FileError(Error, OSError):
 
 
 class ClusteringWarning(UserWarning):
-    """Something unusual in what was clustered, and what to do: an entry of ``report["warnings"]``."""
+    """Something unusual in a clustering, and what to do: an entry of ``report["warnings"]``."""
 
 
 def warn(messages: list[str]) -> None:
-    """Warn of each, where the caller of the caller stands."""
+    """Warn of each, at the line outside the package that called it."""
+    if not messages:
+        return
+    from inspect import currentframe
+
+    level, frame = 1, currentframe()
+    while frame is not None and frame.f_globals.get("__name__", "").startswith("tesserae_mesh."):
+        level, frame = level + 1, frame.f_back
     for message in messages:
-        warnings.warn(message, ClusteringWarning, stacklevel=3)
+        warnings.warn(message, ClusteringWarning, stacklevel=level)
 
 
 def file_error(what: str, path: Union[str, os.PathLike[str]], cause: Exception) -> FileError:

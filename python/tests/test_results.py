@@ -18,6 +18,7 @@ from conftest import command, read_obj
 import tesserae_mesh
 from tesserae_mesh import _native
 from tesserae_mesh._errors import FileError
+from tesserae_mesh.sklearn import GraphKMeans
 
 Sample = Callable[[str, int], Path]
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -206,11 +207,14 @@ def test_what_is_unusual_is_a_warning_at_the_call() -> None:
     with pytest.warns(tesserae_mesh.ClusteringWarning, match="degenerate faces") as caught:
         clustering = tesserae_mesh.cluster(points, [[0, 1, 2], [3, 3, 4]], 1)
     assert {str(warning.message) for warning in caught} == set(clustering.report["warnings"])
-    assert caught[0].filename == __file__
+    assert {warning.filename for warning in caught} == {__file__}
     table = np.arange(50.0)[:, None]
     table[3] = 1e13
     with pytest.warns(tesserae_mesh.ClusteringWarning, match="cut off outliers"):
         tesserae_mesh.cluster_points(table, 2, graph=20)
+    with pytest.warns(tesserae_mesh.ClusteringWarning) as caught:
+        GraphKMeans(2, n_neighbors=20).fit(table)
+    assert {warning.filename for warning in caught} == {__file__}
 
 
 def test_errors_survive_pickling() -> None:

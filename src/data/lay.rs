@@ -21,8 +21,9 @@ const LEAST_DEVIATION: u32 = 1 << 10;
 /// hub of 50,000, and 1,024 items may all be neighbours.
 const MOST_OF_A_HUB: u64 = 1024;
 
-/// Pairs that a thread takes at least.
-const PIECE: usize = 1 << 12;
+/// Values count as different if they differ by more than this share of the larger one: results of arithmetic on equal
+/// ones do not.
+const LEAST_DIFFERENCE: f64 = 1e-12;
 
 /// Axes that a warning names.
 const NAMED_AXES: usize = 8;
@@ -84,7 +85,7 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
             (Neighbours::Rows(knn(&points, set.dimensions, *nearest)?), order::along_curve(&points, &spreads))
         }
     };
-    let alike = alike(set, members, &points, &sorted);
+    let [differing, alike] = alike(set, members, &points, &sorted);
     let mut components = neighbours.components(points.len());
     let components_found = components.count as u64;
     let weights = Weights::of(set, members);
@@ -104,14 +105,17 @@ fn lay_in_pool<const D: usize>(set: &PointSet, members: &Members, bridge: bool) 
     let relative = |at: usize| weights.relative(member_of[at]);
     let (of_items, components, finest) = lattice::weigh(relative, &runs);
     let mut warnings = Vec::from_iter(coarse_axes(&frame, &spreads, points.len()));
-    if 2 * alike > points.len() {
+    if 2 * alike > differing {
         warnings.push(format!(
-            "items that differ, but have the same place on the lattice, whose unit is {:e}: {alike}; cut off outliers, \
-             such as a number that stands for a missing one",
+            "items that cannot be told from others, as they differ by less than the unit of the lattice, {:e}, which \
+             the largest values set: {alike} or more; cut off outliers, such as a number that stands for a missing one",
             libm::ldexp(1.0, -frame.exponent)
         ));
     }
-    warnings.extend(lattice::lost_weights(&of_items, "items").filter(|_| set.weights.is_some()));
+    if let Some(weights) = &set.weights {
+        let given = member_of.iter().map(|&member| weights[members.item(member) as usize]);
+        warnings.extend(lattice::lost_weights(given, &of_items, "items"));
+    }
     Ok(Laid {
         warnings,
         points: member_of.iter().map(|&member| points[member as usize]).collect(),
@@ -172,16 +176,25 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// Members that have the place of the member before them along the curve, though they differ in the source.
-fn alike<const D: usize>(set: &PointSet, members: &Members, points: &[[i32; D]], sorted: &[u32]) -> usize {
-    let is_alike = |&[a, b]: &[u32; 2]| {
-        let [c, d] = [a, b].map(|member| members.item(member) as usize);
-        points[a as usize] == points[b as usize] && (0..set.dimensions).any(|axis| set.at(c, axis) != set.at(d, axis))
+/// How many members differ in the source from the one before them along the curve; how many of these have its place on
+/// the lattice.
+fn alike<const D: usize>(set: &PointSet, members: &Members, points: &[[i32; D]], sorted: &[u32]) -> [usize; 2] {
+    let differ = |a: u32, b: u32| {
+        let [a, b] = [a, b].map(|member| members.item(member) as usize);
+        (0..set.dimensions).any(|axis| {
+            let (a, b) = (set.at(a, axis), set.at(b, axis));
+            (a - b).abs() > LEAST_DIFFERENCE * a.abs().max(b.abs())
+        })
     };
-    let pairs = sorted.len().saturating_sub(1);
-    let counts =
-        parallel::ranges(pairs, PIECE, &|range| range.filter(|&at| is_alike(&[sorted[at], sorted[at + 1]])).count());
-    counts.into_iter().sum()
+    let counts = parallel::ranges(sorted.len().saturating_sub(1), parallel::LEAST, &|range| {
+        range.fold([0, 0], |[differing, alike], at| {
+            let (a, b) = (sorted[at], sorted[at + 1]);
+            let is_alike = points[a as usize] == points[b as usize];
+            let differs = !is_alike || differ(a, b);
+            [differing + usize::from(differs), alike + usize::from(differs && is_alike)]
+        })
+    });
+    counts.into_iter().fold([0, 0], |a, b| [a[0] + b[0], a[1] + b[1]])
 }
 
 /// Names axes that have little resolution left beside a longer one or outliers.

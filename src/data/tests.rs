@@ -298,7 +298,7 @@ fn a_hub_is_refused_where_the_square_of_its_neighbours_is_most_of_the_work() {
 
 #[test]
 fn what_is_laid_does_not_depend_on_the_number_of_threads() {
-    let set = table(5, numbers(5 * 9000), 6);
+    let set = table(5, [vec![1e20], numbers(5 * 9000 - 1)].concat(), 6);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         let members = Members::new(set.items(), None);
@@ -312,23 +312,42 @@ fn columns_that_have_hardly_any_resolution_are_named() {
     let wide = |at: usize| if at == 0 { 1e9 } else { at as f64 };
     let values = |narrow: f64| (0..50).flat_map(|at| [wide(at), 7.0, narrow * at as f64]).collect();
     let warnings = laid(&table(3, values(1.0), 2)).0.warnings;
-    assert!(warnings[0].starts_with("columns 2 have"), "{warnings:?}");
+    assert!(warnings.len() == 2 && warnings[0].starts_with("columns 2 have"), "{warnings:?}");
     let warnings = laid(&table(3, values(1e6), 2)).0.warnings;
     assert_eq!(warnings, Vec::<String>::new());
 }
 
 #[test]
-fn items_that_an_outlier_makes_alike_and_weights_that_a_large_one_makes_equal_are_named() {
-    let warnings = |far: f64, heavy: f64| {
-        let values = (0..50).flat_map(|at| [if at == 0 { far } else { at as f64 }, (at % 7) as f64]).collect();
-        let weights = Some((0..50).map(|at| if at == 0 { heavy } else { 1.0 + at as f64 }).collect());
-        laid(&PointSet { weights, ..table(2, values, 20) }).0.warnings
+fn items_that_an_outlier_makes_alike_are_named_whatever_repeats_there_are() {
+    let warnings = |set: &PointSet| {
+        let members = Members::new(set.items(), set.mask.as_deref());
+        lay::<3>(set, &members, true).expect("points").warnings
     };
-    assert_eq!(warnings(1e3, 1e3), Vec::<String>::new());
-    let far = warnings(1e10, 1.0);
-    assert!(far.len() == 2 && far[0].starts_with("columns 1") && far[1].starts_with("items that differ"), "{far:?}");
-    let heavy = warnings(1.0, 1e12);
-    assert!(heavy.len() == 1 && heavy[0].starts_with("items whose weight is lost"), "{heavy:?}");
+    let is_warned = |set: &PointSet| warnings(set).iter().any(|warning| warning.starts_with("items that cannot"));
+    // more items than one thread takes, in whole numbers, most of which are there many times
+    let numbers = |far: f64| (0..20_000).map(move |at| if at == 7 { far } else { f64::from(at / 40) });
+    for graph in [Graph::Knn(2), Graph::Grid { full: false }] {
+        let shape = vec![100, 200];
+        let set = |far| PointSet { graph: graph.clone(), shape: shape.clone(), ..table(1, numbers(far).collect(), 2) };
+        assert!(!is_warned(&set(1e3)) && is_warned(&set(-1e30)), "{:?}", warnings(&set(1e3)));
+        let mask = Some((0..20_000).map(|at| at != 7).collect());
+        assert!(!is_warned(&PointSet { mask, ..set(-1e30) }), "it takes no part");
+    }
+    // equal items, but for what arithmetic on them adds
+    let noise = |at: u32| f64::from(at % 3) * (1.0 + f64::EPSILON * f64::from(at % 5));
+    assert!(!is_warned(&table(1, (0..300).map(noise).collect(), 2)));
+    assert!(!is_warned(&table(1, vec![3.0; 50], 2)));
+}
+
+#[test]
+fn weights_that_a_large_one_makes_equal_are_named() {
+    let warnings = |heavy: f64| {
+        let weights = Some((0..50).map(|at| if at == 0 { heavy } else { 1.0 + f64::from(at) }).collect());
+        laid(&PointSet { weights, ..table(1, (0..50).map(f64::from).collect(), 20) }).0.warnings
+    };
+    assert_eq!(warnings(1e6), Vec::<String>::new());
+    let heavy = warnings(1e12);
+    assert!(heavy.len() == 1 && heavy[0].starts_with("weights of items below 4.65"), "{heavy:?}");
 }
 
 #[test]

@@ -125,8 +125,9 @@ impl Checked {
             let of_weights = are_listed && error.kind == Kind::InvalidParameter;
             Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
         })?;
-        let has_density = weights.is_some() || curvature_exponent.is_some();
-        warnings.extend(lattice::lost_weights(&surface.weights, "faces").filter(|_| has_density));
+        if let Some(weights) = &weights {
+            warnings.extend(lattice::lost_weights(weights.iter().copied(), &surface.weights, "faces"));
+        }
         let mut laid = self.laid(mesh, surface, parsed, about, warnings)?;
         if are_listed && mesh.faces.len() == mesh.positions.len() {
             laid.warnings.push(format!(
@@ -307,7 +308,7 @@ mod tests {
             prepare_in_memory(&job).expect("a prepared mesh").warnings
         };
         assert_eq!(warnings(1e3), Vec::<String>::new());
-        assert!(warnings(1e12)[0].starts_with("faces whose weight is lost"));
+        assert!(warnings(1e12)[0].starts_with("weights of faces below"));
     }
 
     #[test]

@@ -260,13 +260,15 @@ pub fn weigh(area: impl Fn(usize) -> f64 + Sync, runs: &[Range<usize>]) -> (Vec<
     (weights, components, finest)
 }
 
-/// What to say where most weights are the least there is, as beside one that is very large.
-pub fn lost_weights(weights: &[u32], noun: &str) -> Option<String> {
-    let least = weights.iter().filter(|&&weight| weight == 1).count();
-    (2 * least > weights.len()).then(|| {
+/// A warning, if more than half of the given weights are lost beside the largest, and weigh 1 on the lattice.
+pub fn lost_weights(given: impl Iterator<Item = f64> + Clone, weights: &[u32], noun: &str) -> Option<String> {
+    let unit = libm::ldexp(given.clone().fold(0.0, f64::max), -WEIGHT_BITS);
+    let (count, lost) = given.fold((0, 0), |(count, lost), weight| (count + 1, lost + usize::from(weight < unit)));
+    let lightest = weights.iter().filter(|&&weight| weight == 1).count();
+    (2 * lost > count && 2 * lightest > weights.len()).then(|| {
         format!(
-            "{noun} whose weight is lost beside larger ones, and counts as the least there is: {least}; cut off large \
-             weights"
+            "weights of {noun} below {unit:e}, which are lost beside the largest and count alike: {lost}; cut off \
+             large weights"
         )
     })
 }

@@ -7,7 +7,7 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::runtime::{Builder, Handle};
+use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::timeout;
 use tokio_io_timeout::TimeoutWriter;
@@ -46,14 +46,15 @@ pub(crate) fn serve(
     let listener = listener.into_std()?;
     let (ended, has_ended) = oneshot::channel();
     let serving = Arc::new(Serving { router, settings, metrics, close, requests: Handle::current() });
+    let (give, take) = mpsc::channel::<Runtime>();
     thread::Builder::new().name("accept".to_owned()).spawn(move || {
-        // made here: where the thread does not start, it would be dropped within another runtime, which panics
-        let runtime = Builder::new_current_thread().enable_all().build();
-        if let Err(error) = runtime.and_then(|runtime| runtime.block_on(accept(listener, serving))) {
+        if let Ok(Err(error)) = take.recv().map(|runtime| runtime.block_on(accept(listener, serving))) {
             tracing::error!(%error, "connections cannot be accepted");
         }
         let _ = ended.send(());
     })?;
+    // made now: where the thread does not start, it would be dropped within another runtime, which panics
+    let _ = give.send(Builder::new_current_thread().enable_all().build()?);
     Ok(has_ended)
 }
 
