@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -104,3 +105,10 @@ def test_images_that_are_refused_say_so_in_a_line(wrong: dict[str, Any], words: 
     with pytest.raises(tesserae_mesh.Error, match=words) as caught:
         superpixels(**given)
     assert caught.value.kind == "invalid-parameter" and "\n" not in str(caught.value)
+
+
+def test_a_grey_picture_in_colours_is_nothing_unusual() -> None:
+    grey = np.random.default_rng(5).integers(0, 256, (40, 60, 1), dtype=np.uint8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        superpixels(np.repeat(grey, 3, axis=2), 20)

@@ -8,6 +8,10 @@ use super::{MOST_DIMENSIONS, PointSet};
 use crate::parallel;
 use crate::power::factors;
 
+/// Values count as different if they differ by more than this share of larger ones: results of arithmetic on equal ones
+/// do not.
+pub const LEAST_DIFFERENCE: f64 = 1e-12;
+
 /// Items that a thread takes at least.
 const PIECE: usize = 1 << 12;
 
@@ -35,7 +39,7 @@ pub struct Frame {
     pub centre: Vec<f64>,
     /// Power of two between lengths in the source and here.
     pub exponent: i32,
-    /// Axes whose coordinates in the source are not all the same.
+    /// Axes whose coordinates in the source are not all the same, but for what rounding adds beside the longest axis.
     pub varying: Vec<bool>,
 }
 
@@ -62,7 +66,11 @@ impl Frame {
         let reaches = ranges.iter().zip(&centre).map(|((low, high), centre)| (high - centre).max(centre - low));
         let reach = reaches.fold(0.0, f64::max);
         let exponent = if reach > 0.0 { bits(set.dimensions) - libm::frexp(reach).1 } else { 0 };
-        Self { centre, exponent, varying: ranges.iter().map(|(low, high)| low < high).collect() }
+        Self {
+            centre,
+            exponent,
+            varying: ranges.iter().map(|(low, high)| high - low > LEAST_DIFFERENCE * reach).collect(),
+        }
     }
 
     /// The members on the lattice, padded with zeros.

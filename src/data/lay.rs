@@ -1,7 +1,7 @@
 //! From a set of points to what algorithms see of it.
 
 use super::bridge;
-use super::frame::{Frame, spreads};
+use super::frame::{Frame, LEAST_DIFFERENCE, spreads};
 use super::grid::Grid;
 use super::members::Members;
 use super::neighbours::Neighbours;
@@ -20,10 +20,6 @@ const LEAST_DEVIATION: u32 = 1 << 10;
 /// Squares of neighbours that a graph may have, for each item and each neighbour: a grid of a million items may have a
 /// hub of 50,000, and 1,024 items may all be neighbours.
 const MOST_OF_A_HUB: u64 = 1024;
-
-/// Values count as different if they differ by more than this share of the larger one: results of arithmetic on equal
-/// ones do not.
-const LEAST_DIFFERENCE: f64 = 1e-12;
 
 /// Axes that a warning names.
 const NAMED_AXES: usize = 8;

@@ -337,6 +337,8 @@ fn items_that_an_outlier_makes_alike_are_named_whatever_repeats_there_are() {
     let noise = |at: u32| f64::from(at % 3) * (1.0 + f64::EPSILON * f64::from(at % 5));
     assert!(!is_warned(&table(1, (0..300).map(noise).collect(), 2)));
     assert!(!is_warned(&table(1, vec![3.0; 50], 2)));
+    let beside = |at: u32| [f64::from(at), f64::from(at % 3) * 1e-13];
+    assert_eq!(warnings(&table(2, (0..300).flat_map(beside).collect(), 2)), Vec::<String>::new());
 }
 
 #[test]

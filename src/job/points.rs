@@ -229,13 +229,16 @@ pub fn prepare_points_in_memory(job: PointsInMemory<'_>) -> Result<Prepared, Ref
         },
         lattice_unit: libm::ldexp(1.0, -about.exponent),
     });
+    // colours are not columns that could be scaled: of grey ones, two of the three are rounding
+    let is_image = parameters.compactness.is_some() || format.is_some_and(Format::is_image);
+    let warnings = if is_image { Vec::new() } else { about.warnings };
     let weighted_by = set.weights.iter().map(|_| WeightedBy::Weights).collect();
     Ok(Prepared {
         subject: Subject::Points(Box::new(Points { set, members, planned })),
         spec,
         input,
         weighted_by,
-        warnings: about.warnings,
+        warnings,
         mesh: None,
         wants_table: false,
         origin: None,

@@ -24,12 +24,18 @@ pub fn requests_to_stop(again: Arc<Notify>) -> io::Result<impl Future<Output = (
 struct Requests {
     terminate: tokio::signal::unix::Signal,
     interrupt: tokio::signal::unix::Signal,
+    /// Writes beyond the limit of a file's size fail, in place of ending the process.
+    _file_size: tokio::signal::unix::Signal,
 }
 
 impl Requests {
     fn new() -> io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
-        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
+        Ok(Self {
+            terminate: signal(SignalKind::terminate())?,
+            interrupt: signal(SignalKind::interrupt())?,
+            _file_size: signal(SignalKind::from_raw(signal_hook::consts::SIGXFSZ))?,
+        })
     }
 
     async fn next(&mut self) {

@@ -93,13 +93,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 return Err(Error::new(Kind::Io, why).into());
             }
             // printed before the file is written: a token that was never shown is never valid
-            TokenFile::try_change(&place.tokens, |file| {
+            let mut shown = Ok(());
+            let changed = TokenFile::change(&place.tokens, |file| {
                 let token = file.add(tenant)?;
                 if let Some(entry) = file.tenants.get_mut(tenant) {
                     entry.metrics |= *metrics;
                 }
-                print(|out| writeln!(out, "{}", token.reveal()))
-            })
+                shown = print(|out| writeln!(out, "{}", token.reveal()));
+                shown.as_ref().map(|_| ()).map_err(|_| Error::new(Kind::Io, "the token was not shown"))
+            });
+            shown.and(changed.map_err(Failure::from))
         }
         Command::List { place } => {
             let file = TokenFile::read(&place.tokens)?;
@@ -110,10 +113,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 })
             })
         }
-        Command::Quota { tenant, quotas, place } => TokenFile::try_change(&place.tokens, |file| {
+        Command::Quota { tenant, quotas, place } => Ok(TokenFile::change(&place.tokens, |file| {
             file.tenants.entry(tenant.clone()).or_default().quotas = *quotas;
             Ok(())
-        }),
+        })?),
         Command::Revoke { id, place } => {
             let tenant = TokenFile::change(&place.tokens, |file| match file.revoke(id) {
                 Some(tenant) => Ok(tenant.to_owned()),

@@ -56,8 +56,11 @@ impl Store {
 
     /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may, of all tenants or of its own,
     /// which services that share a database count at once; [`Kind::KeyReused`] when its key stands for another request.
-    /// When this returns, the job is as durable as anything in this store.
+    /// When this returns, the job is as durable as anything in this store; a file that is damaged or gone takes none.
     pub async fn create(&self, new: NewJob) -> Result<Created> {
+        let unfit =
+            |_| Error::unavailable("the storage of the service is damaged or gone; its operator must repair it");
+        self.file().map_or(Ok(()), |file| file.place.check()).map_err(unfit)?;
         self.change("create", move |change| create(change, &new)).await
     }
 

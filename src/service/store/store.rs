@@ -149,7 +149,7 @@ impl Store {
         outcome
     }
 
-    fn file(&self) -> Option<&Sqlite> {
+    pub(super) fn file(&self) -> Option<&Sqlite> {
         match &self.database {
             Database::Sqlite(file) => Some(file),
             #[cfg(feature = "postgres")]

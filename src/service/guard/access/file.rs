@@ -16,9 +16,10 @@ impl TokenFile {
     /// Reads a file. What is wrong with it is named by line or tenant, never by content of a token.
     pub fn read(path: &Path) -> Result<Self> {
         let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
-        let bytes = std::fs::metadata(path).map_err(cannot)?.len();
-        if bytes > MAX_BYTES {
-            return Err(Error::too_large(format_args!("the file of tokens has more than {MAX_BYTES} bytes: {bytes}")));
+        let found = std::fs::metadata(path).map_err(cannot)?;
+        // a named pipe would be waited for without end
+        if !found.is_file() || found.len() > MAX_BYTES {
+            return Err(Error::parameter(format_args!("tokens need a file of at most {MAX_BYTES} bytes: {path:?}")));
         }
         Self::parse(&std::fs::read(path).map_err(cannot)?)
             .map_err(|error| Error::new(error.kind, format_args!("{}: {}", error.message, path.display())))
@@ -27,11 +28,6 @@ impl TokenFile {
     /// Changes the file at `path`, which is made if it is not there: whole or not at all, readable by its owner only,
     /// one change after the other. Nothing changes where `change` fails, or where what it makes is not valid.
     pub fn change<T>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
-        Self::try_change(path, change)
-    }
-
-    /// The same with another type of error.
-    pub fn try_change<T, E: From<Error>>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T, E>) -> Result<T, E> {
         let cannot = |error| Error::io(format_args!("the file of tokens cannot be written: {}", path.display()), error);
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut lock_name = path.file_name().unwrap_or_default().to_owned();
@@ -48,8 +44,7 @@ impl TokenFile {
         let mut new = tempfile::NamedTempFile::new_in(folder).map_err(cannot)?;
         new.write_all(&json).map_err(cannot)?;
         new.as_file().sync_all().map_err(cannot)?;
-        new.persist(path).map_err(|error| cannot(error.error))?;
-        Ok(result)
+        new.persist(path).map_err(|error| cannot(error.error)).map(|_| result)
     }
 }
 
@@ -95,6 +90,7 @@ mod tests {
         let error = TokenFile::read(&path).expect_err("no object");
         assert!(error.message.contains("must be an object, not array"), "{error}");
         assert!(error.message.ends_with(&path.display().to_string()), "{error}");
+        assert!(TokenFile::read("/dev/zero".as_ref()).is_err(), "it has no end");
     }
 
     #[test]

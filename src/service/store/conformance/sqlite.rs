@@ -129,6 +129,7 @@ async fn a_file_that_is_removed_or_replaced_is_noticed() {
     for replace in [|path: &Path| std::fs::remove_file(path), |path: &Path| std::fs::write(path, "")] {
         replace(&path).expect("done");
         assert_eq!(store.probe().await.expect_err("another file, or none").kind, Kind::Unavailable);
+        assert_eq!(store.create(new_job()).await.expect_err("it would be lost").kind, Kind::Unavailable);
     }
 }
 
