@@ -221,10 +221,7 @@ impl Made<'_> {
                 let kind = if is_cluster { VertexKind::Cluster } else { VertexKind::Split };
                 return match self.cloth.nearest(vertex, positions[vertex]) {
                     Some(place) => self.source(kind, place),
-                    None => {
-                        let cluster = self.cells.clusters[vertex];
-                        self.without_triangles(kind, cluster, first_faces[cluster as usize])
-                    }
+                    None => self.without_triangles(vertex as u32, first_faces[vertex]),
                 };
             }
             let spot = self.spots[vertex - cells];
@@ -254,11 +251,10 @@ impl Made<'_> {
         }
     }
 
-    /// Of a cluster, or a split-off part of it, without triangles that have a nearest point: the first corner of the
-    /// cluster's first face; without faces, of the mesh.
-    fn without_triangles(&self, kind: VertexKind, cluster: u32, face: u32) -> VertexSource {
+    /// Of a cluster without triangles: the first corner of its first face; without faces, of the mesh.
+    fn without_triangles(&self, cluster: u32, face: u32) -> VertexSource {
         let vertices = [self.mesh.faces.corners(face as usize)[0]; 3];
-        VertexSource { kind, cluster, face, vertices, barycentric: [1.0, 0.0, 0.0] }
+        VertexSource { kind: VertexKind::Cluster, cluster, face, vertices, barycentric: [1.0, 0.0, 0.0] }
     }
 
     /// The position of a vertex in source units: exactly that of a vertex of the upload where it stands on one.

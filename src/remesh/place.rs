@@ -60,7 +60,9 @@ impl Cloth<'_> {
     pub fn nearest(&self, cell: usize, to: DVec3) -> Option<OnSurface> {
         let triangles = self.triangles_of_cells.of(cell as u32);
         let to_centroid = |triangle: u32| self.geometry.centroids[triangle as usize].distance_squared(to);
-        let enough = triangles.iter().map(|&triangle| to_centroid(triangle)).fold(f64::INFINITY, f64::min).sqrt();
+        let least = triangles.iter().map(|&triangle| to_centroid(triangle)).fold(f64::INFINITY, f64::min);
+        // rounded up, so that its square is not below the least
+        let enough = least.sqrt().next_up();
         let mut best = (f64::INFINITY, None);
         for &triangle in triangles {
             let limit = enough + self.geometry.reaches[triangle as usize];
@@ -125,5 +127,27 @@ impl Cloth<'_> {
             }
         }
         left.len() as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{Faces, Format, PolygonMesh};
+
+    #[test]
+    fn a_triangle_that_is_a_point_beside_a_large_one_is_nearest() {
+        let near = [[1.0, 2.0, 3.0], [1.5, 2.0, 3.0], [1.0, 2.5, 3.0]];
+        let far = [[0.0, 0.0, 0.0], [4e36, 0.0, 0.0], [0.0, 1e35, 0.0]];
+        let faces = Faces::from_triangles((0..6).collect());
+        let mesh = PolygonMesh::of_one_part(Format::Obj, [near, far].concat(), faces);
+        let surface = CutSurface::new(&mesh).expect("a surface");
+        let (geometry, triangles_of_cells) = (Geometry::new(&surface), Rows::grouped(&[0, 1], 2));
+        assert_eq!(geometry.reaches[0], 0.0);
+        let cloth = Cloth { surface: &surface, geometry: &geometry, triangles_of_cells: &triangles_of_cells };
+        for at in 1..1000 {
+            let to = geometry.centroids[0] + DVec3::new(f64::from(at), 0.5, 0.1) / 1024.0;
+            assert!(cloth.nearest(0, to).is_some(), "{at}");
+        }
     }
 }
