@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union
+from typing import TYPE_CHECKING, Any, Callable, NamedTuple, Optional, Union
 
 import numpy as np
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 LEVEL = np.dtype([("round", "u4"), ("clusters", "u4"), ("energy", "f8"), ("merges", "u4"), ("moves", "u8")])
 """A row of `Hierarchy.levels`."""
+
+MOST_FACES = 2**32
+"""More than any hierarchy has, for one that is unpickled."""
 
 
 class Cut(NamedTuple):
@@ -164,5 +167,13 @@ class Hierarchy:
         """
         return self._tree.linkage()
 
+    def __reduce__(self) -> tuple[Callable[[bytes, Optional[Items]], Hierarchy], tuple[bytes, Optional[Items]]]:
+        return _of_bytes, (self.to_bytes(), self._items)
+
     def __repr__(self) -> str:
         return f"Hierarchy({self.faces} {'faces' if self._items is None else 'items'}, {self.roots} roots)"
+
+
+def _of_bytes(content: bytes, items: Optional[Items]) -> Hierarchy:
+    """Return the hierarchy that was pickled."""
+    return Hierarchy(_native.Tree.read(content, MOST_FACES), items)

@@ -9,11 +9,12 @@ import re
 from collections.abc import Callable
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, Optional
 
 import numpy as np
 import pytest
 from conftest import command, read_obj
+from numpy.typing import NDArray
 
 import tesserae_mesh
 from tesserae_mesh import _native
@@ -223,6 +224,16 @@ def test_errors_survive_pickling() -> None:
     error = pickle.loads(pickle.dumps(FileError("cannot read x", errno.EACCES, "x")))
     assert (error.kind, str(error)) == ("io", "cannot read x")
     assert (error.errno, error.strerror, error.filename) == (errno.EACCES, "Permission denied", "x")
+
+
+@pytest.mark.parametrize("mask", [None, np.arange(120).reshape(10, 12) % 7 > 0])
+def test_hierarchies_survive_pickling(mask: Optional[NDArray[np.bool_]]) -> None:
+    pixels = np.random.default_rng(1).random((10, 12, 3))
+    hierarchy = tesserae_mesh.cluster_points(pixels, graph="grid", mask=mask, algorithm="pml").hierarchy
+    copy = pickle.loads(pickle.dumps(hierarchy))
+    assert copy.header == hierarchy.header
+    np.testing.assert_array_equal(copy.levels, hierarchy.levels)
+    np.testing.assert_array_equal(copy.cut(9).labels, hierarchy.cut(9).labels)
 
 
 def test_errors_of_files_have_the_number_and_the_name_of_the_system(tmp_path: Path, sample: Sample) -> None:

@@ -75,9 +75,9 @@ pub struct Arguments {
     #[arg(long, hide = true)]
     probe: bool,
 
-    /// Where to write the tables: a file, or - for standard output
-    #[arg(long, value_name = "OUT.md", default_value = "-")]
-    markdown: PathBuf,
+    /// Where to write the tables: a file, or - for standard output, where they go when left out unless --json does
+    #[arg(long, value_name = "OUT.md")]
+    markdown: Option<PathBuf>,
 
     /// Where to write all figures (JSON): a file, or - for standard output
     #[arg(long, value_name = "OUT.json")]
@@ -120,10 +120,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             figures.into_iter().map(|(name, figure)| (name.to_owned(), figure.into())).collect();
         return print(|out| writeln!(out, "{:#}", serde_json::Value::Object(figures)));
     }
-    let markdown = Target::from(arguments.markdown.clone());
     let json = arguments.json.clone().map(Target::from);
+    let usual = (!matches!(json, Some(Target::Stdout))).then(|| "-".into());
+    let markdown = arguments.markdown.clone().or(usual).map(Target::from);
     let inputs: Vec<_> = arguments.meshes.iter().map(|(path, _)| ("a mesh", Source::File(path.clone()))).collect();
-    let outputs: Vec<_> = json.iter().map(|json| ("--json", json)).chain([("--markdown", &markdown)]).collect();
+    let outputs = [("--json", &json), ("--markdown", &markdown)];
+    let outputs: Vec<_> = outputs.into_iter().filter_map(|(flag, target)| Some((flag, target.as_ref()?))).collect();
     check_places("bench", &inputs, &outputs)?;
     let cancel = signals::cancel_when_asked();
     let (mut device, sizes) = open(&arguments.device, arguments.tuning)?;
@@ -147,7 +149,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             out.write_all(b"\n")
         })?;
     }
-    markdown.write(|out| out.write_all(measurements.markdown().as_bytes()))?;
+    if let Some(markdown) = markdown {
+        markdown.write(|out| out.write_all(measurements.markdown().as_bytes()))?;
+    }
     Ok(outcome.and_then(|()| measurements.check())?)
 }
 

@@ -12,7 +12,7 @@ use tesserae_mesh::mesh::Limits;
 
 use super::files::Source;
 use super::results::{OfHierarchy, Outputs, check_places};
-use super::summary::{Balance, count, number};
+use super::summary::{Balance, clusters_of, count, number};
 use super::{Failure, Quiet, print_line, say, signals};
 
 /// Arguments of `tesserae cut`.
@@ -132,13 +132,8 @@ fn summary(cut: &Cut, are_items: bool) -> String {
         (0, more) => format!("the {more} cheapest merges of round 1"),
         (round, more) => format!("the state after round {round} and the {more} cheapest merges of the next"),
     };
+    let of = count(cut.labels.iter().filter(|&&label| label != FREE).count() as u64);
+    let of = format!("{of} {}", if are_items { "items" } else { "faces" });
     let balance = Balance::of(&cut.labels, cut.clusters()).map(|balance| format!("{balance}, ")).unwrap_or_default();
-    format!(
-        "{} clusters of {} {}, {balance}energy {}, {}: {state}",
-        count(cut.clusters()),
-        count(cut.labels.iter().filter(|&&label| label != FREE).count() as u64),
-        if are_items { "items" } else { "faces" },
-        number(cut.energy),
-        cut.kind()
-    )
+    format!("{}, {balance}energy {}, {}: {state}", clusters_of(cut.clusters(), &of), number(cut.energy), cut.kind())
 }

@@ -12,7 +12,7 @@ use tesserae_mesh::mesh::{self, PolygonMesh};
 use super::files::Source;
 use super::inputs::{LimitFlags, MeshFile, OneMesh};
 use super::results::{ChoiceFlags, OfMesh, OutputFiles, check_places, places, use_stdout};
-use super::summary::count;
+use super::summary::{clusters_of, count};
 use super::{Failure, Quiet, print_line, say, signals};
 
 /// Arguments of `tesserae export`.
@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.quiet.quiet {
         return Ok(());
     }
-    let summary = format!("{} clusters of {} faces", count(clusters), count(mesh.faces.len() as u64));
+    let summary = clusters_of(clusters, &format!("{} faces", count(mesh.faces.len() as u64)));
     if use_stdout(&arguments.outputs) {
         say(&summary);
         Ok(())

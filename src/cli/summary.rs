@@ -122,8 +122,7 @@ impl SummaryRow {
     fn what(&self) -> String {
         let faces = format!("{} {}", count(self.faces), if self.are_items { "items" } else { "faces" });
         match (self.clusters, self.tree) {
-            (Some(1), _) => format!("1 cluster of {faces}"),
-            (Some(clusters), _) => format!("{} clusters of {faces}", count(clusters)),
+            (Some(clusters), _) => clusters_of(clusters, &faces),
             (None, Some((rounds, 1))) => format!("a hierarchy of {faces} in {} rounds", count(rounds.into())),
             (None, Some((rounds, left))) => {
                 format!("a hierarchy of {faces} in {} rounds, up to {} clusters", count(rounds.into()), count(left))
@@ -131,6 +130,11 @@ impl SummaryRow {
             (None, None) => format!("a hierarchy of {faces}"),
         }
     }
+}
+
+/// So many clusters of what.
+pub fn clusters_of(clusters: u64, what: &str) -> String {
+    format!("{} {} of {what}", count(clusters), if clusters == 1 { "cluster" } else { "clusters" })
 }
 
 /// What a remesh has, and why it has more vertices than there are clusters.

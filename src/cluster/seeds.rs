@@ -228,17 +228,19 @@ fn from_list<E: Functional>(items: &Items<E>, listed: &[u32]) -> Result<SeedFace
     for (seed, &upload) in listed.iter().enumerate() {
         let Some(&face) = internal.get(upload as usize) else {
             return Err(Error::parameter(format_args!(
-                "seed {seed} is not a face of the mesh, which has faces 0 to {}: {upload}",
+                "seed {seed} is beyond the last face or item, {}: {upload}",
                 internal.len() - 1
             )));
         };
         if face == NO_FACE {
             return Err(Error::parameter(format_args!(
-                "seed {seed} is a face without area that shares no edge with others and takes no cluster: {upload}"
+                "seed {seed} is a masked item, or a face without area that shares no edge with others: {upload}"
             )));
         }
         if let Some(earlier) = seed_of_face[face as usize].replace(seed) {
-            return Err(Error::parameter(format_args!("seeds {earlier} and {seed} are the same face: {upload}")));
+            return Err(Error::parameter(format_args!(
+                "seeds {earlier} and {seed} are the same face or item: {upload}"
+            )));
         }
         let component = component_of_face[face as usize];
         has_seed[component as usize] = true;

@@ -23,10 +23,7 @@ use crate::surface::of_faces::OfFaces;
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     let started = Instant::now();
     let spec = &prepared.spec;
-    let Clustered { mut labels, clusters, initial, tree, mut snapshots, shapes, .. } = clustered;
-    if tree.is_some() {
-        hierarchical::number(&mut labels, clusters)?;
-    }
+    let Clustered { labels, clusters, initial, tree, mut snapshots, shapes, .. } = clustered;
     let (energies, (disconnected_clusters, numbered)) = rayon::join(
         || match (&prepared.subject, &shapes) {
             (Subject::Shapes(shaped), Some(shapes)) => Energies::of_shapes(shaped, shapes, &labels, clusters),

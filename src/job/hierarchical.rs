@@ -48,7 +48,8 @@ pub(super) fn run<E: Functional>(
     };
     let hierarchy = hierarchical(items, options, device, cancel, &mut keep_iteration, &mut keep_round)?;
     let cluster = started.elapsed() - hierarchy.upload;
-    let Hierarchy { tree, labels, bounded_at, upload } = hierarchy;
+    let Hierarchy { tree, mut labels, bounded_at, upload } = hierarchy;
+    number(&mut labels, target as usize)?;
     let warning = |clusters: u64| {
         format!(
             "merged many pairs at a time from a bound on work on: faces have very many neighbours, or move very often; \
@@ -101,7 +102,7 @@ pub(super) fn header(input: &Input, parameters: &Parameters) -> Result<Header> {
 
 /// Gives clusters the numbers 0 … K − 1, by the first face that carries them. Checks that there are as many as
 /// expected.
-pub(super) fn number(labels: &mut [u32], expected: usize) -> Result<()> {
+fn number(labels: &mut [u32], expected: usize) -> Result<()> {
     let mut number_of_cluster: Vec<Option<u32>> = vec![None; labels.len()];
     let mut seen = 0;
     for label in labels {

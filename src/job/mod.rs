@@ -333,7 +333,7 @@ fn where_it_works<T: Send>(prepared: &Prepared, kind: DeviceKind, work: impl FnO
 #[derive(Debug)]
 pub struct Clustered {
     device: DeviceInfo,
-    /// One a face: below `clusters`, or of a hierarchy, any that the clusters had.
+    /// One a face, below `clusters`.
     labels: Vec<u32>,
     clusters: usize,
     /// The labels after the growth, of flat clusterings.

@@ -63,13 +63,16 @@ fn the_cpu_is_measured_and_what_does_not_fit_is_told() {
     let said = folder.run(&["bench", "--device", "cpu", "--repeats", "1", "--faces", "500"]).expect_success();
     let said = String::from_utf8(said).expect("text");
     assert!(said.contains("| knot | 500 | 5 |") && !said.contains("On the device"), "{said}");
+    let figures = ["bench", "--device", "cpu", "--repeats", "1", "--faces", "500", "--json", "-"];
+    let figures: Value = serde_json::from_slice(&folder.run(&figures).expect_success()).expect("only JSON");
+    assert_eq!(figures["rows"][0]["faces"], 500, "{figures}");
     folder.write("bad.obj", "f 1 2 3");
     let cases: [(&[&str], &[&str]); 5] = [
         (&["bench", "--mesh", "ball.obj"], &["FILE:K"]),
         (&["bench", "--mesh", "ball.obj:0"], &["FILE:K"]),
         (&["bench", "--faces", "7"], &["7"]),
         (&["bench", "--device", "cpu", "--adapter", "0"], &["--adapter"]),
-        (&["bench", "--device", "cpu", "--json", "-"], &["same place"]),
+        (&["bench", "--device", "cpu", "--json", "-", "--markdown", "-"], &["same place"]),
     ];
     for (arguments, words) in cases {
         folder.run(arguments).expect_usage_error(words);

@@ -153,6 +153,20 @@ fn a_hierarchy_that_ends_early_is_the_flat_clustering_of_small_planes_and_has_th
 }
 
 #[test]
+fn the_shapes_of_the_last_clusters_are_near_their_faces() {
+    let (mesh, _) = generate_part(3000, 0.0).expect("a part");
+    for algorithm in ALGORITHMS {
+        for clusters in [13, 20, 30] {
+            let outcome = run(&mesh, &Parameters { clusters: Some(clusters), ..tree_of(Kind::Shapes, algorithm) });
+            let (report, energy) = (&outcome.report, outcome.report.energy.final_.expect("an energy"));
+            let rows = report.shapes.as_ref().expect("shapes");
+            let of_corners: f64 = rows.iter().map(|row| row.area * row.residual.rms.powi(2)).sum();
+            assert!(of_corners <= 10.0 * energy, "{algorithm:?} {clusters}: {of_corners} of corners, {energy}");
+        }
+    }
+}
+
+#[test]
 fn moves_after_each_merge_lower_the_energy() {
     let (mesh, _) = generate_part(1200, 0.2).expect("a part");
     let energy = |algorithm, optimize| {
