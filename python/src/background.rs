@@ -10,10 +10,16 @@
 //! Threads do not survive a fork, and a pool without its threads waits for ever. So all work runs on a pool of this
 //! module, not on rayon's global one, and each process makes its own: a pool belongs to the process with its number.
 //! The pool of the parent is leaked in the child, where dropping it would wait for threads that are not there.
+//!
+//! # Many callers
+//!
+//! A thread of the pool that waits for a part of its work takes up other work, whole jobs too, on the same stack. So
+//! no more than [`MOST_AT_ONCE`] jobs are in the pool; others wait for one of them to end.
 
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
@@ -29,6 +35,9 @@ const PATIENCE: Duration = Duration::from_millis(20);
 
 /// Time that cancelled work has to end before the caller goes on without it.
 const GRACE: Duration = Duration::from_millis(50);
+
+/// Jobs in the pool at most. Of 160 jobs that were begun at once, stacks of 2 MiB overflowed.
+const MOST_AT_ONCE: usize = 32;
 
 /// What work says.
 enum Said<T> {
@@ -67,14 +76,14 @@ pub fn run<T: Send + 'static>(
     let cancel = Cancel::default();
     let reporter = Reporter { send: on_row.map(|_| reporting(sender.clone())), kept: Mutex::default() };
     let flag = cancel.clone();
-    raised(py, pool())?.spawn(move || {
-        let done = catch_unwind(AssertUnwindSafe(|| work(&flag, &reporter)));
+    raised(py, workers())?.begin(Box::new(move || {
+        let done = catch_unwind(AssertUnwindSafe(|| flag.check().and_then(|()| work(&flag, &reporter))));
         // what listens may have given up
         let _ = sender.send(Said::Done(done.unwrap_or_else(|payload| Err(of_panic(&*payload)))));
         // the caller goes on first, maybe on this processor
         std::thread::yield_now();
         drop(reporter);
-    });
+    }));
     loop {
         let ours = &mut receiver; // a receiver may be moved to another thread, but not shared with one
         let said = py.detach(move || ours.recv_timeout(PATIENCE));
@@ -129,18 +138,61 @@ fn wait_for_end<T>(receiver: &mut Receiver<Said<T>>) {
     while let Ok(Said::Row(_)) = receiver.recv_timeout(end.saturating_duration_since(Instant::now())) {}
 }
 
-/// The pool of this process, with a thread for each processor or as many as `RAYON_NUM_THREADS` says.
-fn pool() -> Result<Arc<ThreadPool>> {
-    static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
-    let process = std::process::id();
-    let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((_, pool)) = pool.as_ref().filter(|(of, _)| *of == process) {
-        return Ok(Arc::clone(pool));
+type Job = Box<dyn FnOnce() + Send>;
+
+/// A pool, and the jobs in it and before it.
+struct Workers {
+    pool: ThreadPool,
+    jobs: Mutex<Jobs>,
+}
+
+#[derive(Default)]
+struct Jobs {
+    begun: usize,
+    waiting: VecDeque<Job>,
+}
+
+impl Workers {
+    /// Begins a job, or lets it wait for its turn. A job does not panic.
+    fn begin(self: &Arc<Self>, job: Job) {
+        let mut jobs = self.jobs();
+        if jobs.begun == MOST_AT_ONCE {
+            jobs.waiting.push_back(job);
+        } else {
+            jobs.begun += 1;
+            self.spawn(job);
+        }
     }
-    let made = ThreadPoolBuilder::new().thread_name(|number| format!("tesserae-{number}")).build();
-    let made = made.map_err(|error| Error::unavailable(format_args!("cannot start threads: {error}")))?;
-    let made = Arc::new(made);
-    if let Some(of_parent) = pool.replace((process, Arc::clone(&made))) {
+
+    fn spawn(self: &Arc<Self>, job: Job) {
+        let workers = Arc::clone(self);
+        self.pool.spawn(move || {
+            job();
+            let mut jobs = workers.jobs();
+            match jobs.waiting.pop_front() {
+                Some(next) => workers.spawn(next),
+                None => jobs.begun -= 1,
+            }
+        });
+    }
+
+    fn jobs(&self) -> MutexGuard<'_, Jobs> {
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The pool of this process, with a thread for each processor or as many as `RAYON_NUM_THREADS` says.
+fn workers() -> Result<Arc<Workers>> {
+    static WORKERS: Mutex<Option<(u32, Arc<Workers>)>> = Mutex::new(None);
+    let process = std::process::id();
+    let mut workers = WORKERS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, workers)) = workers.as_ref().filter(|(of, _)| *of == process) {
+        return Ok(Arc::clone(workers));
+    }
+    let pool = ThreadPoolBuilder::new().thread_name(|number| format!("tesserae-{number}")).build();
+    let pool = pool.map_err(|error| Error::unavailable(format_args!("cannot start threads: {error}")))?;
+    let made = Arc::new(Workers { pool, jobs: Mutex::default() });
+    if let Some(of_parent) = workers.replace((process, Arc::clone(&made))) {
         std::mem::forget(of_parent);
     }
     Ok(made)

@@ -143,8 +143,7 @@ impl Job {
         self.cluster_points(image::superpixels(image, mask, clusters, compactness)?, begin, cancel, reporter)
     }
 
-    /// Clusters the points of triangles: one label a point, -1 where no triangle uses it, the number of clusters, and
-    /// what was unusual.
+    /// Clusters the points of triangles: one label a point, -1 where no triangle uses it, and the number of clusters.
     ///
     /// There are no more clusters than positions of points, and components are joined where there are more of them.
     fn cluster_vertices(
@@ -154,7 +153,7 @@ impl Job {
         weights: Option<&[f64]>,
         cancel: &Cancel,
         reporter: &Reporter,
-    ) -> Result<(Vec<i32>, u64, Vec<String>)> {
+    ) -> Result<(Vec<i32>, u64)> {
         let begin = Instant::now();
         let mesh = MeshView::new(points.positions(), triangles)?;
         self.limits.check_faces(triangles.len() as u64)?;
@@ -162,15 +161,15 @@ impl Job {
         let clusters = self.parameters.flat_clusters()?;
         let OfPoints { surface, item_of_point } = OfPoints::build(mesh, clusters, wanted)?;
         let items = surface.faces();
-        let (labels, clusters, warnings) = if clusters >= items as u64 {
-            ((0..items as u32).collect(), items as u64, Vec::new())
+        let (labels, clusters) = if clusters >= items as u64 {
+            ((0..items as u32).collect(), items as u64)
         } else {
             let prepared = job::prepare_surface(&self.parameters, mesh, surface).map_err(|refusal| refusal.error)?;
             let outcome = self.run(&prepared, begin, cancel, reporter)?;
-            (outcome.labels.unwrap_or_default(), clusters, outcome.report.warnings)
+            (outcome.labels.unwrap_or_default(), clusters)
         };
         let label = |&item: &u32| labels.get(item as usize).map_or(-1, |&label| label as i32);
-        Ok((item_of_point.iter().map(label).collect(), clusters, warnings))
+        Ok((item_of_point.iter().map(label).collect(), clusters))
     }
 
     /// Clusters the mesh of a file, or gives the error with which the system refuses to read it.
@@ -227,7 +226,7 @@ pub fn cluster(
     background::run(py, move |cancel, reporter| job.cluster(&points, faces, cancel, reporter), on_row)
 }
 
-/// Clusters the points of triangles: labels, how many clusters there are, and what was unusual.
+/// Clusters the points of triangles: labels, and how many clusters there are.
 #[pyfunction]
 #[pyo3(signature = (points, triangles, weights, job))]
 pub fn cluster_vertices<'py>(
@@ -236,16 +235,16 @@ pub fn cluster_vertices<'py>(
     triangles: &Bound<'py, PyAny>,
     weights: Option<PyReadonlyArray1<'py, f64>>,
     job: Job,
-) -> PyResult<(Bound<'py, PyArray1<i32>>, u64, Vec<String>)> {
+) -> PyResult<(Bound<'py, PyArray1<i32>>, u64)> {
     let points = Points::of(points)?;
     let triangles = arrays::faces(triangles, None)?;
     let weights = weights.map(|weights| weights.as_array().to_vec());
-    let (labels, clusters, warnings) = background::run(
+    let (labels, clusters) = background::run(
         py,
         move |cancel, reporter| job.cluster_vertices(&points, &triangles, weights.as_deref(), cancel, reporter),
         None,
     )?;
-    Ok((PyArray1::from_vec(py, labels), clusters, warnings))
+    Ok((PyArray1::from_vec(py, labels), clusters))
 }
 
 /// Clusters the mesh of a file. `on_row` is called in this thread.

@@ -34,6 +34,8 @@ def _plain(value: Any) -> Any:
 
 def as_npy(values: ArrayLike, what: str, kinds: str) -> bytes:
     """Return a list of numbers as a file of NumPy's, which the library reads."""
+    if np.ma.is_masked(values):
+        raise Error("invalid-parameter", f"{what} are a masked array: give their values")
     try:
         array = np.asarray(values)
     except (TypeError, ValueError, OverflowError) as error:

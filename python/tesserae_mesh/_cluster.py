@@ -264,9 +264,7 @@ def cluster_vertices(
     positions, and separate parts are joined where they are nearest if they are more than the clusters.
     """
     job = _native.Job(as_json(clusters=clusters, **parameters), None, None, "cpu", None, None, None, None)
-    labels, count, warnings = _native.cluster_vertices(mesh.points, mesh.connectivity, weights, job)
-    warn(warnings)
-    return labels, count
+    return _native.cluster_vertices(mesh.points, mesh.connectivity, weights, job)
 
 
 def _is_number(value: object) -> bool:

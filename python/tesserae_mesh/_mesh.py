@@ -225,6 +225,8 @@ def _integers(numbers: Any, what: str) -> Numbers:
 
 
 def _array(values: Any, what: str) -> Numbers:
+    if np.ma.is_masked(values):
+        raise Error("invalid-mesh", f"{what} are a masked array: leave out what is masked, and give the values")
     try:
         return np.asarray(values)
     except (TypeError, ValueError, OverflowError) as error:

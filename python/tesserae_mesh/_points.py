@@ -167,7 +167,8 @@ def superpixels(
             f"an image must have height x width, or these and 1 to 4 channels, not the shape {pixels.shape}",
         )
     taken = _mask(mask, pixels.shape[:2], "pixels")
-    job = _job(count(n, "n"), "coarse", device, adapter, parameters, compactness=compactness)
+    seeds = parameters.pop("seeds", "coarse")
+    job = _job(count(n, "n"), seeds, device, adapter, parameters, compactness=compactness)
     with Rows(progress) as rows:
         outcome = _native.superpixels(_samples(pixels, taken), taken, job, rows.function)
     labels = outcome.labels()

@@ -18,6 +18,8 @@ class Bar:
     def __init__(self) -> None:
         self._tqdm: Optional[Any] = None
         self._rows = 0
+        if sys.stderr is None:
+            return
         try:
             tqdm: Any = import_module("tqdm.auto").tqdm
         except ImportError:

@@ -28,6 +28,24 @@ def labels_of(arrays: tuple[Any, Any]) -> bytes:
     return tesserae_mesh.cluster(*arrays, 20).labels.tobytes()
 
 
+def test_many_threads_at_once_are_no_overflow_of_a_stack() -> None:
+    points = np.random.default_rng(0).random((1000, 3))
+    table = tesserae_mesh.cluster_points(points, 30).labels
+    grid = np.moveaxis(np.indices((30, 30)), 0, -1).reshape(-1, 2)
+    positions = np.column_stack([grid, np.sin(grid).sum(axis=1)])
+    corner = np.arange(900).reshape(30, 30)[:-1, :-1].reshape(-1)
+    quads = np.stack([corner, corner + 30, corner + 31, corner + 1], axis=1)
+    mesh = tesserae_mesh.cluster(positions, quads, algorithm="pml").cut(50).labels
+
+    def labels(turn: int) -> bool:
+        if turn % 2:
+            return np.array_equal(tesserae_mesh.cluster_points(points, 30).labels, table)
+        return np.array_equal(tesserae_mesh.cluster(positions, quads, algorithm="pml").cut(50).labels, mesh)
+
+    with ThreadPoolExecutor(200) as threads:
+        assert all(threads.map(labels, range(600)))
+
+
 def test_eight_threads_have_the_same_labels(sample: Sample) -> None:
     points, faces = read_obj(sample("knot", 3000))
     expected = tesserae_mesh.cluster(points, faces, 20).labels

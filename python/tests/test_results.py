@@ -227,13 +227,14 @@ def test_errors_survive_pickling() -> None:
 
 
 @pytest.mark.parametrize("mask", [None, np.arange(120).reshape(10, 12) % 7 > 0])
-def test_hierarchies_survive_pickling(mask: Optional[NDArray[np.bool_]]) -> None:
+def test_hierarchies_of_points_survive_files_and_pickling(mask: Optional[NDArray[np.bool_]]) -> None:
     pixels = np.random.default_rng(1).random((10, 12, 3))
-    hierarchy = tesserae_mesh.cluster_points(pixels, graph="grid", mask=mask, algorithm="pml").hierarchy
-    copy = pickle.loads(pickle.dumps(hierarchy))
-    assert copy.header == hierarchy.header
-    np.testing.assert_array_equal(copy.levels, hierarchy.levels)
-    np.testing.assert_array_equal(copy.cut(9).labels, hierarchy.cut(9).labels)
+    run = tesserae_mesh.cluster_points(pixels, graph="grid", mask=mask, algorithm="pml", bridge_components=True)
+    hierarchy = run.hierarchy
+    for copy in (pickle.loads(pickle.dumps(hierarchy)), tesserae_mesh.Hierarchy.load(hierarchy.to_bytes())):
+        assert (copy.header, repr(copy)) == (hierarchy.header, repr(hierarchy))
+        np.testing.assert_array_equal(copy.levels, hierarchy.levels)
+        np.testing.assert_array_equal(copy.cut(9).labels, hierarchy.cut(9).labels)
 
 
 def test_errors_of_files_have_the_number_and_the_name_of_the_system(tmp_path: Path, sample: Sample) -> None:

@@ -39,6 +39,11 @@ def test_superpixels_are_connected_and_exactly_as_many() -> None:
     assert not np.array_equal(superpixels(image, 50), superpixels(image, 50, 40))
 
 
+def test_superpixels_start_where_seeds_say() -> None:
+    image = np.zeros((2, 4), dtype=np.uint8)
+    assert superpixels(image, 2, seeds=[7, 0]).tolist() == [[1, 1, 0, 0], [1, 1, 0, 0]]
+
+
 def test_superpixels_are_those_of_the_command_line(tmp_path: Path) -> None:
     image = astronaut()[60:180, 160:310]
     alpha = np.full((*image.shape[:2], 1), 255, dtype=np.uint8)

@@ -1,7 +1,8 @@
 //! The tolerance: how far a corner of a face may be from the shape of its cluster.
 //!
 //! Corners alone do not show how far a chord is from an arc: all corners of the bottom of a cylinder lie on its side.
-//! So middles of edges must be near, too, but as far as [`CHORDS`] tolerances.
+//! So middles of edges must be near, too, but as far as [`CHORDS`] tolerances, and those of polygons as far as
+//! [`MIDDLES`].
 //!
 //! Distances are f64 with + − × √, of places that are not rounded to the lattice: every machine computes the same bits.
 
@@ -15,6 +16,9 @@ use crate::surface::corners::Corners;
 
 /// Tolerances that the middle of an edge may be from a curved shape.
 const CHORDS: f64 = 2.0;
+
+/// The same of the middle of a polygon: that of a regular hexagon is four times as far as those of its edges.
+const MIDDLES: f64 = 4.0 * CHORDS;
 
 /// A shape whose farthest corners are this many tolerances apart is not worth to be fitted to them.
 const FARTHEST: f64 = 4.0;
@@ -38,9 +42,14 @@ impl Tolerance<'_> {
         let middle_is_near = |[a, b]: [u32; 2]| {
             is_near((self.corners.position(a) + self.corners.position(b)) / 2.0, CHORDS * self.distance)
         };
+        let has_near_middle = |face: u32| {
+            let corners = self.corners.of(face).len();
+            let middle = || self.corners.positions_of(face).sum::<DVec3>() / corners as f64;
+            corners <= 3 || is_near(middle(), MIDDLES * self.distance)
+        };
         faces.all(|face| {
             self.corners.positions_of(face).all(|at| is_near(at, self.distance))
-                && (!has_chords || self.corners.edges_of(face).all(middle_is_near))
+                && (!has_chords || has_near_middle(face) && self.corners.edges_of(face).all(middle_is_near))
         })
     }
 

@@ -2,7 +2,8 @@
 //!
 //! A triangle has the middles of its edges: the mean squared distance of these from a plane is that of the triangle,
 //! exactly, and they see how far a chord is from an arc. Corners alone do not: two sides of a box fit a cylinder
-//! through the three edges along them. A polygon has the middles of its edges, too, of [`MOST`] at most.
+//! through the three edges along them. A polygon has the middles of its edges, too, of [`MOST`] at most; with more than
+//! [`FEW`] also its own, since all edges of the bottom of a cylinder lie on its side.
 
 use glam::DVec3;
 
@@ -11,8 +12,11 @@ use super::corners::Corners;
 use super::lattice::round_centroid;
 use crate::parallel;
 
-/// Samples of a face at most.
+/// Edges of a face that have a sample, at most.
 const MOST: usize = 64;
+
+/// Corners of a face whose edges suffice.
+const FEW: usize = 4;
 
 /// Unit normals are multiplied by 2 to this power.
 pub const NORMAL_BITS: u32 = 14;
@@ -63,14 +67,17 @@ impl Surface {
         let of_face = |face: u32| {
             let vertices = corners.of(face);
             let count = vertices.len().min(MOST);
-            (0..count).map(move |number| {
+            let middle = (vertices.len() > FEW).then(|| round_centroid(self.geometry[face as usize].centroid));
+            let of_edges = (0..count).map(move |number| {
                 let edge = number * vertices.len() / count;
                 let ends = [edge, (edge + 1) % vertices.len()].map(|at| corners.position(vertices[at]));
                 round_centroid((ends[0] + ends[1]) / 2.0)
-            })
+            });
+            of_edges.chain(middle)
         };
         let ends = (0..faces).scan(0, |sum, face| {
-            *sum += corners.of(face).len().min(MOST) as u32;
+            let corners = corners.of(face).len();
+            *sum += corners.min(MOST) as u32 + u32::from(corners > FEW);
             Some(*sum)
         });
         let offsets = std::iter::once(0).chain(ends).collect();

@@ -12,7 +12,7 @@ use tesserae_mesh::device::dual_edge::Ties;
 use tesserae_mesh::energy::Kind;
 use tesserae_mesh::job::{self, InMemory, Outcome, Prepared, Refusal, Request};
 use tesserae_mesh::mesh::{Format, Limits, PolygonMesh};
-use tesserae_mesh::parameters::{Algorithm, Features, Parameters, Refine, Seeds, Shapes, Snapshots};
+use tesserae_mesh::parameters::{Algorithm, Features, Length, Parameters, Refine, Seeds, Shapes, Snapshots};
 use tesserae_mesh::report::Phase;
 use tesserae_mesh::shapes::kind::Kind as ShapeKind;
 use tesserae_mesh::surface::{Surface, Wanted, WantedFeatures};
@@ -344,5 +344,33 @@ fn real_meshes_end_far_below_variational_shape_approximation() {
         let prepared = job::prepare(&Request::new(&bytes, Format::Obj, &parameters)).expect("a mesh");
         let energy = clustered(&prepared).report.energy.final_.expect("finite");
         assert!(energy < most, "{name} k={clusters}: {energy}");
+    }
+}
+
+/// A cylinder of radius 1 and height 2 with so many sides, each a quad, between two polygons.
+fn capped_cylinder(sides: usize) -> PolygonMesh {
+    let circle = (0..sides).map(|side| std::f64::consts::TAU * side as f64 / sides as f64);
+    let ring = |height: f64| circle.clone().map(move |angle| [angle.cos(), angle.sin(), height]);
+    let positions: Vec<[f64; 3]> = ring(0.0).chain(ring(2.0)).collect();
+    let number = |side: usize, top: usize| (side % sides + top * sides) as u32;
+    let quad = |side: usize| vec![number(side, 0), number(side + 1, 0), number(side + 1, 1), number(side, 1)];
+    let bottom = (0..sides).rev().map(|side| number(side, 0)).collect();
+    let top = (0..sides).map(|side| number(side, 1)).collect();
+    let faces: Vec<Vec<u32>> = (0..sides).map(quad).chain([bottom, top]).collect();
+    zoo::mesh(&positions, &faces.iter().map(Vec::as_slice).collect::<Vec<_>>())
+}
+
+#[test]
+fn caps_of_one_polygon_are_no_part_of_their_cylinder() {
+    for sides in [6, 12, 24, 32, 48, 64] {
+        let mesh = capped_cylinder(sides);
+        let side: Vec<u32> = vec![0; sides].into_iter().chain([1, 2]).collect();
+        assert_eq!(labels(&run(&mesh, &by(Kind::Shapes, 3))), side, "{sides}");
+        // of fewer sides, no two are within the tolerance of a plane
+        if sides >= 24 {
+            let (clusters, tolerance) = (None, Some(Length::Share(0.01)));
+            let within = Parameters { clusters, tolerance, ..by(Kind::Shapes, 3) };
+            assert_eq!(labels(&run(&mesh, &within)), side, "{sides}");
+        }
     }
 }
