@@ -48,6 +48,11 @@ impl Tree {
         self.stored.tree.roots()
     }
 
+    /// Shape of the items, of points.
+    fn shape(&self) -> Option<Vec<usize>> {
+        self.stored.shape()
+    }
+
     /// Where it comes from, as JSON.
     fn header(&self) -> String {
         serde_json::to_string(&self.stored.header).unwrap_or_default()

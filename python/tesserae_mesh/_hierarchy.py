@@ -76,12 +76,12 @@ class Hierarchy:
         """
         max_faces = count_if_given(max_faces, "max_faces")
         if isinstance(source, bytes):
-            return _read(source, max_faces)
+            return _read(cls, source, max_faces)
         try:
             content = Path(source).read_bytes()
         except (OSError, ValueError) as error:
             raise file_error("read", source, error) from error
-        return _read(content, max_faces)
+        return _read(cls, content, max_faces)
 
     def save(self, path: Union[str, os.PathLike[str]]) -> None:
         """Write the hierarchy to a file from which `load` and ``tesserae cut`` take labels; its name ends in .tsr.
@@ -167,15 +167,15 @@ class Hierarchy:
         """
         return self._tree.linkage()
 
-    def __reduce__(self) -> tuple[Callable[[bytes, int], Hierarchy], tuple[bytes, int]]:
-        return _read, (self.to_bytes(), MOST_FACES)
+    def __reduce__(self) -> tuple[Callable[..., Hierarchy], tuple[type[Hierarchy], bytes, int]]:
+        return _read, (type(self), self.to_bytes(), MOST_FACES)
 
     def __repr__(self) -> str:
         return f"Hierarchy({self.faces} {'faces' if self._items is None else 'items'}, {self.roots} roots)"
 
 
-def _read(content: bytes, max_faces: Optional[int]) -> Hierarchy:
+def _read(kind: type[Hierarchy], content: bytes, max_faces: Optional[int]) -> Hierarchy:
     """Return a hierarchy that was written; labels of points have their shape, and -1 where a mask left one out."""
     tree = _native.Tree.read(content, max_faces)
-    shape: Optional[list[int]] = json.loads(tree.header())["input"].get("shape")
-    return Hierarchy(tree, None if shape is None else Items(tuple(shape), None))
+    shape = tree.shape()
+    return kind(tree, None if shape is None else Items(tuple(shape), None))

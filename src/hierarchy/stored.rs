@@ -74,6 +74,12 @@ pub struct Stored {
 }
 
 impl Stored {
+    /// The shape of what was clustered, of points.
+    pub fn shape(&self) -> Option<Vec<usize>> {
+        let items = self.mask.as_ref().map_or(self.tree.faces, Mask::items);
+        self.header.shape_of(items as usize)
+    }
+
     /// Writes the file, a piece at a time. The checkpoints take 8 bytes a face, in addition to the tree.
     pub fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         let Tree { faces, merges, rounds, .. } = &self.tree;

@@ -24,7 +24,9 @@ impl Parameters {
             )));
         }
         let (goes_with, contradictions) = if self.algorithm.is_hierarchical() {
-            ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
+            let are_all = !self.energy.is_of_shapes();
+            let flat = if are_all { "flat clusterings (bb, acvd, vc)" } else { "flat clusterings (bb)" };
+            (flat, self.flat_only(listed))
         } else {
             if !listed && self.tolerance.is_none() {
                 self.flat_clusters()?;

@@ -1,8 +1,9 @@
 //! The tolerance: how far a corner of a face may be from the shape of its cluster.
 //!
 //! Corners alone do not show how far a chord is from an arc: all corners of the bottom of a cylinder lie on its side.
-//! So middles of edges must be near, too, but as far as [`CHORDS`] tolerances, and those of polygons as far as
-//! [`MIDDLES`].
+//! So middles of edges must be near, too, but as far as [`CHORDS`] tolerances. All edges of a bottom that is one
+//! polygon lie on the side: so its middle must be near, as far as [`MIDDLES`] tolerances and half of its corners'
+//! distance from it.
 //!
 //! Distances are f64 with + − × √, of places that are not rounded to the lattice: every machine computes the same bits.
 
@@ -33,8 +34,8 @@ pub struct Tolerance<'a> {
 }
 
 impl Tolerance<'_> {
-    /// Whether the corners of some faces, and the middles of their edges, are within the tolerance of a shape,
-    /// given in units of moments.
+    /// Whether the corners of some faces, the middles of their edges, and those of polygons, are within the tolerance
+    /// of a shape, given in units of moments.
     pub fn admits(&self, shape: &Shape, mut faces: impl Iterator<Item = u32>) -> bool {
         let shape = shape.scaled(f64::from(1u32 << SHIFT));
         let is_near = |at: DVec3, tolerance: f64| shape.distance(at).abs() <= tolerance;
@@ -43,9 +44,12 @@ impl Tolerance<'_> {
             is_near((self.corners.position(a) + self.corners.position(b)) / 2.0, CHORDS * self.distance)
         };
         let has_near_middle = |face: u32| {
-            let corners = self.corners.of(face).len();
-            let middle = || self.corners.positions_of(face).sum::<DVec3>() / corners as f64;
-            corners <= 3 || is_near(middle(), MIDDLES * self.distance)
+            if self.corners.of(face).len() <= 3 {
+                return true;
+            }
+            let middle = self.middle(face);
+            let reach = self.corners.positions_of(face).map(|at| at.distance(middle)).fold(0.0, f64::max);
+            is_near(middle, (MIDDLES * self.distance).min(reach / 2.0))
         };
         faces.all(|face| {
             self.corners.positions_of(face).all(|at| is_near(at, self.distance))
@@ -76,6 +80,16 @@ impl Tolerance<'_> {
         };
         spread(&start)?;
         midway(&start).or_else(|| midway(&nearest()))
+    }
+
+    /// The mean place of the edges of a face, wherever its corners crowd.
+    fn middle(&self, face: u32) -> DVec3 {
+        let edges = self.corners.edges_of(face).map(|edge| edge.map(|end| self.corners.position(end)));
+        let (sum, length) = edges.fold((DVec3::ZERO, 0.0), |(sum, length), [a, b]| {
+            let edge = a.distance(b);
+            (sum + (a + b) / 2.0 * edge, length + edge)
+        });
+        if length > 0.0 { sum / length } else { self.corners.position(self.corners.of(face)[0]) }
     }
 
     /// The largest mean square of distances, in squared units of moments.

@@ -97,7 +97,7 @@ fn parameters_are_spelled_as_flags() {
             "the energy planes goes with the algorithms bb, pml, ml and hr",
         ),
         ("cluster s.obj --algorithm pml --energy planes --pairs all", "--pairs does not go with the energy planes"),
-        ("cluster s.obj --algorithm pml --energy planes --tolerance 1", "--tolerance goes with flat clusterings"),
+        ("cluster s.obj --algorithm pml --energy planes --tolerance 1", "--tolerance goes with flat clusterings (bb)"),
         ("cluster s.obj -k 3 --energy planes --quality best", "--quality does not go with the energy planes"),
         ("cluster s.obj -k 3 --shapes-out x.json", "--shapes-out goes with --energy planes or shapes"),
         ("sample knot --faces 500 --noise 1 x.obj", "--noise and --truth go with the sample part"),
