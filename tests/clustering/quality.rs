@@ -223,6 +223,33 @@ fn best_is_not_above_any_cheaper_job() {
 }
 
 #[test]
+fn the_default_is_not_above_a_hierarchy_where_one_face_is_most_of_the_mesh() {
+    // a ring as one polygon, slit once, with a small triangle at each of its edges
+    let sides = 600;
+    let at = |radius: f64, turn: f64| {
+        let angle = turn / f64::from(sides) * std::f64::consts::TAU;
+        [radius * angle.cos(), radius * angle.sin(), 0.0]
+    };
+    let circle = |radius, turn| (0..sides).map(move |side| at(radius, f64::from(side) + turn));
+    let positions = [(1.0, 0.0), (0.5, 0.0), (1.001, 0.5), (0.499, 0.5)].map(|(radius, turn)| circle(radius, turn));
+    let mut faces = Faces::default();
+    let ring = (0..sides).chain([0, sides]).chain((sides..2 * sides).rev());
+    faces.push(&ring.collect::<Vec<u32>>());
+    for first in [0, sides] {
+        (0..sides).for_each(|side| faces.push(&[first + (side + 1) % sides, first + side, first + side + 2 * sides]));
+    }
+    let mesh = PolygonMesh::of_one_part(Format::Obj, positions.into_iter().flatten().collect(), faces);
+    for clusters in [10, 100, 300] {
+        let energy = |algorithm| {
+            let parameters = Parameters { clusters: Some(clusters), algorithm, ..Parameters::default() };
+            run(&mesh, parameters).report.energy.final_.expect("finite")
+        };
+        let (flat, hierarchy) = (energy(Algorithm::Bb), energy(Algorithm::Hr));
+        assert!(flat <= 1.0001 * hierarchy, "{clusters}: {flat}, {hierarchy}");
+    }
+}
+
+#[test]
 fn a_small_detailed_mesh_on_a_huge_plane_is_clustered_as_well_as_alone() {
     let small = generate(Sample::Knot, 6000).expect("a sample");
     let plane = generate(Sample::Plane, 2000).expect("a sample");

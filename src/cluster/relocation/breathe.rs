@@ -5,7 +5,8 @@
 //! With f = 1/5 at first, clusters are split until there are (1 + f)·k, and merged until there are k
 //! ([`mod@super::resize`]); they settle, and swaps are made as long as they pay. If F is lower, the result is kept;
 //! otherwise, or where rounds did not suffice, it is discarded and f is halved. Where F is lower by less than a
-//! thousandth, f is multiplied by 0.7. It ends when f·k is less than 1.
+//! thousandth, f is multiplied by 0.7. It ends when f·k is less than 1. On uneven meshes f is [`LEAST`]/k at first, if
+//! that is more, but no more than 1.
 //!
 //! # Why
 //!
@@ -19,8 +20,19 @@ use crate::device::Cancel;
 use crate::energy::Functional;
 use crate::error::Result;
 
-/// f at first, in units of 2⁻³².
-pub const FIRST: u64 = (1 << 32) / 5;
+/// f = 1, in units of 2⁻³².
+const ONE: u64 = 1 << 32;
+
+/// f at first, on even meshes.
+const FIRST: u64 = ONE / 5;
+
+/// Clusters that the first breath makes on uneven meshes, at least.
+const LEAST: u64 = 20;
+
+/// f at first, in the unit of [`ONE`].
+pub fn first_depth(clusters: usize, is_uneven: bool) -> u64 {
+    if is_uneven { (LEAST * ONE / clusters as u64).clamp(FIRST, ONE) } else { FIRST }
+}
 
 /// Takes a breath, and keeps the result if that lowers F. Returns whether it does. `depth` is f, of the next breath
 /// then.

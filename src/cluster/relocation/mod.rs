@@ -14,10 +14,11 @@
 //! other lowers further.
 //!
 //! Quality `fast` only makes swaps. The default makes the starts of `fast` where a swap might pay, and the merged one
-//! if swaps lowered F by a thousandth. Trials and breaths follow then, and also where clusters have fewer than
-//! [`FEW_FACES`] *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². On
-//! small meshes they follow below [`MANY_FACES`], too, and up to [`FEW_CLUSTERS`], where the result of ACVD is another
-//! start. `best` goes on as long as F falls, and mixes in the results of cheaper jobs (around hubs not of `acvd`).
+//! if swaps lowered F by a thousandth, or the mesh is *uneven*: fewer than one face in [`UNEVEN`] is *effective*, which
+//! is as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². Trials and breaths follow then, and
+//! also where clusters have fewer than [`FEW_FACES`] effective faces. On small meshes they follow below [`MANY_FACES`],
+//! too, and up to [`FEW_CLUSTERS`], where the result of ACVD is another start. `best` goes on as long as F falls, and
+//! mixes in the results of cheaper jobs (around hubs not of `acvd`).
 //!
 //! Levels of hierarchies have two starts ([`Relocation::labels_from`]): their merges, and the settled one.
 //!
@@ -57,19 +58,24 @@ const FEW_FACES: usize = 20;
 /// The same on small meshes.
 const MANY_FACES: usize = 45;
 
+/// Where moves are free, meshes with fewer effective faces than one in this many are uneven: starts differ by more than
+/// swaps make up for.
+const UNEVEN: usize = 8;
+
 /// Meshes with no more faces than this are small.
 pub const SMALL: usize = 1 << 15;
 
 /// Up to this number of faces, all moves together take little time.
 const FEW_IN_ALL: usize = 1 << 12;
 
-/// Up to this number of clusters, the default mixes in the result of `acvd` on small meshes.
+/// Up to this number of clusters, the default mixes in the result of `acvd` on small meshes, and makes more turns on
+/// uneven ones.
 pub const FEW_CLUSTERS: usize = 32;
 
 /// Turns of a round of trials and a breath, unless all are made.
 const TURNS: usize = 2;
 
-/// The same on small meshes where [`Moves`] are free.
+/// The same on small meshes where [`Moves`] are free, and up to [`FEW_CLUSTERS`] on uneven ones.
 const MORE_TURNS: usize = 5;
 
 /// Rounds of trials before the results of cheaper jobs are mixed in, and the fewest where all are made.
@@ -108,13 +114,15 @@ impl<'a, E: Functional> Relocation<'a, E> {
         cheaper: impl Iterator<Item = Result<Vec<u32>>>,
         on_change: OnChange<'_>,
     ) -> Result<(Vec<u32>, Ending)> {
-        if self.quality != Quality::Best && self.no_swap_can_pay(&labels) {
+        let is_uneven = self.quality != Quality::Fast && self.is_uneven();
+        if self.quality != Quality::Best && !is_uneven && self.no_swap_can_pay(&labels) {
             return Ok((labels, Ending::Converged));
         }
         let (mut run, has_paid) = Improvement::after_swaps(self, labels, on_change)?;
+        let pays = has_paid || is_uneven;
         let clusters = run.best.clusters.count();
-        let tries_more = self.tries_more(clusters, has_paid);
-        if tries_more && has_paid {
+        let tries_more = self.tries_more(clusters, pays);
+        if tries_more && pays {
             let merge = if self.merges_groups() { grouping::merged } else { merging::merged };
             let merged = merge(self.graph, clusters, self.pairs, device, self.cancel)?;
             run.mix_in_start(Phase::MergedStart, merged)?;
@@ -190,15 +198,20 @@ impl<'a, E: Functional> Relocation<'a, E> {
         self.quality != Quality::Best && self.graph.moves == Moves::Connected && self.graph.faces() > SMALL
     }
 
-    /// Whether trials and breaths are worth it.
-    fn tries_more(&self, clusters: usize, has_paid: bool) -> bool {
+    /// Whether few faces make up most of the mesh.
+    fn is_uneven(&self) -> bool {
+        self.graph.moves == Moves::Free && effective_faces(self.graph) < self.graph.faces() / UNEVEN
+    }
+
+    /// Whether trials and breaths are worth it; `pays` where swaps were, or the mesh is uneven.
+    fn tries_more(&self, clusters: usize, pays: bool) -> bool {
         let is_small = self.graph.faces() <= SMALL;
         match self.quality {
             Quality::Fast => false,
             Quality::Default if is_small && clusters <= FEW_CLUSTERS => true,
-            Quality::Default if is_small => has_paid || effective_faces(self.graph) < MANY_FACES * clusters,
+            Quality::Default if is_small => pays || effective_faces(self.graph) < MANY_FACES * clusters,
             Quality::Best if is_small => true,
-            Quality::Default | Quality::Best => has_paid || effective_faces(self.graph) < FEW_FACES * clusters,
+            Quality::Default | Quality::Best => pays || effective_faces(self.graph) < FEW_FACES * clusters,
         }
     }
 }
@@ -275,14 +288,16 @@ impl<'r, 'a, E: Functional> Improvement<'r, 'a, E> {
 
     /// Trials and breaths, in turns, or each as long as F falls, but fewer on large meshes.
     fn relax_and_breathe(&mut self) -> Result<()> {
-        let graph = self.of.graph;
-        let (turns, rounds) = match self.of.quality {
+        let Relocation { graph, quality, .. } = *self.of;
+        let clusters = self.best.clusters.count();
+        let is_uneven = self.of.is_uneven();
+        let (turns, rounds) = match quality {
             Quality::Best => (1, (FACES_IN_ROUNDS / graph.faces()).clamp(TRIALS, MOST_ROUNDS)),
-            Quality::Default | Quality::Fast => {
-                (if graph.faces() <= SMALL && graph.moves == Moves::Free { MORE_TURNS } else { TURNS }, 1)
-            }
+            Quality::Default | Quality::Fast if graph.moves == Moves::Free && graph.faces() <= SMALL => (MORE_TURNS, 1),
+            Quality::Default | Quality::Fast if is_uneven && clusters <= FEW_CLUSTERS => (MORE_TURNS, 1),
+            Quality::Default | Quality::Fast => (TURNS, 1),
         };
-        let mut depth = breathe::FIRST;
+        let mut depth = breathe::first_depth(clusters, is_uneven);
         for _ in 0..turns {
             self.relax(rounds)?;
             for _ in 0..rounds {
