@@ -39,7 +39,7 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 # others (nice, so little that they do not starve beside busy processes) and compiles on all cores (without the flags by
 # which make limits cargo). The two that measure processor time run at the end, a core each. A suite that hangs fails
 # when its time has passed, with what it printed.
-SUITES := unit page farm python end-to-end lint fuzz bucket memory crash outputs deploy
+SUITES := unit page farm python end-to-end lint fuzz bucket memory crash outputs gpu-pages deploy
 MEASURES := page-times costs
 .PHONY: test
 test: install-test  ## install what is missing and check everything, on cpu and on a software gpu
@@ -69,6 +69,11 @@ lint: install-test bundle  ## formatting, clippy, documentation and choices of c
 unit: install-test bundle  ## the tests of the three crates
 	MAKEFLAGS= cargo test --locked $(FEATURES) --no-fail-fast
 	MAKEFLAGS= cargo test --locked $(FEATURES) --no-run --test costs
+
+.PHONY: gpu-pages
+gpu-pages: install-test bundle  ## buffers beyond the largest binding, on a software gpu that has arrays of bindings
+	driver=$$(tests/scripts/newer_mesa.sh $(TARGET)/mesa); if [ "$$driver" ]; then \
+		VK_DRIVER_FILES=$$driver MAKEFLAGS= cargo test --locked $(FEATURES) --test gpu pages::; fi
 
 .PHONY: test-long
 test-long: debug-binary  ## what `make test` has shorter runs of: choices of features, damaged and real meshes, devices, requests at random, memory, kills of services and farms

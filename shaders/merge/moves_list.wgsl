@@ -6,6 +6,7 @@
 
 fn moves_list(face: u32) {
     if label_at_merge[face] != labels[face] {
-        moves[atomicAdd(&stats[iteration.slot].entries, 1u)] = Move(face, label_at_merge[face], labels[face]);
+        let place = atomicAdd(&stats[iteration.slot].entries, 1u);
+        moves[place] = Move(face, label_at_merge[face], labels[face]);
     }
 }

@@ -172,8 +172,12 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// How many members differ in the source from the one before them along the curve; how many of these have its place on
-/// the lattice.
+/// Members in a row along the curve that are compared. The curve has upper bits only: members of several places that
+/// are close together mix.
+const ALIKE_AMONG: usize = 64;
+
+/// How many members differ in the source from the one before them, of [`ALIKE_AMONG`] along the curve in the order of
+/// their places on the lattice; how many of these have its place.
 fn alike<const D: usize>(set: &PointSet, members: &Members, points: &[[i32; D]], sorted: &[u32]) -> [usize; 2] {
     let differ = |a: u32, b: u32| {
         let [a, b] = [a, b].map(|member| members.item(member) as usize);
@@ -182,13 +186,20 @@ fn alike<const D: usize>(set: &PointSet, members: &Members, points: &[[i32; D]],
             (a - b).abs() > LEAST_DIFFERENCE * a.abs().max(b.abs())
         })
     };
-    let counts = parallel::ranges(sorted.len().saturating_sub(1), parallel::LEAST, &|range| {
-        range.fold([0, 0], |[differing, alike], at| {
-            let (a, b) = (sorted[at], sorted[at + 1]);
-            let is_alike = points[a as usize] == points[b as usize];
-            let differs = !is_alike || differ(a, b);
-            [differing + usize::from(differs), alike + usize::from(differs && is_alike)]
-        })
+    let rows: Vec<&[u32]> = sorted.chunks(ALIKE_AMONG).collect();
+    let counts = parallel::ranges(rows.len(), parallel::LEAST / ALIKE_AMONG, &|range| {
+        let (mut differing, mut alike) = (0, 0);
+        for row in &rows[range] {
+            let mut row = row.to_vec();
+            row.sort_by_key(|&member| points[member as usize]);
+            for pair in row.windows(2) {
+                let is_alike = points[pair[0] as usize] == points[pair[1] as usize];
+                let differs = !is_alike || differ(pair[0], pair[1]);
+                differing += usize::from(differs);
+                alike += usize::from(differs && is_alike);
+            }
+        }
+        [differing, alike]
     });
     counts.into_iter().fold([0, 0], |a, b| [a[0] + b[0], a[1] + b[1]])
 }

@@ -333,6 +333,10 @@ fn items_that_an_outlier_makes_alike_are_named_whatever_repeats_there_are() {
         let mask = Some((0..20_000).map(|at| at != 7).collect());
         assert!(!is_warned(&PointSet { mask, ..set(-1e30) }), "it takes no part");
     }
+    // items of nine places, which mix along the curve
+    let square = |at: u32| [at * 7919 % 2000, at * 6367 % 1999].map(|place| f64::from(place) / 2000.0);
+    let beside = |far: f64| (0..2000).flat_map(square).chain([far, far]).collect();
+    assert!(!is_warned(&table(2, beside(1e3), 8)) && is_warned(&table(2, beside(1e8), 8)));
     // equal items, but for what arithmetic on them adds
     let noise = |at: u32| f64::from(at % 3) * (1.0 + f64::EPSILON * f64::from(at % 5));
     assert!(!is_warned(&table(1, (0..300).map(noise).collect(), 2)));

@@ -30,11 +30,11 @@ pub struct AdapterReport {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 pub struct LargestMeshes {
     /// Flat clusterings into a quarter as many clusters.
-    #[schema(example = 134_217_726)]
+    #[schema(example = 1_073_741_823_u64)]
     pub flat: u64,
     /// Parallel hierarchies that are optimised once clusters have four faces on average, as they are by default; others
     /// may have a quarter of the faces.
-    #[schema(example = 134_217_726)]
+    #[schema(example = 1_073_741_823_u64)]
     pub hierarchy: u64,
 }
 

@@ -74,6 +74,11 @@ pub fn device_with(overrides: Overrides) -> GpuDevice {
     GpuDevice::with_overrides(&adapter(), overrides).expect("the adapter opens")
 }
 
+/// The largest binding has so many bytes, and no buffer more.
+pub fn without_pages(bytes: u64) -> Overrides {
+    Overrides { binding_size: Some(bytes), without_pages: true, ..Overrides::default() }
+}
+
 pub fn tuned(tuning: Tuning) -> GpuDevice {
     device_with(Overrides { tuning, ..Overrides::default() })
 }

@@ -18,7 +18,7 @@ use tesserae_mesh::parameters::Seeds;
 use tesserae_mesh::surface::{Surface, Wanted, WantedFeatures};
 
 /// Compares a run on both devices.
-fn compare(
+pub fn compare(
     gpu: &mut GpuDevice,
     context: &str,
     surface: &Surface,

@@ -1,7 +1,7 @@
 //! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and
 //! the device works again afterwards.
 
-use crate::common::gpu::{ALL, adapter, device, device_with, opened, run, seeds};
+use crate::common::gpu::{ALL, adapter, device, device_with, opened, run, seeds, without_pages};
 use tesserae_mesh::Kind;
 use tesserae_mesh::cluster::seeds::SeedFaces;
 use tesserae_mesh::dev::sample::{Sample, generate};
@@ -41,7 +41,7 @@ fn a_mesh_over_the_limit_of_a_binding_is_refused_with_both_sizes() {
     let needed = 16 * surface.faces() as u64 + 4;
     assert_eq!(surface.neighbours.items.len(), 3 * surface.faces());
     let with_limit = |bytes| {
-        let mut device = device_with(Overrides { binding_size: Some(bytes), ..Overrides::default() });
+        let mut device = device_with(without_pages(bytes));
         run(&mut device, &surface, &seeds, ALL)
     };
     let error = with_limit(needed - 1).expect_err("one byte too many");
@@ -220,7 +220,7 @@ fn the_cpu_clusters_what_is_too_large_for_the_gpu_of_auto_or_came_back_wrong_and
         job::run_on(device, Some(Ok(Box::new(gpu))), &prepared, &Cancel::default(), &mut |_| {})
     };
     // enough for the self-test
-    let narrow = || device_with(Overrides { binding_size: Some(60_000), ..Overrides::default() });
+    let narrow = || device_with(without_pages(60_000));
     let wrong = || {
         let mut gpu = opened();
         gpu.inject(Fault::Miscompute(FaultPoint::Labels));

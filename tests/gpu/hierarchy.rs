@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::common::gpu::{ALL, adapter, device, device_with, numbers, run as run_flat, seeds, surface};
+use crate::common::gpu::{ALL, adapter, device, device_with, numbers, run as run_flat, seeds, surface, without_pages};
 use crate::common::{pml, zoo};
 use tesserae_mesh::Kind;
 use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, RoundRow, hierarchical};
@@ -28,7 +28,7 @@ fn ml() -> Options {
 
 /// Everything that a run says; equal means equal to the last bit of every energy.
 #[derive(Debug, PartialEq)]
-struct Outcome {
+pub struct Outcome {
     tree: Tree,
     labels: Vec<u32>,
     rows: Vec<Row>,
@@ -44,7 +44,7 @@ fn run(device: &mut dyn Device, surface: &Surface, options: &Options) -> Result<
 }
 
 /// Runs on both devices; the outcome when they agree.
-fn compare(gpu: &mut GpuDevice, context: &str, surface: &Surface, options: &Options) -> Outcome {
+pub fn compare(gpu: &mut GpuDevice, context: &str, surface: &Surface, options: &Options) -> Outcome {
     let cpu_run = run(&mut CpuDevice::new(), surface, options).expect("the cpu runs");
     let gpu_run = run(gpu, surface, options).expect("the gpu runs");
     // the first difference tells more than two whole trees
@@ -355,13 +355,13 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
     }
     // a cluster a face, of which the sums are too large
     let needed = 52 * large.faces() as u64;
-    let mut small = device_with(Overrides { binding_size: Some(needed - 1), ..Overrides::default() });
+    let mut small = device_with(without_pages(needed - 1));
     let error = run(&mut small, &large, &Options { optimise: false, ..pml() }).expect_err("one byte too many");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
     assert!(error.message.contains(&needed.to_string()), "{error}");
     // a cluster for 4 faces when the first round is optimised
     let needed = 4 * (large.faces() + 1 + large.neighbours.items.len()) as u64;
-    let mut small = device_with(Overrides { binding_size: Some(needed), ..Overrides::default() });
+    let mut small = device_with(without_pages(needed));
     let late = Options { optimised_from: 4, ..pml() };
     compare(&mut small, "knot", &large, &late);
     // a level at which too many are left is refused before the first round

@@ -10,5 +10,6 @@ mod equals_cpu;
 mod failures;
 mod hierarchy;
 mod oracle;
+mod pages;
 mod shader_layout;
 mod shapes;

@@ -10,6 +10,7 @@ use tesserae_mesh::device::ShapeWords;
 use tesserae_mesh::device::gpu::Tuning;
 use tesserae_mesh::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
 use tesserae_mesh::device::gpu::layout::{self, Iteration};
+use tesserae_mesh::device::gpu::pages::{Bindings, MOST_PAGES};
 use tesserae_mesh::device::gpu::shapes;
 use tesserae_mesh::energy::shared::{Layout, Struct};
 
@@ -23,14 +24,16 @@ fn parse(kernel: &Kernel, source: &str) -> (Module, ModuleInfo) {
 fn parse_text(name: &str, source: &str) -> (Module, ModuleInfo) {
     let module =
         naga::front::wgsl::parse_str(source).unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(source)));
-    let info = Validator::new(ValidationFlags::all(), Capabilities::SHADER_INT64)
+    let pages =
+        Capabilities::STORAGE_BUFFER_BINDING_ARRAY | Capabilities::STORAGE_BUFFER_BINDING_ARRAY_NON_UNIFORM_INDEXING;
+    let info = Validator::new(ValidationFlags::all(), Capabilities::SHADER_INT64 | pages)
         .validate(&module)
         .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(source)));
     (module, info)
 }
 
-/// A binding: index, name, whether it is written (none for a uniform), bytes of an element.
-type Declared = (u32, String, Option<bool>, u32);
+/// A binding: group and index, name, whether it is written (none for a uniform), bytes of an element.
+type Declared = ((u32, u32), String, Option<bool>, u32);
 
 /// The bindings that the entry point uses.
 fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
@@ -49,8 +52,8 @@ fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
         };
         // entry points of one thread may do without the uniform
         if is_written.is_none() || !uses.is_empty() {
-            let place = variable.binding.as_ref().expect("a binding").binding;
-            found.push((place, variable.name.clone().expect("a name"), is_written, stride));
+            let place = variable.binding.as_ref().expect("a binding");
+            found.push(((place.group, place.binding), variable.name.clone().expect("a name"), is_written, stride));
         }
     }
     found.sort_by_key(|found| found.0);
@@ -59,10 +62,10 @@ fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
 
 /// Compares what a module for so many axes uses with the buffers that are bound.
 fn check_bindings((module, info): &(Module, ModuleInfo), bound: &[Binding], axes: usize) -> Result<(), String> {
-    let uniform = (0, "iteration".to_owned(), None, size_of::<Iteration>() as u32);
-    let storage = (1..).zip(bound).map(|(at, binding)| {
+    let uniform = ((0, 0), "iteration".to_owned(), None, size_of::<Iteration>() as u32);
+    let storage = (0..).zip(bound).map(|(at, binding)| {
         let spec = binding.buffer.spec();
-        (at, spec.name.to_owned(), Some(binding.is_written), (spec.stride)(axes) as u32)
+        ((1, at), spec.name.to_owned(), Some(binding.is_written), spec.bytes_of(1, axes) as u32)
     });
     let expected: Vec<Declared> = std::iter::once(uniform).chain(storage).collect();
     let found = used(module, info);
@@ -92,7 +95,7 @@ fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
     for kernel in KERNELS {
         let bound = kernel.bindings();
         for axes in AXES {
-            let parsed = parse(kernel, &kernel.source(&Tuning::default(), axes));
+            let parsed = parse(kernel, &kernel.source(&Tuning::default(), axes, None));
             check_bindings(&parsed, &bound, axes).unwrap_or_else(|error| panic!("{}: {error}", kernel.name));
             let constants: Vec<_> =
                 parsed.0.overrides.iter().filter_map(|(_, constant)| constant.name.as_deref()).collect();
@@ -110,9 +113,25 @@ fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
 }
 
 #[test]
+fn every_shader_is_valid_for_buffers_in_pages_and_writes_no_atomic_twice() {
+    let pages = Bindings { bytes: (1 << 31) - 1, pages: MOST_PAGES as u64 };
+    for (kernel, axes) in KERNELS.iter().flat_map(|kernel| AXES.map(|axes| (kernel, axes))) {
+        let [whole, paged] = [None, Some(&pages)].map(|pages| kernel.source(&Tuning::default(), axes, pages));
+        let names = |source| {
+            let (module, info) = parse(kernel, source);
+            used(&module, &info).into_iter().map(|(place, name, is_written, _)| (place, name, is_written))
+        };
+        assert!(names(&paged).eq(names(&whole)), "{}", kernel.name);
+        // an index is written twice, so it must have no effects
+        let atomics = |source: &str| source.matches("atomic").count();
+        assert_eq!(atomics(&paged), atomics(&whole), "{}", kernel.name);
+    }
+}
+
+#[test]
 fn structs_have_the_same_layout_on_both_sides() {
     for axes in AXES {
-        let (module, _) = parse(KERNELS[0], &KERNELS[0].source(&Tuning::default(), axes));
+        let (module, _) = parse(KERNELS[0], &KERNELS[0].source(&Tuning::default(), axes, None));
         for expected in layout::structs() {
             assert_eq!(check_struct(&module, expected, axes), Ok(()), "{axes} axes");
         }
@@ -177,7 +196,7 @@ fn the_rust_twin_that_a_kernel_names_exists() {
 
 #[test]
 fn the_comparison_notices_differences() {
-    let source = |kernel: &Kernel| kernel.source(&Tuning::default(), 3);
+    let source = |kernel: &Kernel| kernel.source(&Tuning::default(), 3, None);
     let mut swaps = 0;
     for kernel in KERNELS {
         let parsed = parse(kernel, &source(kernel));

@@ -2,7 +2,8 @@
 
 use super::Tuning;
 use super::buffers::Sizes;
-use super::kernels::{KERNELS, needed};
+use super::kernels::{self, KERNELS, needed};
+use super::pages::Bindings;
 use crate::device::adapter::{AdapterKind, AdapterReport, LargestMeshes};
 use crate::surface::MOST_FACES;
 
@@ -24,6 +25,18 @@ pub struct Found {
     /// What is said about it.
     pub report: AdapterReport,
     pub(super) adapter: wgpu::Adapter,
+}
+
+impl Found {
+    /// Whether buffers beyond its largest binding can have [`super::pages`].
+    pub fn has_pages(&self) -> bool {
+        bindings(&self.adapter).pages > 1
+    }
+}
+
+/// What an adapter binds.
+fn bindings(adapter: &wgpu::Adapter) -> Bindings {
+    Bindings::new(adapter.features(), &adapter.limits(), kernels::most_bound())
 }
 
 /// Looks for adapters. This loads the drivers, which takes 20 to 370 ms.
@@ -56,7 +69,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
         usable: reason.is_none(),
         reason,
-        largest: largest_meshes(&limits),
+        largest: largest_meshes(&bindings(adapter)),
     }
 }
 
@@ -65,10 +78,10 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
 pub(super) const FACES_A_CLUSTER: u64 = 4;
 
 /// The largest closed triangle meshes, by the sizes of their buffers.
-pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
+pub(super) fn largest_meshes(bindings: &Bindings) -> LargestMeshes {
     let [flat, hierarchy] = [false, true].map(|is_merging| {
         let needed = needed(is_merging);
-        let fits = |faces: u64| Sizes::of(3, faces, (faces / FACES_A_CLUSTER).max(1)).fit(&needed, limits);
+        let fits = |faces: u64| bindings.hold(&needed, &Sizes::of(3, faces, (faces / FACES_A_CLUSTER).max(1)));
         let (mut least, mut beyond) = (0, MOST_FACES as u64 + 1);
         while beyond - least > 1 {
             let middle = least.midpoint(beyond);

@@ -31,12 +31,6 @@ impl Sizes {
     pub fn of(axes: usize, faces: u64, clusters: u64) -> Self {
         Self { axes, faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) }
     }
-
-    /// Whether an adapter with these limits can bind buffers of these sizes.
-    pub fn fit(&self, needed: &[Buffer], limits: &wgpu::Limits) -> bool {
-        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        needed.iter().all(|buffer| buffer.spec().bytes(self) <= most)
-    }
 }
 
 /// A row of the table.
@@ -46,16 +40,30 @@ pub struct Spec {
     pub name: &'static str,
     /// Its type in kernels that write it; those that only read it see no atomics.
     pub wgsl: &'static str,
-    /// Bytes of an item for points of so many axes; of the whole struct for [`Buffer::BoundaryList`] with one entry.
+    /// The member that has the items, if the type is a struct.
+    pub member: Option<&'static str>,
+    /// Bytes before the items.
+    pub head: usize,
+    /// Bytes of an item for points of so many axes.
     pub stride: fn(usize) -> usize,
     /// Items of the buffer.
     items: fn(&Sizes) -> u64,
 }
 
 impl Spec {
-    /// Bytes of the buffer; those of one item at least.
+    /// Items of the buffer; one at least.
+    pub fn items(&self, sizes: &Sizes) -> u64 {
+        (self.items)(sizes).max(1)
+    }
+
+    /// Bytes of so many items.
+    pub fn bytes_of(&self, items: u64, axes: usize) -> u64 {
+        self.head as u64 + items * (self.stride)(axes) as u64
+    }
+
+    /// Bytes of the buffer.
     pub fn bytes(&self, sizes: &Sizes) -> u64 {
-        (self.items)(sizes).max(1) * (self.stride)(sizes.axes) as u64
+        self.bytes_of(self.items(sizes), sizes.axes)
     }
 }
 
@@ -65,7 +73,11 @@ fn of<T>(_: usize) -> usize {
 }
 
 macro_rules! buffers {
-    ($($(#[$doc:meta])* $variant:ident = $name:literal: $wgsl:literal, $stride:expr, $items:expr;)*) => {
+    ($(
+        $(#[$doc:meta])*
+        $variant:ident = $name:literal: $wgsl:literal
+            $(($member:literal behind $head:expr))?, $stride:expr, $items:expr;
+    )*) => {
         /// A storage buffer.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Buffer { $($(#[$doc])* $variant,)* }
@@ -77,7 +89,14 @@ macro_rules! buffers {
             /// Its row.
             pub fn spec(self) -> Spec {
                 match self {
-                    $(Self::$variant => Spec { name: $name, wgsl: $wgsl, stride: $stride, items: $items },)*
+                    $(Self::$variant => Spec {
+                        name: $name,
+                        wgsl: $wgsl,
+                        member: [$(Some($member),)? None][0],
+                        head: [$($head,)? 0][0],
+                        stride: $stride,
+                        items: $items,
+                    },)*
                 }
             }
         }
@@ -107,10 +126,8 @@ buffers! {
     /// The label of each face after the last merge, or that it is not listed.
     LabelAtMerge = "label_at_merge": "array<atomic<u32>>", of::<u32>, |sizes| sizes.faces;
     /// Boundary faces.
-    BoundaryList = "boundary_list": "BoundaryList", of::<layout::BoundaryList>, |sizes| {
-        let head = offset_of!(layout::BoundaryList, entries) as u64;
-        (head + 8 * sizes.faces).div_ceil(size_of::<layout::BoundaryList>() as u64)
-    };
+    BoundaryList = "boundary_list": "BoundaryList" ("entries" behind offset_of!(layout::BoundaryList, entries)),
+        of::<u32>, |sizes| 2 * sizes.faces;
     /// The clusters that are left; the host writes them.
     LivingClusters = "living_clusters": "array<u32>", of::<u32>, |sizes| sizes.clusters;
     /// Sums of each cluster.

@@ -14,8 +14,9 @@ use bytemuck::pod_collect_to_vec;
 
 use super::adapter::Found;
 use super::clock::{self, Clock};
-use super::kernels::{KERNELS, Kernel};
-use super::pipeline::{Compiled, compile};
+use super::kernels::{self, KERNELS, Kernel};
+use super::pages::{self, Bindings};
+use super::pipeline::{Compiled, compile, iteration_layout};
 use super::{Fault, FaultPoint, Overrides, Tuning, lock};
 use crate::device::adapter::AdapterKind;
 use crate::device::{KernelWork, Profile};
@@ -32,16 +33,20 @@ pub(super) struct Connection {
     pub(super) queue: wgpu::Queue,
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
+    /// What it binds.
+    pub(super) bindings: Bindings,
+    /// The layout of what all kernels bind.
+    pub(super) iteration_layout: wgpu::BindGroupLayout,
     /// From [`Overrides`].
     pub(super) tuning: Tuning,
     /// Whether the adapter is a driver that computes on the cpu.
     pub(super) is_software: bool,
     /// Whether chains of kernels are used: they have more storage buffers than portable devices bind.
     pub(super) has_chains: bool,
-    /// Compiled kernels, by name and number of axes.
-    pub(super) pipelines: Mutex<HashMap<(&'static str, usize), Compiled>>,
-    /// What the self-test of the kernels for each number of axes ended with.
-    pub(super) tested: Mutex<HashMap<usize, Result<()>>>,
+    /// Compiled kernels, by name, number of axes, and whether buffers have pages.
+    pub(super) pipelines: Mutex<HashMap<(&'static str, usize, bool), Compiled>>,
+    /// What the self-test of the kernels ended with, by number of axes, and whether buffers have pages.
+    pub(super) tested: Mutex<HashMap<(usize, bool), Result<()>>>,
     /// Name of the adapter.
     pub(super) name: String,
     /// What surfaces are uploaded through.
@@ -84,11 +89,13 @@ impl Connection {
     pub(super) fn open(found: &Found, overrides: Overrides) -> Result<Self> {
         let name = found.report.name.clone();
         let mut limits = found.adapter.limits();
-        const NONE: wgpu::Features = wgpu::Features::empty();
         let is_timed = overrides.timed && found.adapter.features().contains(clock::FEATURES);
+        let mut features = wgpu::Features::SHADER_INT64;
+        features.set(clock::FEATURES, is_timed);
+        features.set(pages::FEATURES, found.adapter.features().contains(pages::FEATURES) && !overrides.without_pages);
         let request = found.adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("tesserae"),
-            required_features: wgpu::Features::SHADER_INT64 | if is_timed { clock::FEATURES } else { NONE },
+            required_features: features,
             required_limits: limits.clone(),
             ..Default::default()
         });
@@ -118,10 +125,14 @@ impl Connection {
         let binds = |kernel: &&Kernel| kernel.bindings().len() as u32 <= limits.max_storage_buffers_per_shader_stage;
         let has_chains = KERNELS.iter().all(binds);
         let clock = is_timed.then(|| Clock::new(&device, &queue));
+        let bindings = Bindings::new(features, &limits, kernels::most_bound());
+        let iteration_layout = iteration_layout(&device);
         Ok(Self {
             device,
             queue,
             limits,
+            bindings,
+            iteration_layout,
             tuning: overrides.tuning,
             is_software: found.report.kind == AdapterKind::Software,
             has_chains,
@@ -137,20 +148,25 @@ impl Connection {
     }
 
     /// Compiles all kernels for points of so many axes, several at a time.
-    pub(super) fn compile(&self, axes: usize) -> Result<()> {
+    pub(super) fn compile(&self, axes: usize, is_paged: bool) -> Result<()> {
         let used = |kernel: &&Kernel| self.has_chains || !kernel.needs_many_buffers();
         let used: Vec<&Kernel> = KERNELS.iter().copied().filter(used).collect();
         let compiled = parallel::map(used.len(), 1, |kernel| {
-            ((used[kernel].name, axes), compile(&self.device, used[kernel], &self.tuning, axes))
+            ((used[kernel].name, axes, is_paged), self.compiled(used[kernel], axes, is_paged))
         });
         lock(&self.pipelines).extend(compiled);
         self.check()
     }
 
     /// A kernel for points of so many axes.
-    pub(super) fn pipeline(&self, kernel: &Kernel, axes: usize) -> Compiled {
-        let compiled = || compile(&self.device, kernel, &self.tuning, axes);
-        lock(&self.pipelines).entry((kernel.name, axes)).or_insert_with(compiled).clone()
+    pub(super) fn pipeline(&self, kernel: &Kernel, axes: usize, is_paged: bool) -> Compiled {
+        let compiled = || self.compiled(kernel, axes, is_paged);
+        lock(&self.pipelines).entry((kernel.name, axes, is_paged)).or_insert_with(compiled).clone()
+    }
+
+    fn compiled(&self, kernel: &Kernel, axes: usize, is_paged: bool) -> Compiled {
+        let pages = is_paged.then_some(&self.bindings);
+        compile((&self.device, &self.iteration_layout), kernel, &self.tuning, axes, pages)
     }
 
     /// Begins a pass, timed if there is a clock.

@@ -22,6 +22,7 @@ use super::Tuning;
 use super::axes::written_out;
 use super::buffers::{Buffer, Spec};
 use super::layout::{self, Iteration, IterationStats};
+use super::pages::{self, Bindings};
 use crate::device::KernelWork;
 use crate::energy::words;
 
@@ -126,18 +127,29 @@ impl Part {
 }
 
 impl Kernel {
-    /// All of its WGSL, for points of so many axes.
-    pub fn source(&self, tuning: &Tuning, axes: usize) -> String {
-        let mut source = layout::wgsl(tuning, axes);
-        source.push_str("@group(0) @binding(0) var<uniform> iteration: Iteration;\n");
-        for (place, Binding { buffer, is_written }) in (1..).zip(self.bindings()) {
-            let Spec { name, wgsl: ty, .. } = buffer.spec();
-            let (access, ty) =
+    /// All of its WGSL, for points of so many axes; with `pages`, for buffers in pages.
+    pub fn source(&self, tuning: &Tuning, axes: usize, pages: Option<&Bindings>) -> String {
+        let mut declared = layout::wgsl(tuning, axes);
+        declared.push_str("@group(0) @binding(0) var<uniform> iteration: Iteration;\n");
+        for (place, Binding { buffer, is_written }) in (0..).zip(self.bindings()) {
+            let spec @ Spec { name, wgsl: ty, .. } = buffer.spec();
+            let (access, mut ty) =
                 if is_written { ("read_write", ty.to_owned()) } else { ("read", ty.replace("atomic<u32>", "u32")) };
-            source.push_str(&format!("@group(0) @binding({place}) var<storage, {access}> {name}: {ty};\n"));
+            if pages.is_some() {
+                let (page, of_pages) = pages::declared(&spec, &ty);
+                declared.push_str(&page);
+                ty = of_pages;
+            }
+            declared.push_str(&format!("@group(1) @binding({place}) var<storage, {access}> {name}: {ty};\n"));
         }
-        let mut used = Vec::new();
+        let (mut used, mut source) = (Vec::new(), String::new());
         self.parts.iter().for_each(|part| splice((part.function(), part.wgsl), &mut used, &mut source));
+        if let Some(bindings) = pages {
+            declared.insert_str(0, pages::ENABLE);
+            for spec in self.bindings().iter().map(|binding| binding.buffer.spec()) {
+                source = pages::paged(&source, &spec, bindings.page(&spec, axes));
+            }
+        }
         // one barrier for storage, one for memory of the workgroup
         let barriers = "    storageBarrier();\n    workgroupBarrier();\n";
         let mut calls = self.parts.iter().map(Part::call).collect::<Vec<_>>().join(barriers);
@@ -152,7 +164,7 @@ impl Kernel {
              let first = group.x * WORKGROUP + local;\n    let stride = groups.x * WORKGROUP;\n{}}}\n",
             tuning.workgroup, calls,
         ));
-        written_out(&source, axes, words::sums(axes))
+        written_out(&(declared + &source), axes, words::sums(axes))
     }
 
     /// What it does in an iteration; of a chain, the items are those of the first part.
@@ -185,7 +197,7 @@ impl Kernel {
         self.parts.len() > 1
     }
 
-    /// The buffers of bindings 1, 2, …; binding 0 is the [`Iteration`].
+    /// The buffers of the bindings of group 1; group 0 has the [`Iteration`].
     pub fn bindings(&self) -> Vec<Binding> {
         let mut all: Vec<Binding> = Vec::new();
         let keys = [("reads", false), ("writes", true)];
@@ -207,6 +219,11 @@ impl Kernel {
 pub fn needed(is_merging: bool) -> Vec<Buffer> {
     let kernels = KERNELS.iter().filter(|kernel| is_merging || !kernel.is_merging());
     kernels.flat_map(|kernel| kernel.bindings()).map(|binding| binding.buffer).collect()
+}
+
+/// The most storage buffers that a kernel binds.
+pub fn most_bound() -> usize {
+    KERNELS.iter().map(|kernel| kernel.bindings().len()).max().unwrap_or(0)
 }
 
 /// The names that the first lines of a WGSL text have under a key.

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use bytemuck::Zeroable;
 
@@ -10,6 +11,8 @@ use super::buffers::{BATCH, Buffer, Sizes};
 use super::connection::Connection;
 use super::kernels::{self, Items, Kernel};
 use super::layout::{Iteration, IterationStats};
+use super::pages::Pages;
+use super::prepare;
 use super::upload::{upload, upload_graph};
 use crate::device::KernelWork;
 use crate::device::dual_edge::Ties;
@@ -56,9 +59,13 @@ impl Numbers {
 #[derive(Debug)]
 pub(super) struct SurfaceMemory {
     /// By number of the [`Buffer`].
-    storage: Vec<wgpu::Buffer>,
+    storage: Vec<Pages>,
+    /// Whether these have pages.
+    is_paged: bool,
     /// What kernels see before a batch, between batches, and in each iteration: a uniform, at different offsets.
     iterations: wgpu::Buffer,
+    /// The same, as kernels bind it.
+    iteration_group: wgpu::BindGroup,
     /// Bytes from one of those to the next.
     stride: u32,
     /// What all iterations have in common.
@@ -75,8 +82,14 @@ pub(super) struct SurfaceMemory {
 
 impl SurfaceMemory {
     /// Uploads a surface, without clusters and labels. Errors: the surface exceeds a limit of the device
-    /// ([`DeviceUnsuitable`](crate::Kind)), or there is no memory for it ([`DeviceLost`](crate::Kind)).
-    pub(super) fn new<E: Words>(connection: &Connection, graph: &DualGraph<E>, is_merging: bool) -> Result<Self> {
+    /// ([`DeviceUnsuitable`](crate::Kind)), or there is no memory for it ([`DeviceLost`](crate::Kind)). With `is_paged`
+    /// buffers have pages in any case, and kernels with pages must be compiled.
+    pub(super) fn new<E: Words>(
+        connection: &Arc<Connection>,
+        graph: &DualGraph<E>,
+        is_merging: bool,
+        is_paged: bool,
+    ) -> Result<Self> {
         check_counts(connection, graph)?;
         let sizes = Sizes {
             axes: E::AXES,
@@ -86,18 +99,25 @@ impl SurfaceMemory {
             face_groups: graph.faces().div_ceil(connection.tuning.workgroup as usize) as u64,
         };
         connection.reach(FaultPoint::Upload);
-        let needed = kernels::needed(is_merging);
-        let create = |&buffer: &Buffer| storage(connection, buffer.spec().name, bytes_of(buffer, &needed, &sizes));
-        let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
         let stride =
             (size_of::<Iteration>() as u32).next_multiple_of(connection.limits.min_uniform_buffer_offset_alignment);
         let bytes = u64::from(ENTRIES) * u64::from(stride);
         let iterations =
             connection.buffer("iterations", bytes, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
         let common = Iteration { faces: sizes.faces as u32, ..Iteration::zeroed() };
-        let (listed, bound) = (common.faces, RefCell::default());
-        let memory = Self { storage, iterations, stride, common, sizes, is_merging, listed, bound };
-        upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
+        let mut memory = Self {
+            storage: Vec::new(),
+            is_paged,
+            iteration_group: iteration_group(connection, &iterations),
+            iterations,
+            stride,
+            common,
+            sizes,
+            is_merging,
+            listed: common.faces,
+            bound: RefCell::default(),
+        };
+        memory.allocate(connection, graph, sizes)?;
         connection.check()?;
         Ok(memory)
     }
@@ -106,7 +126,7 @@ impl SurfaceMemory {
     /// Errors as of [`new`](Self::new).
     pub(super) fn set_clusters<E: Words>(
         &mut self,
-        connection: &Connection,
+        connection: &Arc<Connection>,
         graph: &DualGraph<E>,
         numbers: &[u32],
         component_of_cluster: &[u32],
@@ -114,15 +134,7 @@ impl SurfaceMemory {
         let proxies = proxies(graph, component_of_cluster)?;
         let clusters = numbers.len() as u64;
         if clusters > self.sizes.clusters {
-            self.bound.get_mut().clear();
-            let (sizes, needed) = (Sizes { clusters, ..self.sizes }, kernels::needed(self.is_merging));
-            for (&buffer, of_buffer) in Buffer::ALL.iter().zip(&mut self.storage) {
-                let bytes = bytes_of(buffer, &needed, &sizes);
-                if bytes != of_buffer.size() {
-                    *of_buffer = storage(connection, buffer.spec().name, bytes)?;
-                }
-            }
-            self.sizes = sizes;
+            self.allocate(connection, graph, Sizes { clusters, ..self.sizes })?;
         }
         upload(connection, self.get(Buffer::Proxies), &proxies);
         if self.is_merging {
@@ -131,14 +143,55 @@ impl SurfaceMemory {
         connection.check()
     }
 
+    /// Creates the buffers whose sizes have changed: all of them, and uploads the graph, for a new surface and where
+    /// the first of them exceeds a binding.
+    fn allocate<E: Words>(&mut self, connection: &Arc<Connection>, graph: &DualGraph<E>, sizes: Sizes) -> Result<()> {
+        let needed = kernels::needed(self.is_merging);
+        let bindings = connection.bindings;
+        if !bindings.hold_whole(&needed, &sizes) && !self.is_paged && bindings.pages > 1 {
+            prepare::<E>(connection, true)?;
+            self.is_paged = true;
+            self.storage.clear();
+        }
+        self.bound.get_mut().clear();
+        self.sizes = sizes;
+        let is_new = self.storage.is_empty();
+        for &buffer in Buffer::ALL {
+            let items = items_of(buffer, &needed, &sizes);
+            let bytes = self.bytes_of_pages(connection, buffer, items)?;
+            let create = |bytes: &u64| storage(connection, buffer.spec().name, *bytes);
+            if is_new {
+                self.storage.push(Pages::new(bytes.iter().map(create).collect::<Result<_>>()?));
+            } else if bytes.iter().sum::<u64>() != self.storage[buffer as usize].bytes() {
+                self.storage[buffer as usize] = Pages::new(bytes.iter().map(create).collect::<Result<_>>()?);
+            }
+        }
+        if is_new {
+            upload_graph(connection, graph, self.get(Buffer::Faces), self.get(Buffer::Neighbours))?;
+        }
+        Ok(())
+    }
+
+    /// Bytes of each page of a buffer of so many items. Refuses more pages than a kernel binds.
+    fn bytes_of_pages(&self, connection: &Connection, buffer: Buffer, items: u64) -> Result<Vec<u64>> {
+        let (spec, axes) = (buffer.spec(), self.sizes.axes);
+        let page = if self.is_paged { connection.bindings.page(&spec, axes) } else { items };
+        let pages = items.div_ceil(page);
+        if self.is_paged && pages > connection.bindings.pages {
+            let most = connection.bindings.pages * page * (spec.stride)(axes) as u64;
+            return Err(too_large(connection, spec.name, most, spec.bytes_of(items, axes)));
+        }
+        Ok((0..pages).map(|at| spec.bytes_of(page.min(items - at * page), axes)).collect())
+    }
+
     /// A storage buffer.
-    pub(super) fn get(&self, buffer: Buffer) -> &wgpu::Buffer {
+    pub(super) fn get(&self, buffer: Buffer) -> &Pages {
         &self.storage[buffer.memory() as usize]
     }
 
     /// Items that a buffer has room for.
     pub(super) fn capacity(&self, buffer: Buffer) -> usize {
-        self.get(buffer).size() as usize / (buffer.spec().stride)(self.sizes.axes)
+        self.get(buffer).bytes() as usize / (buffer.spec().stride)(self.sizes.axes)
     }
 
     /// Number of faces.
@@ -200,7 +253,8 @@ impl SurfaceMemory {
             slot => slot + 2,
         };
         pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &*bind_group, &[place * self.stride]);
+        pass.set_bind_group(0, &self.iteration_group, &[place * self.stride]);
+        pass.set_bind_group(1, &*bind_group, &[]);
         pass.dispatch_workgroups(self.groups(connection, kernel), 1, 1);
     }
 
@@ -224,22 +278,32 @@ impl SurfaceMemory {
     }
 
     fn bind(&self, connection: &Connection, kernel: &Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroup) {
-        let iteration = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-            buffer: &self.iterations,
-            offset: 0,
-            size: wgpu::BufferSize::new(size_of::<Iteration>() as u64),
-        });
         let bindings = kernel.bindings();
-        let storage = bindings.iter().map(|binding| self.get(binding.buffer).as_entire_binding());
-        let (layout, pipeline) = connection.pipeline(kernel, self.sizes.axes);
-        (pipeline, connection.bind_group(kernel.name, &layout, std::iter::once(iteration).chain(storage)))
+        let bound = bindings.iter().map(|binding| self.get(binding.buffer).bound(self.is_paged));
+        let bound: Vec<Vec<_>> = bound.collect();
+        let resources = bound.iter().map(|pages| match &pages[..] {
+            [whole] => wgpu::BindingResource::Buffer(whole.clone()),
+            pages => wgpu::BindingResource::BufferArray(pages),
+        });
+        let (layout, pipeline) = connection.pipeline(kernel, self.sizes.axes, self.is_paged);
+        (pipeline, connection.bind_group(kernel.name, &layout, resources))
     }
 }
 
-/// Bytes of a buffer; of one item if it is not needed, or has the memory of another.
-pub(super) fn bytes_of(buffer: Buffer, needed: &[Buffer], sizes: &Sizes) -> u64 {
-    let (spec, has_memory) = (buffer.spec(), needed.contains(&buffer) && buffer.memory() == buffer);
-    if has_memory { spec.bytes(sizes) } else { (spec.stride)(sizes.axes) as u64 }
+/// Binds the uniform, of which each dispatch chooses a place.
+fn iteration_group(connection: &Connection, iterations: &wgpu::Buffer) -> wgpu::BindGroup {
+    let iteration = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+        buffer: iterations,
+        offset: 0,
+        size: wgpu::BufferSize::new(size_of::<Iteration>() as u64),
+    });
+    connection.bind_group("iteration", &connection.iteration_layout, [iteration])
+}
+
+/// Items of a buffer; one if it is not needed, or has the memory of another.
+pub(super) fn items_of(buffer: Buffer, needed: &[Buffer], sizes: &Sizes) -> u64 {
+    let has_memory = needed.contains(&buffer) && buffer.memory() == buffer;
+    if has_memory { buffer.spec().items(sizes) } else { 1 }
 }
 
 /// The words of the proxies of clusters without faces.
@@ -274,16 +338,21 @@ fn check_counts<E: Words>(connection: &Connection, graph: &DualGraph<E>) -> Resu
     Ok(())
 }
 
+/// The error of a buffer for which so many bytes are too few.
+fn too_large(connection: &Connection, name: &str, most: u64, bytes: u64) -> Error {
+    Error::unsuitable(format_args!(
+        "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {most} bytes and needs \
+         {bytes}",
+        connection.name,
+        name.replace('_', " ")
+    ))
+}
+
 /// A storage buffer. Errors: it is larger than the device allows, or there is no memory.
 pub(super) fn storage(connection: &Connection, name: &str, bytes: u64) -> Result<wgpu::Buffer> {
-    let limit = connection.limits.max_storage_buffer_binding_size.min(connection.limits.max_buffer_size);
+    let limit = connection.bindings.bytes;
     if bytes > limit {
-        return Err(Error::unsuitable(format_args!(
-            "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
-             and needs {bytes}",
-            connection.name,
-            name.replace('_', " ")
-        )));
+        return Err(too_large(connection, name, limit, bytes));
     }
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     connection.buffer(name, bytes, usage)

@@ -152,7 +152,7 @@ impl<E: Words> MergeSteps<E> for GpuSteps<'_, E> {
         upload(&self.connection, self.memory.get(Buffer::HostList), &entries);
         let mut encoder = self.begin(Numbers { entries: pairs.len() as u32, ..Numbers::NONE }, false, false);
         if self.known.history == History::Unmerged {
-            encoder.clear_buffer(self.memory.get(Buffer::MergedInto), 0, None);
+            self.memory.get(Buffer::MergedInto).clear(&mut encoder);
         }
         self.encode(&mut encoder, "merge", &[kernels::MERGE_APPLY, kernels::MERGE_RELABEL], BETWEEN);
         self.connection.submit(Some(encoder));

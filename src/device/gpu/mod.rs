@@ -9,6 +9,7 @@
 //! | `axes` | kernels for points of other numbers of coordinates |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
+//! | `pages` | buffers beyond the largest binding |
 //! | `numbering` | the clusters that the device knows |
 //! | `state` | what the host knows about a surface, and how submissions begin; `readback` has how they end |
 //! | `batches` | iterations that are queued at once |
@@ -43,6 +44,7 @@ pub mod layout;
 mod memory;
 mod merge_steps;
 mod numbering;
+pub mod pages;
 mod pipeline;
 mod probe;
 mod readback;
@@ -87,6 +89,8 @@ pub struct Overrides {
     pub workgroups_per_dimension: Option<u32>,
     /// Bytes of the largest binding.
     pub binding_size: Option<u64>,
+    /// Whether buffers have no pages, as where an adapter has no arrays of bindings.
+    pub without_pages: bool,
     /// Whether passes are timed and dispatches counted, for [`Device::take_profile`].
     pub timed: bool,
     /// A failure of the self-test.
@@ -221,23 +225,23 @@ impl GpuDevice {
     ) -> Result<GpuSteps<'a, E>> {
         let fault = self.fault.take();
         let connection = self.connection()?;
-        prepare::<E>(&connection)?;
+        prepare::<E>(&connection, false)?;
         connection.arm(fault);
-        GpuSteps::new(connection, graph, component_of_cluster, is_merging)
+        GpuSteps::new(connection, graph, component_of_cluster, is_merging, false)
     }
 }
 
 /// Opens an adapter and tests it.
 fn connect(found: &Found, overrides: Overrides) -> Result<Arc<Connection>> {
     let connection = Arc::new(Connection::open(found, overrides)?);
-    prepare::<Energy>(&connection)?;
+    prepare::<Energy>(&connection, false)?;
     Ok(connection)
 }
 
-/// Compiles and tests the kernels for points of an energy, once. [`Kind::DeviceUnsuitable`] where they fail the
-/// test, and for more than [`MOST_AXES`].
-fn prepare<E: Words>(connection: &Arc<Connection>) -> Result<()> {
-    if let Some(outcome) = lock(&connection.tested).get(&E::AXES) {
+/// Compiles and tests the kernels for points of an energy, once; with `is_paged`, for buffers in pages.
+/// [`Kind::DeviceUnsuitable`] where they fail the test, and for more than [`MOST_AXES`].
+fn prepare<E: Words>(connection: &Arc<Connection>, is_paged: bool) -> Result<()> {
+    if let Some(outcome) = lock(&connection.tested).get(&(E::AXES, is_paged)) {
         return outcome.clone();
     }
     if E::AXES > MOST_AXES {
@@ -245,9 +249,9 @@ fn prepare<E: Words>(connection: &Arc<Connection>) -> Result<()> {
             format_args!("a gpu takes points of at most {MOST_AXES} coordinates, use the cpu device: {}", E::AXES);
         return Err(Error::unsuitable(message));
     }
-    connection.compile(E::AXES)?;
-    let outcome = self_test::run::<E>(connection);
-    lock(&connection.tested).insert(E::AXES, outcome.clone());
+    connection.compile(E::AXES, is_paged)?;
+    let outcome = self_test::run::<E>(connection, is_paged);
+    lock(&connection.tested).insert((E::AXES, is_paged), outcome.clone());
     outcome
 }
 
@@ -274,8 +278,8 @@ impl<E: Words> Device<E> for GpuDevice {
     }
 
     fn for_merges(&self, faces: u64, left: u64) -> Option<Box<dyn Device<E>>> {
-        let limits = &self.connection().ok()?.limits;
-        let fit = |clusters| Sizes::of(E::AXES, faces, clusters).fit(&kernels::needed(true), limits);
+        let bindings = self.connection().ok()?.bindings;
+        let fit = |clusters| bindings.hold(&kernels::needed(true), &Sizes::of(E::AXES, faces, clusters));
         let are_many = faces > self.overrides.tuning.merges_up_to.into() || !fit(faces);
         // what does not fit afterwards is better refused before
         (are_many && fit(left)).then(|| Box::new(CpuDevice::new()) as Box<dyn Device<E>>)

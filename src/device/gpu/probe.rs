@@ -11,6 +11,7 @@ use super::adapter::enumerate;
 use super::choice::{choose, none_usable, reports};
 use super::connection::Connection;
 use super::memory::storage;
+use super::pages::Pages;
 use super::pipeline::with_own_layout;
 use super::upload::{upload, upload_staged};
 use crate::energy::{Energy, Words as _};
@@ -58,7 +59,7 @@ pub fn probe(adapter: Option<&str>) -> Result<Vec<(&'static str, f64)>> {
     let reports = reports(&found);
     let chosen = choose(&reports, adapter)?.ok_or_else(|| none_usable(&reports))?;
     let connection = Connection::open(&found[chosen.index], Overrides::default())?;
-    connection.compile(Energy::AXES)?;
+    connection.compile(Energy::AXES, false)?;
     let mut figures = vec![("open", started.elapsed().as_secs_f64() * 1e3)];
     for chain in &CHAINS {
         figures.push((chain.name, chain.microseconds(&connection)?));
@@ -140,7 +141,7 @@ fn download(connection: &Connection, from: &wgpu::Buffer, bytes: u64) -> Result<
 /// Transfers of [`TRANSFER`] bytes, in GB/s.
 fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 3]> {
     let data = vec![7u32; TRANSFER / size_of::<u32>()];
-    let target = storage(connection, "transfer", TRANSFER as u64)?;
+    let target = Pages::from(storage(connection, "transfer", TRANSFER as u64)?);
     let speed = |seconds: f64| TRANSFER as f64 / seconds / 1e9;
     let finish = || connection.wait(connection.queue.submit([]));
     let mut fastest = [f64::MAX; 3];
@@ -154,7 +155,7 @@ fn transfers(connection: &Connection) -> Result<[(&'static str, f64); 3]> {
         upload(connection, &target, &data);
         finish()?;
         times[1] = started.elapsed().as_secs_f64();
-        times[2] = download(connection, &target, TRANSFER as u64)?;
+        times[2] = download(connection, target.first(), TRANSFER as u64)?;
         fastest = std::array::from_fn(|at| fastest[at].min(times[at]));
     }
     Ok([("upload_staged", speed(fastest[0])), ("upload_written", speed(fastest[1])), ("download", speed(fastest[2]))])

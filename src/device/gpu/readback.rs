@@ -15,12 +15,16 @@ use super::connection::{Connection, PATIENCE};
 use super::kernels;
 use super::layout::{BoundaryList, IterationStats, Move};
 use super::memory::BETWEEN;
+use super::pages::PagePart;
 use super::state::{GpuSteps, History, Search};
 use crate::energy::Words;
 use crate::error::Result;
 
 /// Moves that are read along with their number: as many bytes as cross the bus in a wait.
 const FEW_MOVES: usize = 1 << 13;
+
+/// Bytes that the host reads at a time, at most: those of the labels of 64 million faces.
+const MOST_READ: usize = 1 << 28;
 
 /// What a submission ends with, and the host reads with its statistics.
 #[derive(Debug, Clone, Copy, Default)]
@@ -82,7 +86,7 @@ pub(super) fn read<T>(
     connection: &Connection,
     kept: &Cell<Option<wgpu::Buffer>>,
     mut encoder: wgpu::CommandEncoder,
-    parts: &[(&wgpu::Buffer, u64, u64)],
+    parts: &[PagePart<'_>],
     look: impl FnOnce(&[u8]) -> T,
 ) -> Result<T> {
     let bytes = parts.iter().map(|part| part.2).sum();
@@ -128,15 +132,30 @@ impl<E: Words> GpuSteps<'_, E> {
         parts: &[Part],
         look: impl FnOnce(Parts<'_>) -> T,
     ) -> Result<T> {
-        let place = |part: &Part| (self.memory.get(part.buffer), part.first as u64, part.bytes as u64);
-        let places: Vec<_> = parts.iter().map(place).collect();
+        let place = |part: &Part| self.memory.get(part.buffer).parts(part.first as u64, part.bytes as u64);
+        let places: Vec<_> = parts.iter().flat_map(place).collect();
         let look = |view: &[u8]| look(Parts { view, parts: parts.iter() });
         read(&self.connection, &self.host_buffer, encoder, &places, look)
     }
 
-    /// Reads the first items of a buffer.
+    /// Bytes that the host reads at a time: no more than a binding has, so that lowered limits test it.
+    fn most_read(&self) -> usize {
+        (self.connection.bindings.bytes as usize).min(MOST_READ)
+    }
+
+    /// Reads the first items of a buffer, some at a time.
     pub(super) fn download<T: Pod>(&self, buffer: Buffer, items: usize) -> Result<Vec<T>> {
-        self.read(self.connection.encoder(), &[Part::of::<T>(buffer, 0, items)], |mut parts| parts.next())
+        let (mut read, most) = (Vec::new(), self.most_read() / size_of::<T>());
+        while read.len() < items {
+            let part = Part::of::<T>(buffer, read.len(), most.min(items - read.len()));
+            let more = self.read(self.connection.encoder(), &[part], |mut parts| parts.next())?;
+            if read.is_empty() {
+                read = more;
+            } else {
+                read.extend(more);
+            }
+        }
+        Ok(read)
     }
 
     /// Submits the commands, with what is read along. What the host then knows besides statistics is in
@@ -152,6 +171,7 @@ impl<E: Words> GpuSteps<'_, E> {
             self.connection.reach(FaultPoint::DualEdges);
             self.encode(&mut encoder, "merge", search.kernels(), BETWEEN);
         }
+        let has_labels = along.labels && size_of::<u32>() * faces <= self.most_read();
         if along.labels {
             self.connection.reach(FaultPoint::Labels);
         }
@@ -161,7 +181,7 @@ impl<E: Words> GpuSteps<'_, E> {
             Part::of::<Move>(Buffer::Moves, 0, few_moves),
             Part::of::<IterationStats>(Buffer::Stats, BETWEEN as usize, 2),
             Part::of::<IterationStats>(Buffer::Stats, 0, along.iterations as usize),
-            Part::of::<u32>(Buffer::Labels, 0, if along.labels { faces } else { 0 }),
+            Part::of::<u32>(Buffer::Labels, 0, if has_labels { faces } else { 0 }),
         ];
         parts.extend(along.search.into_iter().flat_map(|search| self.parts(search)));
         let (listed, mut moves, between, batch, labels, found) = self.read(encoder, &parts, |mut parts| {
@@ -176,7 +196,7 @@ impl<E: Words> GpuSteps<'_, E> {
             self.known.moves = Some((moves, between.entries as usize));
         }
         if along.labels {
-            self.known.labels = Some(labels);
+            self.known.labels = Some(if has_labels { labels } else { self.download(Buffer::Labels, faces)? });
         }
         if let (Some(search), Some((found, sums))) = (along.search, found) {
             self.known.found = Some((search, found));

@@ -31,8 +31,9 @@ const CLUSTERS: u32 = (SIDE / SEEDS_APART) * (SIDE / SEEDS_APART);
 /// The `energy_shift` of each component: none, and the largest.
 const SHIFTS: [u32; 2] = [0, 30];
 
-/// Fails with [`Kind::DeviceUnsuitable`] and what differed where the device computes other numbers than the cpu.
-pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
+/// Fails with [`Kind::DeviceUnsuitable`] and what differed where the device computes other numbers than the cpu. With
+/// `is_paged`, kernels for buffers in pages do.
+pub(super) fn run<E: Words>(connection: &Arc<Connection>, is_paged: bool) -> Result<()> {
     let graph = graph::<E>();
     let component_of_cluster: Vec<u32> = (0..).zip(SHIFTS).flat_map(|(at, _)| [at; 2 * CLUSTERS as usize]).collect();
     let unsuitable = |why: &str| {
@@ -40,7 +41,7 @@ pub(super) fn run<E: Words>(connection: &Arc<Connection>) -> Result<()> {
         let message = format_args!("the gpu {name} is not used, since its self-test gave wrong numbers: {why}");
         Err(Error::unsuitable(message))
     };
-    let mut steps = GpuSteps::new(Arc::clone(connection), &graph, &component_of_cluster, true)?;
+    let mut steps = GpuSteps::new(Arc::clone(connection), &graph, &component_of_cluster, true, is_paged)?;
     let found = match results(&mut steps) {
         Err(error) if error.kind == Kind::DeviceWrong => return unsuitable(&error.message),
         found => found?,

@@ -11,6 +11,7 @@ use bytemuck::{cast_slice, pod_collect_to_vec};
 
 use super::connection::Connection;
 use super::memory::storage;
+use super::pages::Pages;
 use super::pipeline::{Compiled, with_own_layout};
 use super::readback::read;
 use super::upload::{upload, upload_rows};
@@ -34,13 +35,13 @@ const WORKGROUP: u32 = 64;
 pub(super) struct GpuShapes {
     connection: Arc<Connection>,
     pipeline: Compiled,
-    neighbours: wgpu::Buffer,
-    samples: wgpu::Buffer,
-    labels: wgpu::Buffer,
-    listed: wgpu::Buffer,
-    proposals: wgpu::Buffer,
+    neighbours: Pages,
+    samples: Pages,
+    labels: Pages,
+    listed: Pages,
+    proposals: Pages,
     /// As many as there were clusters at most.
-    shapes: wgpu::Buffer,
+    shapes: Pages,
     /// What the host reads results through.
     host_buffer: Cell<Option<wgpu::Buffer>>,
 }
@@ -54,13 +55,13 @@ impl GpuShapes {
     ) -> Result<Self> {
         connection.reach(FaultPoint::Upload);
         let (faces, points) = (graph.faces(), cast_slice(samples.points()));
-        let words = |name: &str, words: usize| storage(&connection, name, 4 * words as u64);
+        let words = |name: &str, words: usize| storage(&connection, name, 4 * words as u64).map(Pages::from);
         let of_neighbours = words("neighbours", faces + 1 + graph.neighbours.items.len())?;
         let of_samples = words("samples", faces + 1 + points.len())?;
         upload_rows(&connection, &of_neighbours, &graph.neighbours.offsets, 1, &graph.neighbours.items)?;
         upload_rows(&connection, &of_samples, &samples.offsets, 3, points)?;
         let compiled = || with_own_layout(&connection.device, NAME, WGSL);
-        let pipeline = lock(&connection.pipelines).entry((NAME, 0)).or_insert_with(compiled).clone();
+        let pipeline = lock(&connection.pipelines).entry((NAME, 0, false)).or_insert_with(compiled).clone();
         let steps = Self {
             pipeline,
             neighbours: of_neighbours,
@@ -81,17 +82,17 @@ impl ShapeSteps for GpuShapes {
     fn propose(&mut self, labels: &[u32], shapes: &[ShapeWords], listed: &[u32]) -> Result<Vec<u32>> {
         let connection = &self.connection;
         connection.reach(FaultPoint::Boundary);
-        if self.shapes.size() < size_of_val(shapes) as u64 {
-            self.shapes = storage(connection, "shapes", size_of_val(shapes) as u64)?;
+        if self.shapes.bytes() < size_of_val(shapes) as u64 {
+            self.shapes = storage(connection, "shapes", size_of_val(shapes) as u64)?.into();
         }
         upload(connection, &self.labels, labels);
         upload(connection, &self.shapes, shapes);
         upload(connection, &self.listed, listed);
         let bytes = size_of_val(listed) as u64;
         let buffers = [&self.neighbours, &self.samples, &self.labels, &self.shapes, &self.listed, &self.proposals];
-        let resources = buffers.map(|buffer| {
+        let resources = buffers.map(Pages::first).map(|buffer| {
             // the kernel takes the number of listed faces from their size
-            let size = if *buffer == self.listed { wgpu::BufferSize::new(bytes) } else { None };
+            let size = if buffer == self.listed.first() { wgpu::BufferSize::new(bytes) } else { None };
             wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size })
         });
         let (layout, pipeline) = &self.pipeline;
@@ -105,6 +106,6 @@ impl ShapeSteps for GpuShapes {
             pass.set_bind_group(0, &bind_group, &[]);
             pass.dispatch_workgroups(groups.min(connection.limits.max_compute_workgroups_per_dimension), 1, 1);
         }
-        read(connection, &self.host_buffer, encoder, &[(&self.proposals, 0, bytes)], pod_collect_to_vec)
+        read(connection, &self.host_buffer, encoder, &[(self.proposals.first(), 0, bytes)], pod_collect_to_vec)
     }
 }

@@ -152,16 +152,18 @@ pub(super) struct GpuSteps<'a, E: Words> {
 
 impl<'a, E: Words> GpuSteps<'a, E> {
     /// Opens a surface, all faces free. Hierarchies need more buffers, and get those of clusters with their labels.
+    /// `is_paged` is that of [`SurfaceMemory::new`].
     pub(super) fn new(
         connection: Arc<Connection>,
         graph: &'a DualGraph<E>,
         component_of_cluster: &'a [u32],
         is_merging: bool,
+        is_paged: bool,
     ) -> Result<Self> {
         if component_of_cluster.is_empty() {
             return Err(Error::internal("a surface needs a cluster"));
         }
-        let mut memory = SurfaceMemory::new(&connection, graph, is_merging)?;
+        let mut memory = SurfaceMemory::new(&connection, graph, is_merging, is_paged)?;
         memory.number(&connection.queue, Numbers::NONE, false);
         let mut steps = Self {
             connection,
@@ -219,14 +221,14 @@ impl<'a, E: Words> GpuSteps<'a, E> {
         let keeps_moved = self.known.history != History::Unmerged;
         self.memory.number(&self.connection.queue, Numbers { keeps_moved, ..numbers }, is_listed_anew);
         let mut encoder = self.connection.encoder();
-        encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
+        self.memory.get(Buffer::Stats).clear(&mut encoder);
         if is_listed_anew {
             let length = offset_of!(BoundaryList, lengths) + 4 * self.memory.half();
-            encoder.clear_buffer(self.memory.get(Buffer::BoundaryList), length as u64, Some(4));
+            encoder.clear_buffer(self.memory.get(Buffer::BoundaryList).first(), length as u64, Some(4));
             self.known.listed = self.known.has_free.then_some(0);
         }
         if gathers {
-            encoder.clear_buffer(self.memory.get(Buffer::Clusters), 0, None);
+            self.memory.get(Buffer::Clusters).clear(&mut encoder);
             self.encode(&mut encoder, "gather", &[kernels::SUMS_GATHER, kernels::BOUNDARY_BUILD], BEFORE);
             self.known.has_sums = true;
         } else if is_listed_anew {

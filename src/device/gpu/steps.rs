@@ -20,7 +20,7 @@ impl<E: Words> GpuSteps<'_, E> {
         let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
         upload(&self.connection, from, labels);
         let mut encoder = self.connection.encoder();
-        encoder.copy_buffer_to_buffer(from, 0, to, 0, None);
+        from.copy_to(to, &mut encoder);
         self.connection.submit(Some(encoder));
         self.known.invalidate(Change::Labels);
         self.known.has_free = labels.contains(&FREE);
@@ -138,7 +138,7 @@ impl<E: Words> Steps for GpuSteps<'_, E> {
         let labels = is_flat && self.graph.faces() <= self.connection.tuning.labels_along as usize;
         let search = self.last_search.filter(|_| !is_flat);
         let mut encoder = self.begin(self.numbers_of(search), search.is_some(), false);
-        encoder.clear_buffer(self.memory.get(Buffer::LargestPieces), 0, None);
+        self.memory.get(Buffer::LargestPieces).clear(&mut encoder);
         let pieces = [
             kernels::PIECE_LINK,
             kernels::PIECE_UNION,

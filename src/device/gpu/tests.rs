@@ -8,7 +8,7 @@ use super::adapter::{FACES_A_CLUSTER, enumerate, largest_meshes};
 use super::buffers::{Buffer, Sizes};
 use super::kernels::{KERNELS, needed};
 use super::layout::BoundaryList;
-use super::memory::bytes_of;
+use super::memory::items_of;
 use super::state::GpuSteps;
 use super::{GpuDevice, Overrides};
 use crate::cluster::quality::Quality;
@@ -56,7 +56,7 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
     let graph = &surface.graph;
     let seeds = seeds::stratified(graph, &[60], 1);
     let components = &seeds.component_of_cluster;
-    let mut steps = GpuSteps::new(connection, graph, components, true).expect("it fits");
+    let mut steps = GpuSteps::new(connection, graph, components, true, false).expect("it fits");
     let cancel = Cancel::default();
 
     steps.set_labels(&seeds.labels(graph.faces())).expect("set");
@@ -102,7 +102,7 @@ fn the_host_reads_through_one_buffer_that_grows() {
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let components = vec![0; 30];
     let connection = device.connection().expect("it is open");
-    let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
+    let mut steps = GpuSteps::new(connection, &surface.graph, &components, false, false).expect("it fits");
     let mut read = |expected: u32, items: usize| {
         steps.set_labels(&vec![expected; surface.faces()]).expect("set");
         let labels: Vec<u32> = steps.download(Buffer::Labels, items).expect("labels");
@@ -145,7 +145,8 @@ fn a_face_takes_no_more_memory_than_before() {
         let faces = 10_000_000;
         let sizes = Sizes { face_groups: faces / 256, ..Sizes::of(3, faces, faces / faces_a_cluster) };
         let needed = needed(is_merging);
-        let bytes: u64 = Buffer::ALL.iter().map(|&buffer| bytes_of(buffer, &needed, &sizes)).sum();
+        let bytes = |&buffer: &Buffer| buffer.spec().bytes_of(items_of(buffer, &needed, &sizes), 3);
+        let bytes: u64 = Buffer::ALL.iter().map(bytes).sum();
         assert_eq!(bytes.div_ceil(faces), most, "{bytes} of {faces} faces");
     }
 }
@@ -154,7 +155,7 @@ fn a_face_takes_no_more_memory_than_before() {
 fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_does_not() {
     let device = device(Overrides { binding_size: Some(100_000), ..Overrides::default() });
     let connection = device.connection().expect("it is open");
-    let largest = largest_meshes(&connection.limits);
+    let largest = largest_meshes(&connection.bindings);
     for (most, is_merging) in [(largest.flat, false), (largest.hierarchy, true)] {
         let opens = |faces: u64| {
             let count = faces as u32;
@@ -170,7 +171,7 @@ fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_do
             };
             let clusters = vec![0; (faces / 4) as usize];
             let labels: Vec<u32> = (0..count).map(|face| face % clusters.len() as u32).collect();
-            GpuSteps::new(Arc::clone(&connection), &graph, &clusters, is_merging)
+            GpuSteps::new(Arc::clone(&connection), &graph, &clusters, is_merging, false)
                 .and_then(|mut steps| steps.set_labels(&labels))
                 .is_ok()
         };

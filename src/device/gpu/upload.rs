@@ -7,6 +7,7 @@ use bytemuck::{Pod, cast, cast_slice};
 
 use super::connection::{Connection, InFlight, PATIENCE, Staging};
 use super::lock;
+use super::pages::Pages;
 use crate::energy::Words;
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;
@@ -15,9 +16,14 @@ use crate::surface::DualGraph;
 const CHUNK: usize = 1 << 20;
 
 /// Writes items to a buffer.
-pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, items: &[T]) {
+pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &Pages, items: &[T]) {
     for (at, chunk) in (0..).step_by(CHUNK).zip(items.chunks(CHUNK)) {
-        connection.queue.write_buffer(buffer, (at * size_of::<T>()) as u64, cast_slice(chunk));
+        let mut bytes: &[u8] = cast_slice(chunk);
+        for (page, first, count) in buffer.parts((at * size_of::<T>()) as u64, bytes.len() as u64) {
+            let (part, rest) = bytes.split_at(count as usize);
+            connection.queue.write_buffer(page, first, part);
+            bytes = rest;
+        }
         // wgpu keeps its copy until a submission takes it along
         connection.submit(None);
     }
@@ -28,8 +34,8 @@ pub(super) fn upload<T: Pod>(connection: &Connection, buffer: &wgpu::Buffer, ite
 pub(super) fn upload_graph<E: Words>(
     connection: &Connection,
     graph: &DualGraph<E>,
-    faces: &wgpu::Buffer,
-    neighbours: &wgpu::Buffer,
+    faces: &Pages,
+    neighbours: &Pages,
 ) -> Result<()> {
     let mut words = Vec::new();
     write(connection, faces, (0, graph.faces()), E::AXES + 1, |range, mut to| {
@@ -44,7 +50,7 @@ pub(super) fn upload_graph<E: Words>(
 /// given as items; then the items, which are some words each.
 pub(super) fn upload_rows(
     connection: &Connection,
-    target: &wgpu::Buffer,
+    target: &Pages,
     offsets: &[u32],
     words: u32,
     items: &[u32],
@@ -56,12 +62,7 @@ pub(super) fn upload_rows(
 }
 
 /// Writes numbers to a buffer, from number `first` on, through [`Staging`].
-pub(super) fn upload_staged(
-    connection: &Connection,
-    target: &wgpu::Buffer,
-    first: usize,
-    numbers: &[u32],
-) -> Result<()> {
+pub(super) fn upload_staged(connection: &Connection, target: &Pages, first: usize, numbers: &[u32]) -> Result<()> {
     write(connection, target, (first, numbers.len()), 1, |range, mut to| {
         to.copy_from_slice(cast_slice(&numbers[range]));
     })
@@ -95,10 +96,13 @@ impl Staging {
     }
 
     /// Copies the first bytes of a piece, which is mapped again once that is done.
-    fn copy(&mut self, connection: &Connection, buffer: wgpu::Buffer, (target, at): (&wgpu::Buffer, u64), bytes: u64) {
+    fn copy(&mut self, connection: &Connection, buffer: wgpu::Buffer, (target, at): (&Pages, u64), bytes: u64) {
         buffer.unmap();
-        let mut encoder = connection.encoder();
-        encoder.copy_buffer_to_buffer(&buffer, 0, target, at, bytes);
+        let (mut encoder, mut from) = (connection.encoder(), 0);
+        for (page, first, count) in target.parts(at, bytes) {
+            encoder.copy_buffer_to_buffer(&buffer, from, page, first, count);
+            from += count;
+        }
         let submission = connection.submit(Some(encoder));
         let (sender, mapped) = channel();
         // the receiver is gone with the connection
@@ -114,7 +118,7 @@ impl Staging {
 /// Writes items of some words to a buffer, from item `first` on: `fill` writes chunks of them to mapped memory.
 fn write(
     connection: &Connection,
-    target: &wgpu::Buffer,
+    target: &Pages,
     (first, items): (usize, usize),
     words: usize,
     mut fill: impl FnMut(Range<usize>, wgpu::WriteOnly<'_, [[u8; 4]]>),
