@@ -9,16 +9,19 @@ set -euo pipefail
 mkdir -p "$1"
 folder=$(realpath "$1")
 driver=$folder/lvp.json
-. /etc/os-release
+if [ -e /etc/os-release ]; then
+    . /etc/os-release
+fi
 if [ ! -e "$driver" ] && [ "${VERSION_CODENAME:-}" = bookworm ]; then
     echo "unpacking into $folder: mesa-vulkan-drivers of bookworm-backports" >&2
     mkdir -p "$folder/lists/partial"
-    archive=$(apt-get indextargets --format '$(REPO_URI)' 'Codename: bookworm' | head -n 1)
+    archive=$(apt-get indextargets --format '$(REPO_URI)' 'Codename: bookworm' | sed -n 1p)
     echo "deb $archive bookworm-backports main" >"$folder/backports.list"
     options=(-qq -o Dir::Etc::sourcelist="$folder/backports.list" -o Dir::Etc::sourceparts=/dev/null
         -o Dir::State::lists="$folder/lists" -o APT::Sandbox::User=root)
     if (
         cd "$folder" &&
+            rm -f mesa-vulkan-drivers_*.deb &&
             timeout 120 apt-get "${options[@]}" update &&
             timeout 120 apt-get "${options[@]}" download mesa-vulkan-drivers &&
             dpkg -x mesa-vulkan-drivers_*.deb .
